@@ -2,6 +2,7 @@
 # make test: set everything up in .venv and pass the whole check.
 # make docs: build the site into build/site.
 # make package: build the archives of a release into build/package, and run the wheel.
+# make results: write the tables of docs/results from benchmarks/results.
 # make test-all: run the tests on every Python that is promised and to be found here.
 PYTHON ?= python3
 VENV ?= .venv
@@ -11,7 +12,7 @@ READY := $(VENV)/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut 
 PROMISED := $(shell sed -n 's/.*Programming Language :: Python :: \(3\.[0-9]*\)".*/\1/p' pyproject.toml)
 TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
-.PHONY: demo test lint docs package tests test-all format frames constraints clean
+.PHONY: demo test lint docs results package tests test-all format frames constraints clean
 
 demo: $(READY)
 	$(BIN)/sightline demo --out demo
@@ -30,6 +31,9 @@ lint: $(READY)
 # Whatever warns, a link that leads nowhere say, fails the build.
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict  # with --quiet no warning would count
+
+results: $(READY)
+	$(BIN)/python -m benchmarks.tables
 
 # The wheel is installed by itself; its dependencies are those of the environment here, without the
 # source, as a path that a .pth file adds is not searched for further .pth files.

@@ -1,1 +1,1 @@
-"""One script per claim; each prints a table, then one line of JSON."""
+"""Benchmarks, one script a claim. Each prints a table, then its record as one line of JSON."""

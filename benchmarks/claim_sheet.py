@@ -1,7 +1,7 @@
-"""Draws what Sightline claims: `python -m benchmarks.claim_sheet`.
+"""Picture of Sightline's claim: `python -m benchmarks.claim_sheet`.
 
-A simulated frame with both sensors, without the camera, and without the LiDAR: what each sensor
-delivers, with what the fused detector finds. Labels are white.
+A simulated frame with both sensors, without the camera, and without the LiDAR: the data of each
+sensor, with the fused detector's boxes. Labels are white.
 """
 
 from pathlib import Path
@@ -41,14 +41,14 @@ def main(
     frame: int = 0,
     width_px: int = 620,
 ) -> None:
-    """Draws a row for each case, the camera on the left and the LiDAR on the right.
+    """Draw a row for each case, the camera on the left and the LiDAR on the right.
 
     Args:
-        weights: Of a 2D detector with gates: name of weights that come with Sightline, or a file.
-        out: The picture.
+        weights: Name or file of the weights of a 2D detector with gates.
+        out: Picture to write.
         data: KITTI object tree.
-        frame: Which of its frames, from 0.
-        width_px: Of each sensor's picture.
+        frame: Index of the frame.
+        width_px: Width of each sensor's picture.
     """
     torch.set_num_threads(1)
     predictor = DetectionPredictor.load(weights)

@@ -1,4 +1,4 @@
-"""Draws the simulator's contact sheet: `python -m benchmarks.contact_sheet`.
+"""Contact sheet of the simulator: `python -m benchmarks.contact_sheet`.
 
 Twelve frames from twelve seeds: the image with boxes, the LiDAR on the image, and the view from
 above, as docs/pictures/street_simulator.jpg.
@@ -11,9 +11,9 @@ import jsonargparse
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.progress import track
+from sightline.files.atomic import atomic_write_bytes
 from sightline.geometry.boxes2d import Boxes2D
+from sightline.jobs.progress import track
 from sightline.simulation.dataset import sample_of
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
@@ -34,13 +34,13 @@ def main(
     *,
     hard_negatives: bool = False,
 ) -> None:
-    """Simulates the frames and draws them, two columns of three pictures each.
+    """Simulate the frames and draw them, in two columns of three pictures each.
 
     Args:
-        out: The picture.
+        out: Picture to write.
         first_seed: Seed of the first frame; the others follow.
-        frames: How many, an even number.
-        hard_negatives: Whether the streets are full of what is taken for people and cars.
+        frames: Number of frames, even.
+        hard_negatives: Whether the streets are full of things that look like people and cars.
     """
     seeds = range(first_seed, first_seed + frames)
     rows = [

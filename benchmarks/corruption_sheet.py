@@ -1,7 +1,8 @@
-"""Draws all kinds at all severities on an embedded frame: `python -m benchmarks.corruption_sheet`.
+"""Picture of all kinds of corruption: `python -m benchmarks.corruption_sheet`.
 
-A row is a kind, from severity 1 to 5, with its levels above: the image, or the sweep by range over
-the darkened image; of what strikes both sensors both. As docs/pictures/corruptions.jpg.
+A row is a kind on an embedded frame, from severity 1 to 5, with its levels above: the image, or the
+sweep by range over the darkened image; both for kinds that affect both sensors. Like
+docs/pictures/corruptions.jpg.
 """
 
 from pathlib import Path
@@ -11,11 +12,11 @@ import jsonargparse
 import numpy as np
 from jaxtyping import UInt8
 
+from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.corruption import Corrupted, Sensor
 from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.faults import fault_rng
 from sightline.data.kitti_object import KittiObjectDataset
+from sightline.files.atomic import atomic_write_bytes
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.colors import RGB
@@ -36,12 +37,12 @@ Picture = UInt8[np.ndarray, "height width 3"]
 
 
 def main(out: Path = Path("docs/pictures/corruptions.jpg"), frame: int = 0, seed: int = 4) -> None:
-    """Corrupts the frame by each kind and severity, and draws what comes of it.
+    """Corrupt the frame by each kind and severity, and draw the results.
 
     Args:
-        out: The picture.
-        frame: 0 or 1, of the two that come with the package.
-        seed: Of what the kinds draw.
+        out: Picture to write.
+        frame: Index of the embedded frame, 0 or 1.
+        seed: Seed of the kinds' random draws.
     """
     sample = KittiObjectDataset(PACKAGED_FRAMES)[frame]
     rows = [

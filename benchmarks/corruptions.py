@@ -1,12 +1,11 @@
-"""Times the cases of suites: `python -m benchmarks.corruptions`.
+"""Time of the cases of suites: `python -m benchmarks.corruptions`.
 
-A simulated frame of KITTI's size with a whole turn of the LiDAR, one thread, processor time: of
-every repeat another seed, so that boxes and discs of all sizes are among them. Of a suite with
-severities a row is a kind, and its slowest severity counts. Its last line is kept in
+A simulated frame of KITTI's size with a whole turn of the LiDAR, one thread, processor time. Each
+repeat has another seed, to draw boxes and discs of all sizes. In a suite with severities a row is a
+kind, by its slowest severity. The last line is kept in
 benchmarks/results/corruptions.json.
 """
 
-import json
 import statistics
 import time
 from dataclasses import replace
@@ -16,27 +15,28 @@ import cv2
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.corruptions.suites import Case, find_suite
 from sightline.simulation.dataset import sample_of
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
 from sightline.structures.sample import CameraLidarSample
 
+_SEED = 7
 _LIMIT_MS = 60.0  # that a kind may take
 
 
 def main(repeats: int = 10, suites: tuple[str, ...] = ("dgfn7", "all")) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
-        repeats: Calls of each case that are timed, after one that is not.
-        suites: Which.
+        repeats: Timed calls of each case, after one to warm up.
+        suites: Names of the suites.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     # Without true depth, as recordings are: weather must find distances in the sweep.
-    sample = replace(sample_of(simulate_frame(SimulationConfig(seed=7), 0)), depth=None)
+    sample = replace(sample_of(simulate_frame(SimulationConfig(seed=_SEED), 0)), depth=None)
     assert sample.points is not None, "a simulated sample has a sweep"
     results: list[dict[str, Any]] = []
     for suite in map(find_suite, suites):
@@ -56,7 +56,7 @@ def main(repeats: int = 10, suites: tuple[str, ...] = ("dgfn7", "all")) -> None:
             )
         results += rows.values()
     setting = {"image": sample.image_size, "points": len(sample.points), "repeats": repeats}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=_SEED)
 
 
 def _milliseconds(case: Case, sample: CameraLidarSample, seed: int) -> float:

@@ -1,8 +1,8 @@
-"""Times depth completion at 1216x352: `python -m benchmarks.depth_completion`.
+"""Time of depth completion at 1216x352: `python -m benchmarks.depth_completion`.
 
-From a sparse map and an image to a dense map, as `DepthPredictor.complete` does it, pre-fill
-included: the network of Yu and Kee 2021, ours and the methods without training, on every engine
-that is asked for. Each row is measured in a process of its own, one after the other, in one run.
+From a sparse map and an image to a dense map by `DepthPredictor.complete`, the first completion
+included: the network of Yu and Kee 2021, ours and the methods without training, on each requested
+engine. Each row is measured in a process of its own, one after the other, in one run.
 The last line is kept in benchmarks/results/depth_completion.json.
 
 The paper's network has weights drawn at random: its time does not depend on them.
@@ -19,9 +19,8 @@ import jsonargparse
 import torch
 
 from benchmarks.latency import count_cost, measure_latency
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.open import open_dataset
-from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.export_graph import example_inputs
 from sightline.depth_completion.method_names import Method
@@ -30,6 +29,7 @@ from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.registration import TASK
 from sightline.export.names import EngineName
+from sightline.files.weights import write_weights
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -48,13 +48,13 @@ def main(
     threads: int = 2,
     repeats: int = 20,
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
-        device: Where networks run; methods without training run on the CPU.
-        engines: What runs the networks that are shipped; the paper's runs in PyTorch only.
-        threads: Of the CPU.
-        repeats: Calls timed.
+        device: Device of the networks; methods without training run on the CPU.
+        engines: Inference engines of the shipped networks; the paper's runs in PyTorch only.
+        threads: Number of CPU threads.
+        repeats: Number of timed calls.
     """
     context = multiprocessing.get_context("spawn")
     rows = [(name, "none", "cpu") for name in _METHODS] + [(_PAPER, "torch", device)]
@@ -71,7 +71,7 @@ def main(
             f"{row.get('parameters', 0) / 1e6:8.3f}"
         )
     setting = {"size": list(SIZE), "threads": threads, "device": device}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=0, weights=_NETWORKS[1:])
 
 
 def _measure(

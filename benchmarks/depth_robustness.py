@@ -1,10 +1,9 @@
-"""Breaks sensors and scores depth completion: `python -m benchmarks.depth_robustness --data KITTI`.
+"""Depth completion with faults: `python -m benchmarks.depth_robustness --data KITTI`.
 
-The bench (`sightline.robustness`) with a suite of its own: misalignments by a known yaw, and faults
-that training draws, too. Its last line is kept in benchmarks/results/depth_robustness.json.
+The robustness bench with a suite of its own: misalignments by a known yaw, and faults that training
+draws, too. The last line is kept in benchmarks/results/depth_robustness.json.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,10 +11,10 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
+from sightline.augmentation.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption, Record
 from sightline.corruptions.suites import CLEAN, Case, Suite
-from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.data.open import open_dataset
 from sightline.depth_completion.registration import TASK
 from sightline.evaluation.held_out import evaluate_held_out
@@ -34,7 +33,7 @@ _FAULTS: tuple[Fault, ...] = (  # with all 64 beams
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Faulty(Corruption):
-    """A fault as the bench takes it; where it changes something is not told."""
+    """Fault in the form of the bench, without a mask of the affected pixels."""
 
     kind = "fault"
     sensors = ("camera", "lidar")
@@ -61,16 +60,16 @@ def main(
     engine: EngineName = "torch",
     workers: int = 2,
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
         data: KITTI object tree with calibration, images and sweeps.
-        out: Folder for a run of each method; a benchmark that was stopped goes on where it was.
+        out: Folder for a run of each method; a stopped benchmark is resumed from it.
         methods: Methods without training.
         weights: Names or files of trained weights.
-        sample_list: Which frames: a list in ImageSets, or a text file with one name a line.
-        engine: What runs the networks.
-        workers: Processes, each of one thread.
+        sample_list: List of frames in ImageSets, or a text file with one name a line.
+        engine: Inference engine of the networks.
+        workers: Number of processes, each of one thread.
     """
     torch.set_num_threads(2)
     settings = BenchSettings(suite=_suite(), sample_list=sample_list, workers=workers)
@@ -100,7 +99,7 @@ def main(
         print(f"{completer.name:<16}" + "".join(f"{r:9.0f} /{m:5.0f}" for r, m in row.values()))
         results.append({"method": completer.name, "rmse_mae_mm": row})
     setting = {"frames": len(dataset), "engine": engine}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=0, weights=weights)
 
 
 def _suite() -> Suite:
@@ -118,7 +117,7 @@ def _suite() -> Suite:
 
 
 def _row(report: RobustnessReport) -> dict[str, list[float]]:
-    """RMSE and MAE of each fault."""
+    """Collect RMSE and MAE of each fault."""
     record = report.record
     rmse, mae = record.setting.figures[:2]
     return {

@@ -1,15 +1,14 @@
-"""Times 2D detection at 1242x375: `python -m benchmarks.detection2d`.
+"""Time of 2D detection at 1242x375: `python -m benchmarks.detection2d`.
 
-From a frame's image and sweep to its detections, as `DetectionPredictor` does it, projection and
-suppression included: the network of Kim et al. 2018 and ours, on every engine that is asked for, in
-PyTorch in bfloat16, too. Each row is measured in a process of its own, one after the other, in one
-run. The last line is kept in benchmarks/results/detection2d.json.
+From a frame's image and sweep to its detections, projection and suppression included: the network
+of Kim et al. 2018 and ours, on each requested engine, and in PyTorch also in bfloat16. Each row is
+measured in a process of its own, one after the other, in one run. The last line is kept in
+benchmarks/results/detection2d.json.
 
-Networks that do not come with the package have weights drawn at random. The network's own time does
-not depend on them, that of suppression does: "detections" tells how many boxes were left.
+Networks that do not come with the package have random weights. The network's own time does not
+depend on them; that of suppression does: "detections" is the number of boxes left.
 """
 
-import json
 import multiprocessing
 import tempfile
 from pathlib import Path
@@ -20,7 +19,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.latency import count_cost, measure_latency
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.untrained import shipped_or_untrained
 from sightline.data.open import open_dataset
 from sightline.detection2d.export_graph import export_graph
@@ -37,6 +36,7 @@ from sightline.detection2d.placement import (
 from sightline.detection2d.postprocess import to_detections
 from sightline.export.engines import build_engine
 from sightline.export.names import EngineName, Precision
+from sightline.files.weights_header import shipped_names
 from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import Detections2D
@@ -56,15 +56,15 @@ def main(
     repeats: int = 20,
     paper_repeats: int = 3,
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
-        networks: Names of recipes; the weights of the same name, where they come with the package.
-        engines: What runs the networks; PyTorch does so in float32 and in bfloat16.
-        device: Where PyTorch runs them.
-        threads: Of the CPU.
-        repeats: Frames timed.
-        paper_repeats: The same of the paper's network, whose frames take long on a CPU.
+        networks: Names of recipes; weights of that name are used where they are shipped.
+        engines: Inference engines; PyTorch runs in float32 and in bfloat16.
+        device: Device of PyTorch.
+        threads: Number of CPU threads.
+        repeats: Number of timed frames.
+        paper_repeats: Number of timed frames of the paper's network, which is slow on a CPU.
     """
     context = multiprocessing.get_context("spawn")
     ways = [(engine, "float32") for engine in engines]
@@ -87,7 +87,8 @@ def main(
             f"{row['peak_memory_mib'] or 0:7.0f}{row['gflop']:8.1f}{row['parameters'] / 1e6:7.2f}"
         )
     setting = {"threads": threads, "device": device, "frame": [375, 1242]}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    trained = [name for name in networks if name in shipped_names()]
+    print_record({**setting, "results": results}, seed=0, weights=trained)
 
 
 def _measure(
@@ -131,7 +132,7 @@ def _measure(
 
 
 def _prepared(sample: CameraLidarSample, network: Detector) -> tuple[dict[str, Tensor], Placement]:
-    """What the network takes of a frame, as `DetectionPredictor` makes it."""
+    """Prepare the network's inputs like `DetectionPredictor`."""
     config = network.config.input
     given, placement = place(sample, config)
     size = whole_strides(given.image_size, network.stride)

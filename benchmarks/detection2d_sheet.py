@@ -1,8 +1,8 @@
-"""Draws a detector on frames with failing sensors: `python -m benchmarks.detection2d_sheet`.
+"""A 2D detector on frames with failing sensors: `python -m benchmarks.detection2d_sheet`.
 
-Each frame as it is and under each corruption of suite dgfn7: the image with detections (labels in
-white), the camera's gate over it and the LiDAR's over the sweep. What is partly affected is
-outlined. The picture takes 600 KB at most.
+Each frame clean and in each case of suite dgfn7: the image with detections (labels in white), the
+camera's gate over it and the LiDAR's over the sweep. Partly affected regions are outlined. The
+picture takes 600 KB at most.
 """
 
 from pathlib import Path
@@ -14,9 +14,9 @@ from jaxtyping import UInt8
 from benchmarks.sheet_file import write_sheet
 from sightline.corruptions.suites import SUITES
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.progress import track
 from sightline.detection2d.answer_picture import answer_row
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.jobs.progress import track
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 
@@ -31,15 +31,15 @@ def main(
     seed: int = 3,
     width_px: int = 460,
 ) -> None:
-    """Draws the frames side by side, a row for each case.
+    """Draw the frames side by side, a row for each case.
 
     Args:
-        weights: Name of weights that come with Sightline, or a file.
-        out: The picture.
+        weights: Name or file of trained weights.
+        out: Picture to write.
         data: KITTI object tree.
-        frames: How many, evenly spread over the data.
-        seed: Of what the cases draw.
-        width_px: Of each of the three pictures of a frame.
+        frames: Number of frames, evenly spread over the data.
+        seed: Seed of the cases' random draws.
+        width_px: Width of each of a frame's three pictures.
     """
     predictor = DetectionPredictor.load(weights)
     dataset = KittiObjectDataset(data)
@@ -58,7 +58,7 @@ def main(
 def _column(
     sample: CameraLidarSample, predictor: DetectionPredictor, seed: int, width_px: int
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """All cases of a frame, one below the other."""
+    """Draw all cases of a frame, one below the other."""
     rows = []
     for case in SUITES["dgfn7"].cases:
         corrupted = case.corrupt(sample, seed)

@@ -1,16 +1,15 @@
-"""Times 3D detection of a sweep of 64 beams: `python -m benchmarks.detection3d`.
+"""Time of 3D detection on 64 beams: `python -m benchmarks.detection3d`.
 
-From a frame's sweep to its detections, as `Detection3DPredictor` does it, searches, pooling and
-suppression included: the published network of two stages at full size and ours, on every engine
-that is asked for. Each row is measured in a process of its own, one after the other, in one run.
+From a frame's sweep to its detections, searches, pooling and suppression included: the published
+network of two stages at full size and ours, on each requested engine. Each row is measured in a
+process of its own, one after the other, in one run.
 The last line is kept in benchmarks/results/detection3d.json.
 
-Networks that do not come with the package have weights drawn at random. Those of points propose as
-many boxes as trained ones; those of pillars hardly any, so that nothing is left to refine:
-"proposals" tells.
+Networks that do not come with the package have random weights. Those of points propose as many
+boxes as trained ones, those of pillars hardly any, so that nothing is left to refine: "proposals"
+is their number.
 """
 
-import json
 import multiprocessing
 import tempfile
 from pathlib import Path
@@ -20,7 +19,7 @@ import jsonargparse
 import torch
 
 from benchmarks.latency import count_cost, measure_latency
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.untrained import shipped_or_untrained
 from sightline.data.open import open_dataset
 from sightline.detection3d.export_graph import export_graphs
@@ -28,6 +27,7 @@ from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.predictor import StageRunners
 from sightline.detection3d.sweeps import network_sweep
 from sightline.export.names import EngineName
+from sightline.files.weights_header import shipped_names
 from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import Detections3D
@@ -43,14 +43,14 @@ def main(
     repeats: int = 20,
     full_size_repeats: int = 5,
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
-        networks: Names of recipes; the weights of the same name, where they come with the package.
-        engines: What runs the networks.
-        threads: Of the CPU.
-        repeats: Sweeps timed.
-        full_size_repeats: The same of the network at full size.
+        networks: Names of recipes; weights of that name are used where they are shipped.
+        engines: Inference engines of the networks.
+        threads: Number of CPU threads.
+        repeats: Number of timed sweeps.
+        full_size_repeats: Number of timed sweeps of the network at full size.
     """
     context = multiprocessing.get_context("spawn")
     print(
@@ -70,7 +70,8 @@ def main(
             f"{row['peak_memory_mib'] or 0:7.0f}{gflop:>14}"
             f"{sum(stage['parameters'] for stage in row['stages']) / 1e6:7.2f}"
         )
-    print(json.dumps({"machine": describe_machine(), "threads": threads, "results": results}))
+    trained = [name for name in networks if name in shipped_names()]
+    print_record({"threads": threads, "results": results}, seed=0, weights=trained)
 
 
 def _measure(name: str, engine: EngineName, threads: int, repeats: int) -> dict[str, Any]:

@@ -1,14 +1,13 @@
-"""What each stage of 3D detectors gives: `python -m benchmarks.detection3d_stages DATA OUT`.
+"""Scores of the stages of 3D detectors: `python -m benchmarks.detection3d_stages DATA OUT`.
 
-Each network answers all frames with its first stage alone and with its second applied once, twice
-and so on, as often as it was made for. The first stage is scored as a finder of proposals, too:
-recall with at most 100 and 300 of a frame. There is no flip test, and proposals are refined from
-their own axes alone. Result files stay in OUT, those that are there are taken as they are. Prints
-tables of cars; OUT/scores.json has all classes.
+Each network predicts all frames with its first stage alone and with its second applied once, twice
+and so on, up to its configured number of passes. The first stage's proposals are scored, too:
+recall with at most 100 and 300 a frame. Without the flip test, and with each proposal's own axis
+alone. Result files stay in OUT; existing ones are used. Prints tables of cars, then one line of
+JSON with all classes.
 """
 
 import itertools
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,12 +16,10 @@ from typing import Any, Final, NamedTuple
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
-from sightline.data.weights import fill_network
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.files import write_results
@@ -34,7 +31,9 @@ from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 from sightline.evaluation.kitti_object_rules import LOOSE, STRICT
 from sightline.evaluation.object_report import ObjectReport
 from sightline.export.names import EngineName
+from sightline.files.weights import fill_network
 from sightline.inference.network import LoadedNetwork, load_network
+from sightline.jobs.progress import track
 from sightline.structures.precision_recall import PrecisionRecall
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -57,16 +56,16 @@ def main(
     engine: EngineName = "openvino",
     picture: Path | None = None,
 ) -> None:
-    """Scores the stages of each network.
+    """Score the stages of each network.
 
     Args:
         data: KITTI object tree with labels.
         out: Folder for the result files; another one for other frames or networks.
-        weights: Names of weights that come with Sightline, or files.
-        sample_list: Which frames.
+        weights: Names or files of trained weights.
+        sample_list: List of frames.
         velodyne: Folder of the sweeps.
-        bootstrap: Resamples of the frames.
-        engine: What runs the networks.
+        bootstrap: Number of resamples of the frames.
+        engine: Inference engine of the networks.
         picture: PNG of precision over recall of moderate cars in 3D at IoU 0.7, of the
             first network; up to four curves.
     """
@@ -89,12 +88,11 @@ def main(
             curves = dict(itertools.islice((curve for _, curve in answers), _MOST_CURVES))
             write_rgb(picture, draw_precision_recall("Car, 3D IoU 0.7, moderate", curves))
     setting = {"frames": len(samples), "sample_list": sample_list, "velodyne": velodyne}
-    told = {"machine": describe_machine(), **setting, "results": rows}
-    (out / "scores.json").write_text(json.dumps(told))
+    print_record({**setting, "results": rows}, seed=0, weights=weights)
 
 
 class _Scene(NamedTuple):
-    """What networks are scored on, and how."""
+    """Frames, labels and settings of the scoring."""
 
     samples: Sequence[CameraLidarSample]
     labels: Path
@@ -106,7 +104,7 @@ class _Scene(NamedTuple):
 def _score_answers(
     loaded: LoadedNetwork[Detector3D], scene: _Scene, out: Path
 ) -> list[tuple[dict[str, Any], tuple[str, PrecisionRecall]]]:
-    """For each number of passes its scores and the curve of moderate cars, with its name."""
+    """Score each number of passes; with the named curve of moderate cars."""
     scored = []
     for passes, variant in _variants(loaded):
         results = out / f"refined-{passes}"
@@ -148,7 +146,7 @@ def _score_proposals(loaded: LoadedNetwork[Detector3D], scene: _Scene, out: Path
 def _variants(
     loaded: LoadedNetwork[Detector3D],
 ) -> Iterator[tuple[int, LoadedNetwork[Detector3D]]]:
-    """The network with its second stage applied never, once, .. as often as it was made for."""
+    """List the network with its second stage applied never, once, up to the configured number."""
     config = loaded.network.config
     yield 0, _changed(loaded, replace(config, refinement=None, regions=None))
     if config.regions is None:
@@ -163,7 +161,7 @@ def _variants(
 def _changed(
     loaded: LoadedNetwork[Detector3D], config: Detection3DConfig
 ) -> LoadedNetwork[Detector3D]:
-    """The network with other settings that leave the weights of its stages as they are."""
+    """Give the network other settings; the weights stay the same."""
     network = Detector3D(config)
     kept = {name: loaded.weights.tensors[name] for name in network.state_dict()}
     fill_network(network, kept)
@@ -181,7 +179,7 @@ def _detect(loaded: LoadedNetwork[Detector3D], scene: _Scene, results: Path) -> 
 
 
 def _propose(loaded: LoadedNetwork[Detector3D], scene: _Scene, results: Path) -> None:
-    """Writes as many proposals as are counted, whatever number the network makes in use."""
+    """Write as many proposals as are counted, whatever the network's own number."""
     config, most = loaded.network.config, max(_COUNTS)
     many = replace(
         config,
@@ -204,7 +202,7 @@ def _write_answers(
     samples: Sequence[CameraLidarSample],
     results: Path,
 ) -> None:
-    """Writes those of the result files that are not there."""
+    """Write the missing result files."""
     results.mkdir(parents=True, exist_ok=True)
     settings = loaded.network.config.input
     for sample in track(samples, description=f"{loaded.name}, {results.name}"):
@@ -222,7 +220,7 @@ def _moderate_cars(report: ObjectReport) -> PrecisionRecall:
 
 
 def _without_curves(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Those of space and of the view from above, without their curves."""
+    """Select the 3D and bird's-eye-view entries, without their curves."""
     curves = ("precision", "thresholds", "tp", "fp", "fn")
     return [
         {key: value for key, value in entry.items() if key not in curves}

@@ -1,4 +1,4 @@
-"""Shows that memory stays: `python -m benchmarks.flat_memory`.
+"""Resident memory over many samples: `python -m benchmarks.flat_memory`.
 
 The embedded frames, again and again, through the health monitor along a drive and through the
 corruptions of a suite, one case after the other, in one process. Prints the resident memory after
@@ -7,7 +7,6 @@ some samples and after many. Its last line is kept in benchmarks/results/flat_me
 
 import gc
 import itertools
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import cv2
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.corruptions.suites import find_suite
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.health.sequence import DriveMonitor
@@ -27,13 +26,13 @@ _PAGE_BYTES = 4096
 
 
 def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int = 0) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
-        first: Samples after which all is loaded, compiled and cached.
-        samples: How many there are, those included.
-        suite: Of the corruptions.
-        seed: Of the corruptions.
+        first: Number of samples after which everything is loaded, compiled and cached.
+        samples: Number of samples in all.
+        suite: Name of the suite of corruptions.
+        seed: Seed of the corruptions.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -63,11 +62,11 @@ def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int =
         told = ", ".join(f"{size:.0f} MiB after {number:,}" for number, size in sizes.items())
         print(f"{name:<12} {told}")
         results.append({"work": name, "resident_mib": sizes})
-    print(json.dumps({"machine": describe_machine(), "suite": suite, "results": results}))
+    print_record({"suite": suite, "results": results}, seed=seed)
 
 
 def _resident_mib() -> float:
-    """Of this process, as Linux tells it."""
+    """Resident memory of this process [MiB]; Linux only."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * _PAGE_BYTES / 2**20
 

@@ -1,8 +1,8 @@
-"""Fits the limits of JPEG pictures and few beams: `python -m benchmarks.health_limits DATA OUT`.
+"""Limits of health for JPEG and few beams: `python -m benchmarks.health_limits DATA OUT`.
 
-Those of PNG pictures and 64 beams (`limits.json`) are made by `sightline health-limits`. The frames
-here are the same kind, simulated and sound, but re-encoded as JPEG or thinned to every second or
-fourth ring.
+Limits for PNG pictures and 64 beams (`limits.json`) are made by `sightline health-limits`. The
+frames here are sound simulated ones, too, re-encoded as JPEG or thinned to every second or fourth
+ring.
 """
 
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ import torch
 from sightline.corruptions.optics import CameraJpeg
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
-from sightline.data.progress import track
 from sightline.health import camera_checks, lidar_checks
 from sightline.health.fitting import fit_on_samples
 from sightline.health.limits import write_limits
 from sightline.health.ring_order import number_rings
 from sightline.health.sphere import to_sphere
+from sightline.jobs.progress import track
 from sightline.structures.sample import CameraLidarSample
 
 _QUALITIES = (75, 95)  # lowest and highest, drawn evenly
@@ -37,15 +37,15 @@ def main(
     frames: int = 400,
     seed: int = 0,
 ) -> None:
-    """Writes limits_jpeg.json, limits_32.json and limits_16.json.
+    """Write limits_jpeg.json, limits_32.json and limits_16.json.
 
     Args:
         data: KITTI object tree of simulated frames.
-        out: Folder to write to.
-        sample_list: Which frames.
+        out: Output folder.
+        sample_list: List of frames.
         velodyne: Folder of the sweeps, cut to the camera's view.
-        frames: How many of them, the first.
-        seed: Of the qualities, and of which ring is the first that stays.
+        frames: Number of frames, from the first.
+        seed: Seed of the qualities and of the first ring kept.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)

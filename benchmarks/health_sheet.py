@@ -1,7 +1,7 @@
-"""Draws the health of sensors that fail: `python -m benchmarks.health_sheet DATA OUT.png`.
+"""Health of sensors that fail, as a picture: `python -m benchmarks.health_sheet DATA OUT.png`.
 
-The frames of a data set one after the other, with faults that set in and go: a covered lens, false
-echoes, a camera that is gone, a LiDAR that turns in its mount.
+The frames of a data set in order, with faults that begin and end: a covered lens, false echoes, a
+missing camera, a LiDAR that turns in its mount.
 """
 
 from pathlib import Path
@@ -10,9 +10,9 @@ import jsonargparse
 import numpy as np
 import torch
 
+from sightline.augmentation.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.corruptions.occlusion import CameraOcclusion
 from sightline.corruptions.pixel_box import BoxDrawing
-from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
@@ -34,14 +34,14 @@ def main(
     velodyne: Velodyne = "velodyne",
     frames: int = 60,
 ) -> None:
-    """Writes the picture.
+    """Write the picture.
 
     Args:
         data: KITTI object tree or raw drive.
         out: PNG to write.
-        sample_list: Which frames.
+        sample_list: List of frames.
         velodyne: Folder of the sweeps in an object tree.
-        frames: How many of them, the first.
+        frames: Number of frames, from the first.
     """
     torch.set_num_threads(1)
     dataset = open_dataset(

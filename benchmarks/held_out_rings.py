@@ -1,18 +1,17 @@
-"""Times and scores depth completion: `python -m benchmarks.held_out_rings --data KITTI`.
+"""Scores and times of depth completion: `python -m benchmarks.held_out_rings --data KITTI`.
 
-The held-out-rings protocol (`sightline.evaluation.held_out`) on real frames in KITTI's object tree,
-at every density. One thread, one run; its last line is kept in
-benchmarks/results/held_out_rings.json.
+The held-out-rings protocol (`sightline evaluate held-out`) on frames in KITTI's object tree, at
+each number of beams, for methods without training and for networks. One thread, one run; the last
+line is kept in benchmarks/results/held_out_rings.json.
 
-Times are processor time of the method alone, from sparse map to dense one, which other programs on
-the machine disturb least, and would show any second thread. Frames narrower or lower than 1216x352
-are completed at their own size.
+Times are processor time of one call, from the sweep to the dense map. Other programs disturb it
+least, and a second thread would show. Frames narrower or lower than 1216x352 are completed at their
+own size.
 """
 
-import json
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +20,21 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.classical import ClassicalConfig, classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth
+from sightline.depth_completion.predictor import DepthPredictor
 from sightline.evaluation.held_out import evaluate_held_out
 from sightline.evaluation.held_out_frame import BEAMS, CROP_SIZE
+from sightline.export.names import EngineName
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
 _BILATERAL = ClassicalConfig(blur="bilateral", extrapolate=False)
+Completer = Callable[[CameraLidarSample], DepthMap]
 _METHODS: dict[str, Callable[[np.ndarray], DepthMap]] = {
     "nearest": nearest_depth,
     "linear": linear_depth,
@@ -42,18 +44,29 @@ _METHODS: dict[str, Callable[[np.ndarray], DepthMap]] = {
 }
 
 
-def main(data: Path, sample_list: str = "sample_val") -> None:
-    """Prints a table, then one line of JSON.
+def main(
+    data: Path,
+    sample_list: str = "sample_val",
+    weights: Sequence[str] = ("depth-fast-cpu", "depth-best"),
+    engine: EngineName = "openvino",
+) -> None:
+    """Print a table, then one line of JSON.
 
     Args:
         data: KITTI object tree with calibration, images and sweeps.
-        sample_list: Which frames: a list in ImageSets, or a text file with one name a line.
+        sample_list: List of frames in ImageSets, or a text file with one name a line.
+        weights: Names or files of trained weights.
+        engine: Inference engine of the networks.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    dataset = KittiObjectDataset(data, sample_list=sample_list, parts={"points"})
+    dataset = KittiObjectDataset(data, sample_list=sample_list, parts={"image", "points"})
     samples = [dataset[index] for index in range(len(dataset))]
-    results = [_measure(name, samples) for name in _METHODS]
+    completers = {name: _by_method(method) for name, method in _METHODS.items()}
+    completers |= {
+        name: DepthPredictor.load(name, engine=engine, threads=1).__call__ for name in weights
+    }
+    results = [_measure(name, complete, samples) for name, complete in completers.items()]
     print(f"{len(samples)} frames; RMSE / MAE in mm, median ms, by beams")
     for row in results:
         cells = (
@@ -61,19 +74,25 @@ def main(data: Path, sample_list: str = "sample_val") -> None:
         )
         print(f"{row['method']:<34}" + " |".join(cells))
     setting = {"frames": len(samples), "largest_size": list(CROP_SIZE), "threads": 1}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=None, weights=weights)
 
 
-def _measure(name: str, samples: list[CameraLidarSample]) -> dict[str, Any]:
-    """Scores and times of one method."""
-    method = _METHODS[name]
+def _by_method(method: Callable[[np.ndarray], DepthMap]) -> Completer:
+    def complete(sample: CameraLidarSample) -> DepthMap:
+        assert sample.points is not None, "the protocol sets them"
+        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+        return method(sparse.numpy())
+
+    return complete
+
+
+def _measure(name: str, method: Completer, samples: list[CameraLidarSample]) -> dict[str, Any]:
+    """Score and time one method."""
     times_ms: list[float] = []
 
     def complete(sample: CameraLidarSample) -> DepthMap:
-        assert sample.points is not None, "the protocol sets them"
-        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size).numpy()
         start = time.process_time()
-        dense = method(sparse)
+        dense = method(sample)
         times_ms.append((time.process_time() - start) * 1e3)
         return dense
 
@@ -88,6 +107,7 @@ def _measure(name: str, samples: list[CameraLidarSample]) -> dict[str, Any]:
                 "beams": score.beams,
                 "rmse_mm": round(score.rmse_mm, 1),
                 "mae_mm": round(score.mae_mm, 1),
+                "median_error_mm": round(score.median_mm, 1),
                 "coverage": round(score.coverage, 4),
                 "median_ms": round(median, 2),
                 "iqr_ms": round(high - low, 2),

@@ -1,4 +1,4 @@
-"""Times KITTI's object evaluation, files included.
+"""Time of KITTI's object evaluation, files included.
 
 `python -m benchmarks.kitti_evaluation --labels labels_7481.tar.gz --sample_list val.txt`: each
 frame of the list against jittered copies of its own objects with clutter, all classes, by all four
@@ -6,7 +6,6 @@ measures. "process" starts a fresh interpreter, compiled code cached; "call" is 
 alone in a warm one.
 """
 
-import json
 import statistics
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from pathlib import Path
 import jsonargparse
 import numpy as np
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.kitti_labels import KittiObjects, read_labels, write_objects
 from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object import evaluate_objects
@@ -34,7 +33,7 @@ evaluate_objects(Path(sys.argv[1]), Path(sys.argv[2]), sample_list=sys.argv[3])
 
 
 def main(labels: Path, sample_list: Path, copies: int = 2, repeats: int = 5) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
         labels: Folder of label files, or an archive that holds one named label_2.
@@ -68,13 +67,13 @@ def main(labels: Path, sample_list: Path, copies: int = 2, repeats: int = 5) -> 
     for row in rows:
         print(f"{row['run']:>8} {row['median_s']:6.2f} s  (IQR {row['iqr_s']:.2f})")
     settings = {"frames": len(names), "detections": num_detections, "entries": len(report.entries)}
-    print(json.dumps({"machine": describe_machine(), **settings, "results": rows}))
+    print_record({**settings, "results": rows}, seed=0)
 
 
 def _write_jittered(
     generator: np.random.Generator, name: str, labels: Path, results: Path, copies: int
 ) -> int:
-    """Writes a frame's result file: jittered copies of its objects; gives their number."""
+    """Write a frame's result file of jittered copies of its objects, and return their number."""
     truth = read_labels(labels / f"{name}.txt")
     wanted = [i for i, kind in enumerate(truth.class_names) if kind != "DontCare"]
     chosen = np.repeat(np.array(wanted, dtype=np.int64), copies)

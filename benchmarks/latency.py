@@ -1,4 +1,4 @@
-"""How long a network takes, and what it costs: operations, memory, parameters."""
+"""Time and cost of a network: operations, memory, parameters."""
 
 import re
 import statistics
@@ -28,30 +28,29 @@ class Latency:
     median_ms: float
     percentile_95_ms: float
     repeats: int
-    """Calls measured; those that warm up are not among them."""
+    """Number of timed calls, without those that warm up."""
     peak_memory_mib: float | None
     """Most memory in use at once during the calls, those that warm up included, less what was in
     use before them: of the GPU as PyTorch allots it, or of the process, which keeps what earlier
     calls took. None where the system does not tell."""
 
     def to_json(self) -> dict[str, object]:
-        """What a report file holds."""
+        """Convert to the content of a report file."""
         return asdict(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Cost:
-    """What one call of a network costs on any machine."""
+    """Cost of one call of a network on any machine."""
 
     parameters: int
     gflop: float
     """Thousand million floating-point operations; a multiplication and an addition are two."""
     traffic_mib: float
-    """What all operators read and write, if none is merged with another: an upper bound of what
-    passes through memory."""
+    """Bytes that all operators read and write unmerged: an upper bound of the memory traffic."""
 
     def to_json(self) -> dict[str, object]:
-        """What a report file holds."""
+        """Convert to the content of a report file."""
         return asdict(self)
 
 
@@ -62,16 +61,16 @@ def measure_latency(
     warm_up: int = 10,
     repeats: int = 50,
 ) -> Latency:
-    """Times calls one after the other, each from an idle device to its finished result.
+    """Time calls one after the other, each from an idle device to its finished result.
 
     On a GPU the time is taken by the GPU's own events around each call, waits for the CPU
     included; on the CPU by the clock.
 
     Args:
-        run: One call of the network.
-        device: Where it computes.
-        warm_up: Calls before those that count.
-        repeats: Calls that count.
+        run: Function to time.
+        device: Device of the network.
+        warm_up: Number of calls that are not timed, at first.
+        repeats: Number of timed calls.
 
     Raises:
         ValueError: There is no call to measure.
@@ -99,7 +98,7 @@ def measure_latency(
 
 
 def count_cost(module: nn.Module, inputs: Mapping[str, Tensor]) -> Cost:
-    """Counts what a call of a module costs, by running it once.
+    """Count the cost of a module's call by running it once.
 
     Operations are those of convolutions, matrix products and attention, as
     `torch.utils.flop_counter` counts them; the few of activations and sums are left out.
@@ -119,7 +118,7 @@ def count_cost(module: nn.Module, inputs: Mapping[str, Tensor]) -> Cost:
 
 
 class _TrafficCounter(TorchDispatchMode):  # type: ignore[no-untyped-call]
-    """Adds up the bytes of the tensors that operators read and write; views move nothing."""
+    """Sum of the bytes of tensors that operators read and write; views move nothing."""
 
     def __init__(self) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
@@ -163,7 +162,7 @@ def _time_on_gpu(run: Callable[[], object], device: torch.device) -> float:
 
 
 def _start_watching_memory(device: torch.device) -> float | None:
-    """Sets the peak back; gives MiB in use now."""
+    """Reset the peak, and return the memory in use now [MiB]."""
     if device.type == "cuda":
         torch.cuda.synchronize(device)
         torch.cuda.reset_peak_memory_stats(device)
@@ -182,7 +181,7 @@ def _peak_memory_mib(device: torch.device) -> float | None:
 
 
 def _own_memory_mib(entry: str) -> float | None:
-    """An entry of the system's account of this process; None where there is none."""
+    """Read an entry of the system's account of this process; None where there is none."""
     if not _OWN_STATUS.is_file():
         return None
     found = re.search(rf"^{entry}:\s+(\d+) kB$", _OWN_STATUS.read_text(), re.MULTILINE)

@@ -1,11 +1,10 @@
-"""What a LiDAR at another height costs a detector: `python -m benchmarks.lidar_height DATA`.
+"""Cost of a LiDAR at another height: `python -m benchmarks.lidar_height DATA`.
 
-The LiDAR frame's origin is moved up or down, points and calibration with it, as the same streets
-would look from another mount but for which rings meet what. The detector is told nothing, the
-true height, or what the road in five of the sweeps tells. Prints a table, then one line of JSON.
+The LiDAR frame's origin is moved up or down, with points and calibration; the rings keep their
+points. The detector gets no height, the true height, or the height above the road estimated from
+five sweeps. Prints a table, then one line of JSON.
 """
 
-import json
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,14 +13,14 @@ from pathlib import Path
 import jsonargparse
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.export.names import EngineName
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.road_height import drive_height_m
+from sightline.jobs.progress import track
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import choose_task
 
@@ -37,16 +36,16 @@ def main(
     shifts_m: Sequence[float] = (0.0, 0.6, -0.5),
     engine: EngineName = "openvino",
 ) -> None:
-    """Scores each height and each way to tell it.
+    """Score each height and each way to give it.
 
     Args:
         data: KITTI object tree with labels.
-        weights: Of a detector: name of weights that come with Sightline, or a file.
-        frames: The first so many of the list.
-        sample_list: Which frames there are.
+        weights: Name or file of a detector's weights.
+        frames: Number of frames, from the first of the list.
+        sample_list: List of frames.
         velodyne: Folder of the sweeps.
-        shifts_m: How far the LiDAR goes up.
-        engine: What runs the network.
+        shifts_m: Upward shifts of the LiDAR.
+        engine: Inference engine of the network.
     """
     torch.set_num_threads(1)
     task = choose_task(None, weights)
@@ -77,12 +76,12 @@ def main(
             }
             rows.append({"up_m": up_m, "told": how, "height_m": height_m, **scores})
             print(" ".join(f"{key} {value}" for key, value in rows[-1].items()))
-    setting = {"weights": weights, "frames": frames, "metric": f"{metric} AP_R40 moderate"}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": rows}))
+    setting = {"frames": frames, "metric": f"{metric} AP_R40 moderate"}
+    print_record({**setting, "results": rows}, seed=None, weights=[weights])
 
 
 def at_height(sample: CameraLidarSample, up_m: float) -> CameraLidarSample:
-    """The sample by a LiDAR whose origin lies that much higher."""
+    """Give the sample a LiDAR whose origin is higher by `up_m`."""
     assert sample.points is not None, "detectors need sweeps"
     old_from_new = torch.eye(4, dtype=torch.float64)
     old_from_new[2, 3] = up_m

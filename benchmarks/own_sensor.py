@@ -22,18 +22,18 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
 from benchmarks.own_sensor_rigs import RIGS, record_street
+from benchmarks.record import print_record
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import read_depth_png
 from sightline.data.kitti_labels import read_labels, read_results, write_objects
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
 from sightline.evaluation.held_out_frame import dense_truth_in_reach
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import Metric
 from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineName
+from sightline.jobs.progress import track
 from sightline.perception.perceive import TIMINGS_NAME, perceive
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.settings import KITTI_FOCAL_PX
@@ -45,15 +45,15 @@ _BOOTSTRAP: Final = 1000
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ObjectScore:
-    """Of one class by one metric, moderate."""
+    """Moderate score of one class by one metric."""
 
     class_name: str
     metric: Metric
     num_objects: int
     ap_r40: float
-    """Percent, as the two that follow."""
+    """Percent, like the next two."""
     ap_all_points_95: tuple[float, float] | None
-    """Of the area under the whole curve; None where nothing counts."""
+    """95 % interval of the area under the whole curve; None where nothing counts."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,19 +71,19 @@ class DepthScore:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RigScores:
-    """What became of a recording."""
+    """Scores of one rig's recording."""
 
     rig: str
     check: tuple[str, ...]
-    """What `sightline check` says."""
+    """Output of `sightline check`."""
     lidar_height_m: float | None
-    """As the road tells it."""
+    """Height estimated from the road."""
     objects: tuple[ObjectScore, ...]
     """In the recording's own pixels."""
     objects_in_kitti_pixels: tuple[ObjectScore, ...]
     depth: DepthScore
     median_ms: Mapping[str, float]
-    """A frame, by task."""
+    """Median time of a frame, by task."""
 
 
 def main(
@@ -93,14 +93,14 @@ def main(
     seed: int = 1500,
     engine: EngineName = "openvino",
 ) -> None:
-    """Makes, checks, perceives and scores a recording of each rig.
+    """Make, check, perceive and score a recording of each rig.
 
     Args:
-        out: Folder for recordings and results; what is there is kept.
-        rigs: Which; see `own_sensor_rigs.RIGS`.
-        frames: How many streets.
-        seed: Of the streets.
-        engine: What runs the networks.
+        out: Folder for recordings and results; existing files are kept.
+        rigs: Names of rigs; see `own_sensor_rigs.RIGS`.
+        frames: Number of streets.
+        seed: Seed of the streets.
+        engine: Inference engine of the networks.
     """
     torch.set_num_threads(1)
     perceiver = MultiTaskPredictor.load(engine=engine, threads=1)
@@ -126,14 +126,13 @@ def main(
             )
         )
     print("\n".join(_table(results)))
-    made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
-    setting = {"frames": frames, "seed": seed, "engine": engine, "weights": made_by}
-    record = {"machine": describe_machine(), **setting, "results": [*map(asdict, results)]}
-    print(json.dumps(record))
+    made_by = [predictor.name for predictor in perceiver.predictors.values()]
+    rows = [*map(asdict, results)]
+    print_record({"frames": frames, "engine": engine, "results": rows}, seed=seed, weights=made_by)
 
 
 def score_objects(recording: Path, answers: Path, *, scale: float = 1.0) -> tuple[ObjectScore, ...]:
-    """Scores both detectors; boxes in the image are resized by `scale` first."""
+    """Score both detectors, with boxes in the image resized by `scale`."""
     scores: list[ObjectScore] = []
     for task, metric in _TASKS.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -166,7 +165,7 @@ def _interval(entry: ObjectEntry) -> tuple[float, float] | None:
 
 
 def score_depth(recording: Path, answers: Path) -> DepthScore:
-    """Scores the depth maps on the simulator's."""
+    """Score the depth maps against the simulator's."""
     dataset = open_dataset(recording, parts=("points", "depth"))
     rows = []
     for index in track(range(len(dataset)), description="scoring depth"):

@@ -9,16 +9,16 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.atomic import atomic_write_bytes, atomic_write_text
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_labels import write_objects
 from sightline.data.recording_calibration import RecordingCalibration, recording_calibration_text
-from sightline.simulation.camera import CameraConfig, render_camera
+from sightline.files.atomic import atomic_write_bytes, atomic_write_text
+from sightline.simulation.camera.camera import CameraConfig, render_camera
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.settings import KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.simulator import calibration_of, simulate_street
 
@@ -38,7 +38,7 @@ class Rig:
 
     @property
     def focal_px(self) -> float:
-        """Of the camera, along its columns."""
+        """Focal length along the camera's columns [px]."""
         return float(self.calibration.image_from_camera[1, 1])
 
 
@@ -86,7 +86,7 @@ RIGS: Final[Mapping[str, Rig]] = {
 
 
 def record_street(rig: Rig, folder: Path, *, seed: int, index: int) -> None:
-    """Takes one street as a frame of a recording, laid out as docs/recordings.md says.
+    """Record one street as a frame of a recording, in the layout of docs/recordings.md.
 
     JPG, .npy with intensities up to 255, labels, dense depth; a frame that is there is kept. The
     calibration does not tell the LiDAR's height.

@@ -19,7 +19,6 @@ at another point than the one that they are given, its plain method parts from n
 """
 
 import importlib
-import json
 import statistics
 import time
 from collections.abc import Callable
@@ -32,7 +31,7 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.ops import (
     ball_query,
@@ -52,7 +51,7 @@ Method = Callable[[], Any]
 
 
 class Scene(NamedTuple):
-    """What all methods get; each has the batch axis that ours want."""
+    """Inputs of all methods, each with a batch axis."""
 
     points: Tensor
     sampled: Tensor
@@ -62,7 +61,7 @@ class Scene(NamedTuple):
 
 
 def main(repeats: int = 15) -> None:
-    """Prints a table, then one line of JSON."""
+    """Print a table, then one line of JSON."""
     torch.set_num_threads(1)
     scene = make_scene(np.random.default_rng(0))
     results = []
@@ -90,7 +89,7 @@ def main(repeats: int = 15) -> None:
         "repeats": repeats,
         "threads": 1,
     }
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=0)
 
 
 def milliseconds(method: Method) -> float:
@@ -127,7 +126,7 @@ def make_scene(rng: np.random.Generator) -> Scene:
 
 
 def operations(scene: Scene) -> dict[str, dict[str, Method]]:
-    """What is timed; `sightline` first."""
+    """Timed methods by operation, `sightline` first."""
     points, proposals, objects = scene.points, scene.proposals[0], scene.objects[0]
     cloud, sampled = points[0].numpy(), scene.sampled[0].numpy()
     return {
@@ -162,7 +161,7 @@ def operations(scene: Scene) -> dict[str, dict[str, Method]]:
 
 
 def sampling_peers(cloud: ndarray) -> dict[str, Method]:
-    """The package fpsample, if it is there."""
+    """Load the package fpsample; None where it is not installed."""
     try:
         fpsample = importlib.import_module("fpsample")
     except ModuleNotFoundError:

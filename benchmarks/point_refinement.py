@@ -6,7 +6,6 @@ all 64 of each centre, most of which are copies; "sightline" the distinct ones a
 difference of the boxes is told with them. The last line is JSON.
 """
 
-import json
 import statistics
 import time
 
@@ -15,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import linear
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.points.config import RefinementConfig, RoiPoolingConfig
@@ -90,7 +89,7 @@ def main(repeats: int = 3) -> None:
         results.append({"method": name, "median_ms": median, "times_sightline": median / ours})
         print(f"{name:<16} {median:9.1f} ms  {median / ours:5.1f} x  difference {error:.1e}")
     setting = {"regions": 64, "points": 512, "repeats": repeats, "threads": 1}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=0)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ too; the sum over the streets, median over the repeats.
 """
 
 import functools
-import json
 import multiprocessing
 import statistics
 import time
@@ -27,13 +26,13 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy import ndarray
 
-from benchmarks.machine import describe_machine
-from sightline.simulation.camera_rays import camera_view
-from sightline.simulation.raycast import Raycaster
+from benchmarks.record import print_record
+from sightline.simulation.camera.samples import camera_view
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.rays.surfaces import Rays
 from sightline.simulation.scene import Mesh
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import calibration_of, lidar_of, simulate_street
-from sightline.simulation.surfaces import Rays
 
 _LIFT = np.float32(0.999)  # of the way to a surface, where rays around it start
 _SUN = np.array((0.48, 0.36, 0.8), np.float32)
@@ -53,16 +52,16 @@ class Peer(Protocol):
     """A way to cast rays."""
 
     def __init__(self, mesh: Mesh) -> None:
-        """Builds the search tree."""
+        """Build the search tree."""
 
     def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """Faces and distances that rays of neighbouring pixels meet; weights of corners, too."""
+        """Cast rays of neighbouring pixels: faces, distances and weights of corners."""
 
     def scatter(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """The same for rays in any direction."""
+        """Cast rays in any direction."""
 
     def shade(self, rays: Rays) -> ndarray:
-        """Whether rays meet anything."""
+        """Test whether rays meet anything."""
 
 
 class Ours:
@@ -72,17 +71,17 @@ class Ours:
         self._raycaster = Raycaster(mesh)
 
     def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """As the camera does."""
+        """Cast coherent rays, like the camera."""
         hits = self._raycaster.cast(*rays, coherent=True)
         return hits.faces, hits.distances
 
     def scatter(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """As ambient light is gathered."""
+        """Cast rays in any direction, like ambient light."""
         hits = self._raycaster.cast(*rays)
         return hits.faces, hits.distances
 
     def shade(self, rays: Rays) -> ndarray:
-        """As sunlight is."""
+        """Test coherent rays, like sunlight."""
         return self._raycaster.occluded(*rays, coherent=True)
 
 
@@ -96,14 +95,14 @@ class Embreex:
         self._scene.run(ray, ray)
 
     def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
-        """Rays one by one."""
+        """Cast rays one by one."""
         found = self._scene.run(*rays, output=1)
         return found["primID"], found["tfar"]
 
     scatter = look
 
     def shade(self, rays: Rays) -> ndarray:
-        """Rays one by one."""
+        """Cast rays one by one."""
         first: ndarray = self._scene.run(*rays, query="OCCLUDED")
         return first >= 0
 
@@ -112,7 +111,7 @@ PEERS: dict[str, type[Peer]] = {"sightline": Ours, "embreex": Embreex}
 
 
 def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
-    """Prints a table, then one line of JSON."""
+    """Print a table, then one line of JSON."""
     start_afresh = multiprocessing.get_context("spawn")
     times: dict[str, list[list[float]]] = {name: [] for name in PEERS}
     pools = {name: start_afresh.Pool(1) for name in PEERS}
@@ -140,9 +139,7 @@ def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
     hits = {"camera_rays": len(others), "other_faces": int(others.sum())}
     hits["at_other_distances"] = int(elsewhere.sum())
     print(", ".join(f"{name} {count:,}" for name, count in hits.items()))
-    setting = {"streets": streets, "repeats": repeats, "seed": seed}
-    record = {"machine": describe_machine(), **setting}
-    print(json.dumps({**record, "results_ms": results, **hits}))
+    print_record({"streets": streets, "repeats": repeats, "results_ms": results, **hits}, seed=seed)
 
 
 @functools.cache

@@ -9,7 +9,6 @@ With 64 beams a method gets the selection's own sparse maps; with fewer, every s
 eighth ring of the sweep. Its last line is kept in benchmarks/results/real_depth_truth.json.
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +18,7 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.calibration_text import read_intrinsics
 from sightline.data.depth_png import read_depth_png
 from sightline.data.image_file import read_rgb
@@ -49,12 +48,12 @@ Complete = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def main(data: Path, beams: tuple[int, ...] = BEAMS, seed: int = 0) -> None:
-    """Prints a row for each method and number of beams, then one line of JSON.
+    """Print a row for each method and number of beams, then one line of JSON.
 
     Args:
-        data: The folder that holds `val_selection_cropped`, `sweeps` and `calib`.
+        data: Folder with `val_selection_cropped`, `sweeps` and `calib`.
         beams: Numbers of beams; each divides 64.
-        seed: Of the intervals' resampling.
+        seed: Seed of the intervals' resampling.
     """
     torch.set_num_threads(1)
     frames = [_read_frame(data, path) for path in _truth_files(data)]
@@ -63,12 +62,12 @@ def main(data: Path, beams: tuple[int, ...] = BEAMS, seed: int = 0) -> None:
         for number in beams
         for row in _rows([_with_beams(frame, number) for frame in frames], seed)
     ]
-    setting = {"frames": len(frames), "bands_m": BANDS_M, "against": AGAINST, "seed": seed}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    setting = {"frames": len(frames), "bands_m": BANDS_M, "against": AGAINST}
+    print_record({**setting, "results": results}, seed=seed, weights=WEIGHTS)
 
 
 def _rows(frames: list[Frame], seed: int) -> list[dict[str, Any]]:
-    """Scores of every method on frames of one number of beams."""
+    """Score every method on frames of one number of beams."""
     completers: dict[str, Complete] = {name: _by_method(name) for name in METHODS}
     completers |= {name: _by_network(name) for name in WEIGHTS}
     maps = {
@@ -142,7 +141,7 @@ def _print(count: int, beams: int, row: dict[str, Any]) -> None:
 
 
 def _errors(depth_m: np.ndarray, truth_m: np.ndarray) -> tuple[float, float, float]:
-    """RMSE, MAE and median of the absolute errors of one image [mm]."""
+    """Compute RMSE, MAE and median of the absolute errors of one image [mm]."""
     scored = truth_m > 0
     errors = np.abs(depth_m - truth_m)[scored].astype(np.float64) * 1e3
     return float(np.sqrt((errors**2).mean())), float(errors.mean()), float(np.median(errors))
@@ -172,7 +171,7 @@ def _read_frame(data: Path, truth: Path) -> Frame:
 
 
 def _with_beams(frame: Frame, beams: int) -> Frame:
-    """The frame with the sparse map of so many beams."""
+    """Give the frame the sparse map of a number of beams."""
     if beams == NUM_RINGS:
         return {**frame, "sparse": frame["measured"], "beams": beams}
     step = NUM_RINGS // beams

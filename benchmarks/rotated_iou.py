@@ -1,4 +1,4 @@
-"""Times the IoU of rotated boxes against shapely and OpenCV: `python -m benchmarks.rotated_iou`.
+"""Time of rotated IoU, beside shapely and OpenCV: `python -m benchmarks.rotated_iou`.
 
 One thread, one run; its last line is kept in benchmarks/results/rotated_iou.json.
 
@@ -14,7 +14,6 @@ Times are processor time, which other programs on the machine disturb least, and
 second thread. Errors are against polygons of 60-digit numbers.
 """
 
-import json
 import math
 import statistics
 import time
@@ -28,7 +27,7 @@ import shapely
 import torch
 from numpy import ndarray
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.ops.rotated_iou import pairwise_iou_bev
 from tests.reference.rotated_iou import exact_iou_bev
 
@@ -37,7 +36,7 @@ Method = Callable[[ndarray, ndarray], ndarray]
 
 
 def main(scenes: int = 50, repeats: int = 15, exact_scenes: int = 10) -> None:
-    """Prints a table, then one line of JSON."""
+    """Print a table, then one line of JSON."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     rng = np.random.default_rng(0)
@@ -69,7 +68,7 @@ def main(scenes: int = 50, repeats: int = 15, exact_scenes: int = 10) -> None:
             f"  {row['times_sightline']:7.1f} x  largest error {row['max_error']:.1e}"
         )
     setting = {"scenes": scenes, "boxes": [PROPOSALS, CARS], "repeats": repeats, "threads": 1}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=0)
 
 
 def scene(rng: np.random.Generator) -> tuple[ndarray, ndarray]:

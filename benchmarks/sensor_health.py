@@ -1,4 +1,4 @@
-"""Measures the health monitor: `python -m benchmarks.sensor_health KITTI SCORES`.
+"""Scores of the health monitor: `python -m benchmarks.sensor_health KITTI SCORES`.
 
 For each case of a suite the area under the ROC curve of the scores, against the same frames clean,
 over the frames that the case did break: of the sensors that it breaks, and of the worst score of
@@ -11,7 +11,6 @@ core take about 5 minutes of one core. Its last line is kept in
 benchmarks/results/sensor_health.json.
 """
 
-import json
 import statistics
 import time
 from collections.abc import Mapping, Sequence
@@ -23,7 +22,7 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.sensor_health_drives import delays, false_alarms
 from benchmarks.sensor_health_scores import (
     CHECKS,
@@ -35,12 +34,13 @@ from benchmarks.sensor_health_scores import (
 )
 from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import CLEAN, Case, find_suite
-from sightline.data.jobs import acquire_output_dir, shard
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.evaluation.auroc import auroc_of_values
 from sightline.health.limits import SHIPPED, HealthLimits, read_limits
 from sightline.health.monitor import HealthMonitor
+from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.run import shard
 from sightline.structures.health import ALARM_SCORE, Health
 
 _PARTS: frozenset[Part] = frozenset({"image", "points", "objects"})
@@ -65,23 +65,23 @@ def main(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
-    """Prints tables, then one line of JSON.
+    """Print tables, then one line of JSON.
 
     Args:
         data: KITTI object tree or raw drive.
-        scores: Folder for what the checks said.
-        sample_list: Which frames.
+        scores: Folder for the checks' values.
+        sample_list: List of frames.
         velodyne: Folder of the sweeps in an object tree.
-        frames: How many of them, evenly spaced.
-        suite: Whose cases are told from clean frames.
-        cases: Which of them. Default: all.
-        limits: What is usual of the sensors.
-        drive: A drive in which faults set in.
-        onset: Frames of the drive before the fault.
-        drive_severity: Of those faults.
-        sound_drive: A drive of sound sensors, for false alarms.
-        seed: Of the corruptions and the turns.
-        shard_index: Which part of the frames to score, from 0.
+        frames: Number of frames, evenly spaced.
+        suite: Name of the suite.
+        cases: Names of cases; default: all.
+        limits: Limits file of the monitor.
+        drive: Drive in which faults begin.
+        onset: Number of frames of the drive before the fault.
+        drive_severity: Severity of these faults.
+        sound_drive: Drive of sound sensors, for false alarms.
+        seed: Seed of the corruptions and the turns.
+        shard_index: Index of the part of the frames to score.
         num_shards: Number of parts; with more than one nothing is printed.
     """
     torch.set_num_threads(1)
@@ -111,8 +111,7 @@ def main(
     if num_shards > 1:
         return
     answer: dict[str, object] = {
-        "machine": describe_machine(),
-        **{name: setting[name] for name in ("data", "sample_list", "frames", "suite", "seed")},
+        **{name: setting[name] for name in ("data", "sample_list", "frames", "suite")},
         "limits": dict(monitor.limits.provenance),
         "median_ms": _median_ms(dataset, monitor, places),
         **_tables(found, chosen, monitor.limits),
@@ -134,16 +133,16 @@ def main(
             open_dataset(sound_drive, parts=_PARTS), monitor
         )
         print(f"\n{sound_drive.name}, sound: {sound}")
-    print(json.dumps(answer))
+    print_record(answer, seed=seed)
 
 
 def _drive_severity(case: Case, severity: int) -> int:
-    """A sensor that is blank is so for good: slighter ones lose frames by chance."""
+    """Choose the severity along the drive; below the greatest, blanks lose frames by chance."""
     return SEVERITIES[-1] if case.kind.endswith("_blank") else severity
 
 
 def _median_ms(dataset: SampleDataset, monitor: HealthMonitor, places: Sequence[int]) -> float:
-    """Processor time of a frame of one thread."""
+    """Measure the processor time of a frame in one thread."""
     times = []
     for place in places[: _TIMED + 1]:  # the first one compiles
         sample = dataset[int(place)]
@@ -192,13 +191,13 @@ def _row(
     pairs: Sequence[tuple[Scores, Scores]],
     together: Sequence[Mapping[str, Scores]],
 ) -> dict[str, Any]:
-    """Of one case.
+    """Score one case.
 
     Args:
-        case: The case.
+        case: Case to score.
         clean: Scores of all clean frames.
-        pairs: Of those frames that the case breaks, clean and broken.
-        together: Of groups of frames, clean (`CLEAN`) and misaligned.
+        pairs: Scores of the frames that the case breaks, clean and broken.
+        together: Scores of groups of frames, clean (`CLEAN`) and misaligned.
     """
     broken = [sound | each for sound, each in pairs]
     own = ("alignment",) if is_misalignment(case) else case.corruption.sensors
@@ -220,14 +219,14 @@ def _row(
 def _badness(
     scores: Sequence[Scores], names: Sequence[str]
 ) -> "np.ndarray[Any, np.dtype[np.float64]]":
-    """Minus the worst of these scores; what cannot be told is as if nothing were wrong."""
+    """Negate the worst of these scores; a score that is missing counts as sound."""
     return -np.array(
         [min(each[name].score if name in each else 1.0 for name in names) for each in scores], float
     )
 
 
 def _yaw_errors(groups: Sequence[Mapping[str, Any]]) -> dict[str, object]:
-    """Degrees that estimates miss the known turns by, and the same less the data's own turn."""
+    """Errors of the estimated turns [degrees], also less the data's own turn."""
     told = [group["yaw"] for group in groups]
     own_deg = float(np.nanmedian([each["unturned_deg"] for each in told]))
     single = [e - each["turn_deg"] for each in told for e in each["single_deg"]]

@@ -1,4 +1,4 @@
-"""The health monitor along drives: false alarms, and how soon a fault is told."""
+"""Health monitor along drives: false alarms, and delay of alarms."""
 
 import copy
 import statistics
@@ -16,7 +16,7 @@ _LONGEST_DELAY = 20  # frames, after which an alarm is taken never to come
 
 
 def false_alarms(drive: SampleDataset, monitor: HealthMonitor) -> dict[str, object]:
-    """Along a drive of sound sensors: shares of the frames with an alarm on, and the yaw."""
+    """Measure a drive of sound sensors: shares of the frames with an alarm, and the yaw."""
     watch = DriveMonitor(monitor)
     states = [watch(drive[index]) for index in range(len(drive))]
     yaws = [state.health.yaw_deg for state in states if state.health.yaw_deg is not None]
@@ -33,9 +33,9 @@ def false_alarms(drive: SampleDataset, monitor: HealthMonitor) -> dict[str, obje
 def delays(
     drive: SampleDataset, monitor: HealthMonitor, cases: Sequence[Case], onset: int, seed: int
 ) -> list[dict[str, object]]:
-    """For each case after how many frames its alarm is raised, where it sets in at a frame.
+    """Measure each case's delay: frames from its begin to its alarm.
 
-    None: not within 20 frames. 0: by the very first faulty frame.
+    None: no alarm within 20 frames. 0: alarm at the first faulty frame.
     """
     samples = [drive[index] for index in range(len(drive))]
     at_onset = DriveMonitor(monitor)
@@ -53,15 +53,15 @@ def delays(
 def _delay(
     watch: DriveMonitor, samples: Sequence[CameraLidarSample], case: Case, seed: int
 ) -> int | None:
-    """Frames from the first faulty one to a new alarm of a sensor that the case breaks.
+    """Count the frames from the first faulty one to a new alarm of a sensor that the case breaks.
 
-    Of misalignment any alarm counts: an older sweep is told by the LiDAR's own checks.
+    For misalignment any alarm counts: the LiDAR's own checks notice an older sweep.
 
     Args:
-        watch: That has seen the frames before the fault.
-        samples: From the fault on.
-        case: What it is.
-        seed: Of what is drawn.
+        watch: Monitor that has seen the frames before the fault.
+        samples: Samples from the fault on.
+        case: Case of the fault.
+        seed: Seed of the random draws.
     """
     names = SENSORS if is_misalignment(case) else case.corruption.sensors
     before = watch.alarms

@@ -1,4 +1,4 @@
-"""What the health monitor's checks say of clean and broken frames, kept group by group."""
+"""Values of the health monitor's checks on clean and broken frames, kept group by group."""
 
 import json
 import math
@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from sightline.augmentation.sample_changes import rotate_extrinsics
 from sightline.corruptions.suites import Case
-from sightline.data.atomic import atomic_write_text
-from sightline.data.augmentation import rotate_extrinsics
 from sightline.data.open import SampleDataset
+from sightline.files.atomic import atomic_write_text
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
 from sightline.health.camera_checks import CameraChecks, check_camera
 from sightline.health.lidar_checks import LidarChecks, check_lidar
@@ -32,19 +32,19 @@ CHECKS = {
     "alignment": AlignmentChecks._fields,
 }
 Found = dict[str, list[float]]
-"""Of each sensor that was looked at the values of its checks."""
+"""Values of the checks, by sensor."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ScoreJob:
-    """What is looked at."""
+    """Frames and cases to judge."""
 
     dataset: SampleDataset
     cases: Sequence[Case]
     seed: int
 
     def group(self, places: Sequence[int], path: Path) -> Mapping[str, object]:
-        """What is said of some frames, read from the file where it is there, else written to it."""
+        """Read the values of some frames from their file, or compute and write them."""
         if path.exists():
             kept: dict[str, object] = json.loads(path.read_text())
             return kept
@@ -69,7 +69,7 @@ class ScoreJob:
         return {"clean": _look_at(sample, {*SENSORS}), "broken": broken}
 
     def _together(self, samples: Sequence[CameraLidarSample]) -> dict[str, Found]:
-        """Of the alignment, by the edges of all of them; a fault is drawn once for all."""
+        """Judge the alignment by the edges of all frames; a fault is drawn once for all."""
         found = {"clean": _alignment(samples)}
         for case in self.cases:
             if is_misalignment(case):
@@ -81,7 +81,7 @@ class ScoreJob:
     def _yaw(
         self, samples: Sequence[CameraLidarSample], rng: np.random.Generator
     ) -> dict[str, object]:
-        """Estimates [degrees] where the LiDAR was turned by a known angle, and unturned ones."""
+        """Estimate the yaw [degrees] with the LiDAR turned by a known angle, and unturned."""
         turn_deg = float(rng.uniform(-LARGEST_DEG, LARGEST_DEG))
         turned = [rotate_extrinsics(sample, turn_deg) for sample in samples]
         return {
@@ -93,7 +93,7 @@ class ScoreJob:
 
 
 def judge(limits: HealthLimits, found: Found) -> dict[str, Health]:
-    """The health of each sensor that was looked at."""
+    """Judge the health of each checked sensor."""
     makers = {"camera": CameraChecks, "lidar": LidarChecks, "alignment": AlignmentChecks}
     return {
         name: getattr(limits, name).judge(makers[name](*values)) for name, values in found.items()
@@ -116,7 +116,7 @@ def _alignment(samples: Sequence[CameraLidarSample]) -> Found:
 
 
 def is_misalignment(case: Case) -> bool:
-    """Whether a case is a fault of how camera and LiDAR lie to each other."""
+    """Check that a case misaligns camera and LiDAR."""
     return case.kind.startswith("misalignment")
 
 

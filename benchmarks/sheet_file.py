@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.atomic import atomic_write_bytes
+from sightline.files.atomic import atomic_write_bytes
 
 _QUALITIES = range(90, 10, -5)
 
 
 def write_sheet(path: Path, sheet: UInt8[np.ndarray, "height width 3"], max_bytes: int) -> None:
-    """Writes an RGB sheet at the best quality that fits.
+    """Write an RGB sheet at the best quality that fits.
 
     Raises:
-        ValueError: None does.
+        ValueError: No quality fits.
     """
     for quality in _QUALITIES:
         _, encoded = cv2.imencode(".jpg", sheet[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])

@@ -1,4 +1,4 @@
-"""Tells real from simulated: `python -m benchmarks.sim_or_real --real KITTI --simulated OUT`.
+"""Real or simulated, by judges: `python -m benchmarks.sim_or_real --real KITTI --simulated OUT`.
 
 The test that a stranger to the renderer would set. Judges learn to tell the sides apart on half of
 the frames and are asked about the other half: balanced accuracy, 0.5 where they cannot. Its last
@@ -22,7 +22,6 @@ What does not: both sides have coordinates of whole millimetres, hundredths of r
 points cut to the image.
 """
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -35,7 +34,7 @@ from jaxtyping import Bool, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from benchmarks.sim_or_real_crops import CarCrop, Frames, cut_frames, match
 from benchmarks.sim_or_real_judges import (
     PatchJudge,
@@ -54,25 +53,25 @@ _BOOTSTRAPS = 1000
 _FEATURES_SHOWN = 8
 
 Judge = Callable[[Tensor, Bool[Tensor, " num_known"], Tensor], Bool[Tensor, " num_asked"]]
-"""What is known, whether it is real, what is asked: which of that seems real."""
+"""Function of known items, whether they are real, and asked items: which of these seem real."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Items:
-    """What is judged, half of it real."""
+    """Items to judge, half of them real."""
 
     is_real: Bool[Tensor, " num_items"]
     frames: Int64[ndarray, " num_items"]
     """The frame of each on its side."""
     views: Mapping[str, Tensor]
-    """What a judge may be shown of them."""
+    """Views of the items for judges."""
     features: Mapping[str, tuple[str, ...]]
     """The names of a view's columns, where they have any."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Verdicts:
-    """How a judge did."""
+    """Verdicts of a judge."""
 
     is_real: Bool[ndarray, " num_items"]
     frames: Int64[ndarray, " num_items"]
@@ -112,15 +111,15 @@ def main(
     patches_per_frame: int = 16,
     max_frames: int | None = None,
 ) -> None:
-    """Prints two tables, then one line of JSON.
+    """Print two tables, then one line of JSON.
 
     Args:
-        real: KITTI's object tree.
-        simulated: An object tree of `sightline simulate`.
-        split: The real frames: a list in ImageSets, or a text file with one name a line.
-        repeats: How often frames are parted and judges trained, each time with another seed.
-        patches_per_frame: Plain patches.
-        max_frames: Simulated frames looked at; None: all.
+        real: KITTI object tree.
+        simulated: Object tree of `sightline simulate`.
+        split: List of the real frames in ImageSets, or a text file with one name a line.
+        repeats: Number of splits and trainings, each with another seed.
+        patches_per_frame: Number of plain patches.
+        max_frames: Maximum number of simulated frames; None: all.
     """
     torch.set_num_threads(1)
     sides = (
@@ -142,14 +141,13 @@ def main(
     ranking = rank(halves)
     show(sides, results, ranking)
     setting = {"split": split, "repeats": repeats, "frames": [side.num_frames for side in sides]}
-    record = {"machine": describe_machine(), **setting, "results": results, "ranking": ranking}
-    print(json.dumps(record))
+    print_record({**setting, "results": results, "ranking": ranking}, seed=0)
 
 
 def part(
     sides: tuple[Frames, Frames], seed: int
 ) -> tuple[Mapping[str, Items], Mapping[str, Items]]:
-    """Halves of the frames of both sides, real first; by subject, half real and half simulated."""
+    """Split the frames of both sides, real first, into halves; by subject, half real."""
     rng = np.random.default_rng(seed)
     orders = [rng.permutation(side.num_frames) for side in sides]
     first, second = (
@@ -229,14 +227,14 @@ def _first_half(count: int) -> Bool[Tensor, " {count}"]:
 
 
 def verdict(judge: Judge, view: str, known: Items, asked: Items) -> Verdicts:
-    """Shows a judge one half and asks it about the other."""
+    """Train a judge on one half and let it judge the other."""
     said = judge(known.views[view], known.is_real, asked.views[view])
     right = said == asked.is_real
     return Verdicts(is_real=asked.is_real.numpy(), frames=asked.frames, right=right.numpy())
 
 
 def score(given: list[Verdicts]) -> dict[str, float]:
-    """Balanced accuracy over all, its interval over frames, and its spread over repeats."""
+    """Compute the balanced accuracy, its interval over frames, and its spread over repeats."""
     is_real = np.concatenate([one.is_real for one in given])
     frames = np.concatenate([one.frames for one in given])
     right = np.concatenate([one.right for one in given])
@@ -258,7 +256,7 @@ def score(given: list[Verdicts]) -> dict[str, float]:
 
 
 def rank(halves: list[Mapping[str, Items]]) -> dict[str, list[dict[str, str | float]]]:
-    """By table, the features that part the sides best: mean over halves of each one's area."""
+    """Rank, by table, the features that separate the sides best, by their mean area over halves."""
     tables: dict[str, list[dict[str, str | float]]] = {}
     for subject, view in (
         ("car", "pose"),
@@ -292,7 +290,7 @@ def show(
     results: list[dict[str, str | float]],
     ranking: dict[str, list[dict[str, str | float]]],
 ) -> None:
-    """For a person."""
+    """Print the tables."""
     for name, side in zip(("real", "simulated"), sides, strict=True):
         print(f"{name}: {side.num_frames} frames, {len(side.cars)} cars")
     print(f"{'':<44}{'balanced accuracy':>18}{'95 %':>16}{'repeats +-':>12}")

@@ -35,7 +35,7 @@ _PLACES_X, _PLACES_Y = (-580, 520), (0, 120)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CarCrop:
-    """A car: its points in the frame of its box, and what the camera shows of it."""
+    """Car: its points in the frame of its box, and its image patch."""
 
     frame: int
     points: Float[Tensor, "num_points 4"]
@@ -54,18 +54,18 @@ class CarCrop:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Frames:
-    """One side: the cars and the plain patches of its frames."""
+    """Cars and plain patches of one side's frames."""
 
     num_frames: int
     cars: tuple[CarCrop, ...]
     patches: UInt8[Tensor, "num_patches 3 size size"]
-    """As many of each frame, at the same places on both sides."""
+    """Patches: the same number for each frame, at the same places on both sides."""
 
 
 def cut_frames(
     root: Path, sample_list: str | None, patches_per_frame: int, max_frames: int | None = None
 ) -> Frames:
-    """Reads an object tree.
+    """Read an object tree.
 
     Raises:
         ValueError: There are no frames, or one lacks a part.
@@ -84,7 +84,7 @@ def cut_frames(
 
 
 def match(real: Sequence[CarCrop], simulated: Sequence[CarCrop]) -> list[tuple[int, int]]:
-    """Pairs of alike distance, view and occlusion: each real car with another simulated one."""
+    """Pair each real car with another simulated one of similar distance, view and occlusion."""
     places = [_pose(cars) for cars in (real, simulated)]
     distance, angle, occlusion = (
         places[0][:, None, column] - places[1][None, :, column] for column in range(3)
@@ -144,7 +144,7 @@ def _car(
 def _car_patch(
     sample: CameraLidarSample, box: Boxes3D
 ) -> UInt8[Tensor, "3 {PATCH_PX} {PATCH_PX}"] | None:
-    """The square around the projected 3D box (2D boxes may be drawn by another rule), resized."""
+    """Cut and resize the square around the projected 3D box; 2D boxes may follow another rule."""
     assert sample.image is not None, f"{sample.sample_id} was read without its image"
     pixels = project_points(box.corners()[0], sample.calibration).pixels
     low, high = pixels.amin(dim=0), pixels.amax(dim=0)
@@ -175,6 +175,6 @@ def _plain_patches(
 
 
 def _places(frame: int, count: int) -> Int64[ndarray, "{count} 2"]:
-    """The same for frame N of either side."""
+    """Draw the patches' places, the same for frame N of either side."""
     rng = np.random.default_rng(frame)
     return np.column_stack((rng.integers(*_PLACES_X, count), rng.integers(*_PLACES_Y, count)))

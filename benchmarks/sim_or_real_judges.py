@@ -1,4 +1,4 @@
-"""Those who tell real from simulated, for `benchmarks.sim_or_real`: small networks, plain sums."""
+"""Judges for `benchmarks.sim_or_real`: small networks and hand-made features."""
 
 from collections.abc import Callable
 
@@ -26,7 +26,7 @@ class PointJudge(nn.Module):
         self.all = nn.Sequential(nn.Dropout(0.3), nn.Linear(256, 32), nn.ReLU(), nn.Linear(32, 1))
 
     def forward(self, cars: Float[Tensor, "batch num_points fields"]) -> Float[Tensor, " batch"]:
-        """Above 0 where a car seems real."""
+        """Predict values above 0 where a car seems real."""
         each = self.each(cars)
         logits: Tensor = self.all(torch.cat((each.amax(dim=1), each.mean(dim=1)), dim=1))
         return logits[:, 0]
@@ -35,7 +35,7 @@ class PointJudge(nn.Module):
     def augmented(
         cars: Float[Tensor, "batch num_points fields"],
     ) -> Float[Tensor, "batch num_points fields"]:
-        """Some are mirrored, left for right."""
+        """Mirror some, left for right."""
         flip = torch.rand(len(cars), 1) < 0.5
         return torch.cat(
             (
@@ -60,7 +60,7 @@ class PatchJudge(nn.Module):
         self.head = nn.Sequential(nn.Dropout(0.3), nn.Linear(64, 1))
 
     def forward(self, patches: UInt8[Tensor, "batch 3 height width"]) -> Float[Tensor, " batch"]:
-        """Above 0 where a patch seems real."""
+        """Predict values above 0 where a patch seems real."""
         logits: Tensor = self.head(self.features(patches.float() / 128 - 1).mean(dim=(2, 3)))
         return logits[:, 0]
 
@@ -68,7 +68,7 @@ class PatchJudge(nn.Module):
     def augmented(
         patches: UInt8[Tensor, "batch 3 height width"],
     ) -> UInt8[Tensor, "batch 3 height width"]:
-        """Some are mirrored, left for right."""
+        """Mirror some, left for right."""
         return torch.where(torch.rand(len(patches), 1, 1, 1) < 0.5, patches.flip(-1), patches)
 
 
@@ -80,7 +80,7 @@ def judge_by_network(
     make: Callable[[Tensor], PointJudge | PatchJudge],
     steps: int,
 ) -> Bool[Tensor, " num_asked"]:
-    """Trains on items and whether they are real; which of `asked` seem real."""
+    """Train on items and whether they are real; return which of `asked` seem real."""
     judge = make(known)
     optimizer = torch.optim.AdamW(judge.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
@@ -124,7 +124,7 @@ def judge_by_features(
 
 
 def drawn_points(cars: list[CarCrop], seed: int) -> Float[Tensor, "num_cars num_points 4"]:
-    """As many points of each car, drawn with repetition where it has fewer."""
+    """Draw the same number of points of each car, with repetition where it has fewer."""
     generator = torch.Generator().manual_seed(seed)
     rows = []
     for car in cars:
@@ -136,7 +136,7 @@ def drawn_points(cars: list[CarCrop], seed: int) -> Float[Tensor, "num_cars num_
 
 
 def pose_features(car: CarCrop) -> dict[str, float]:
-    """What was matched, and the label: nothing that a sensor has seen."""
+    """Features of the matching and the label, without sensor data."""
     angle = torch.tensor(car.view_angle)
     return {
         "log distance": float(torch.tensor(car.distance_m).log()),
@@ -147,7 +147,7 @@ def pose_features(car: CarCrop) -> dict[str, float]:
 
 
 def shape_features(car: CarCrop) -> dict[str, float]:
-    """What geometry alone tells."""
+    """Features of geometry alone."""
     places, size = car.points[:, :3], car.size_lwh
     extent = places.quantile(0.98, dim=0) - places.quantile(0.02, dim=0)
     from_sides = (size[:2] / 2 - places[:, :2].abs()).amin(dim=1)
@@ -168,7 +168,7 @@ def shape_features(car: CarCrop) -> dict[str, float]:
 
 
 def _along_rings(car: CarCrop) -> dict[str, float]:
-    """Faults of the laser between neighbours, which follow one another in KITTI's order."""
+    """Faults of the laser between neighbours in KITTI's order."""
     steps = car.azimuths.diff()
     near = (steps > 0) & (steps < 0.05)
     if int(near.sum()) < 3:
@@ -186,7 +186,7 @@ def _along_rings(car: CarCrop) -> dict[str, float]:
 
 
 def reflectance_features(car: CarCrop) -> dict[str, float]:
-    """What the reflectance tells."""
+    """Features of the reflectance."""
     values, height = car.points[:, 3], car.points[:, 2]
     high = values[height > 0.55 * car.size_lwh[2]]
     return {
@@ -202,7 +202,7 @@ def reflectance_features(car: CarCrop) -> dict[str, float]:
 
 
 def patch_features(patch: UInt8[Tensor, "3 height width"]) -> dict[str, float]:
-    """Brightness, colour, grain and edges."""
+    """Features of brightness, colour, grain and edges."""
     color = patch.float()
     grey = color.mean(dim=0)
     mean = color.mean(dim=(1, 2)) + 1
@@ -226,7 +226,7 @@ def patch_features(patch: UInt8[Tensor, "3 height width"]) -> dict[str, float]:
 def area_under_curve(
     values: Float[Tensor, " num_items"], is_real: Bool[Tensor, " num_items"]
 ) -> float:
-    """How often a real item has the larger value (ties count half): 0.5 tells nothing."""
+    """Share of pairs in which the real item has the larger value; ties: half; 0.5 is chance."""
     real, simulated = values[is_real], values[~is_real]
     signs: Int64[Tensor, "num_real num_simulated"] = (real[:, None] > simulated).long() - (
         real[:, None] < simulated

@@ -1,4 +1,4 @@
-"""Times the street simulator: `python -m benchmarks.simulate`.
+"""Time and memory of the street simulator: `python -m benchmarks.simulate`.
 
 Its last line is kept in benchmarks/results/simulate.json.
 
@@ -13,7 +13,6 @@ Its last line is kept in benchmarks/results/simulate.json.
 - Two workers against one: wall time of whole runs, in turns, after a warm-up.
 """
 
-import json
 import statistics
 import subprocess
 import sys
@@ -27,21 +26,15 @@ from typing import TypeVar
 import jsonargparse
 import numpy as np
 
-from benchmarks.machine import describe_machine
-from sightline.data.parallel import one_blas_thread
-from sightline.simulation.camera import CameraConfig, render_camera
-from sightline.simulation.generate import simulate
+from benchmarks.record import print_record
+from sightline.jobs.pool import one_blas_thread
+from sightline.simulation.camera.camera import CameraConfig, render_camera
+from sightline.simulation.generate import ObjectLayout, simulate
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import take_sweep
-from sightline.simulation.raycast import Raycaster
+from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.settings import SimulationConfig
-from sightline.simulation.simulator import (
-    calibration_of,
-    lidar_of,
-    simulate_frame,
-    simulate_street,
-)
-from sightline.simulation.writer import ObjectLayout
+from sightline.simulation.simulator import calibration_of, lidar_of, simulate_frame, simulate_street
 
 Result = TypeVar("Result")
 
@@ -55,7 +48,7 @@ class Stages:
         self.seconds: dict[str, list[float]] = {}
 
     def time(self, name: str, work: Callable[[], Result]) -> Result:
-        """Does the work and notes how long it took."""
+        """Do the work and record its time."""
         start = time.process_time()
         result = work()
         self.seconds.setdefault(name, []).append(time.process_time() - start)
@@ -63,7 +56,7 @@ class Stages:
 
 
 def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: int = 11) -> None:
-    """Prints a table, then one line of JSON."""
+    """Print a table, then one line of JSON."""
     config = SimulationConfig(seed=seed)
     whole, stages = Stages(), Stages()
     with tempfile.TemporaryDirectory() as folder, one_blas_thread():  # as in a worker
@@ -89,22 +82,15 @@ def main(frames: int = 12, parallel_frames: int = 24, repeats: int = 3, seed: in
         f"wall, a frame    {speed['one_worker_s']:7.3f} s with one worker, "
         f"{speed['two_workers_s']:.3f} s with two: {speed['speed_up']:.2f} x"
     )
-    setting = {"image_size": config.image_size, "frames": frames, "seed": seed}
-    record = {
-        "machine": describe_machine(),
-        **setting,
-        "results": results,
-        "without_camera": ratio,
-        "memory": memory,
-        **speed,
-    }
-    print(json.dumps(record))
+    setting = {"image_size": config.image_size, "frames": frames}
+    figures = {"results": results, "without_camera": ratio, "memory": memory, **speed}
+    print_record({**setting, **figures}, seed=seed)
 
 
 def time_frame(
     config: SimulationConfig, index: int, layout: ObjectLayout, whole: Stages, stages: Stages
 ) -> None:
-    """Makes a frame as `simulate` does, and once more by stages."""
+    """Make a frame as `simulate` does, and once more by stages."""
     for name, camera in (("frame", True), ("without camera", False)):
         chosen = replace(config, camera=camera)
         files = replace(layout, camera=camera).frame(index)
@@ -137,7 +123,7 @@ def time_frame(
 
 
 def time_workers(config: SimulationConfig, frames: int, repeats: int) -> dict[str, float]:
-    """Wall time a frame with one worker and with two."""
+    """Measure the wall time of a frame with one worker and with two."""
     seconds: dict[int, list[float]] = {1: [], 2: []}
     for _ in range(repeats):
         for workers, times in seconds.items():
@@ -150,13 +136,13 @@ def time_workers(config: SimulationConfig, frames: int, repeats: int) -> dict[st
 
 
 def spread(values: list[float]) -> dict[str, float]:
-    """Median and distance between the quartiles."""
+    """Compute the median and the interquartile range."""
     low, median, high = statistics.quantiles(values, n=4)
     return {"median_s": median, "iqr_s": high - low}
 
 
 def measure_memory(seed: int, frames: int, workers: int) -> dict[str, dict[str, float]]:
-    """Largest figures of the command's own process and of any of its workers."""
+    """Measure the peak of the command's own process and of any of its workers."""
     most: dict[str, dict[str, float]] = {}
     if not Path("/proc/self/smaps_rollup").is_file():
         return most
@@ -177,14 +163,14 @@ def measure_memory(seed: int, frames: int, workers: int) -> dict[str, dict[str, 
 
 
 def children_of(pid: int) -> Iterator[int]:
-    """Processes that a process has started."""
+    """List the processes that a process has started."""
     for folder in Path("/proc").glob("[0-9]*"):
         if facts_of(folder / "status").get("PPid", "").strip() == str(pid):
             yield int(folder.name)
 
 
 def memory_of(pid: int) -> dict[str, float]:
-    """What a process has held at most so far, and its share of it now; empty if it has ended."""
+    """Read a process's peak memory so far, and its share now; empty if it has ended."""
     folder = Path(f"/proc/{pid}")
     facts = facts_of(folder / "status") | facts_of(folder / "smaps_rollup")
     names = {"resident_mb": "VmHWM", "share_mb": "Pss"}
@@ -196,7 +182,7 @@ def memory_of(pid: int) -> dict[str, float]:
 
 
 def facts_of(path: Path) -> dict[str, str]:
-    """What a file of lines `name: value` says; nothing where its process has ended."""
+    """Read a file of lines `name: value`; empty where its process has ended."""
     try:
         lines = path.read_text().splitlines()
     except OSError:

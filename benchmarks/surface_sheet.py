@@ -1,4 +1,4 @@
-"""Draws surfaces of completed depth, as networks give it and smoothed.
+"""Surfaces of completed depth, before and after smoothing.
 
 `python -m benchmarks.surface_sheet`: the image of an embedded frame, and below it the normals of
 both maps, whose three parts are red, green and blue.
@@ -14,8 +14,8 @@ from jaxtyping import Float, Float32, UInt8
 
 from benchmarks.sheet_file import write_sheet
 from sightline.data.open import open_dataset
-from sightline.data.weights import read_weights, write_weights
 from sightline.depth_completion.predictor import DepthPredictor
+from sightline.files.weights import read_weights, write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 _MOST_BYTES = 500_000
@@ -24,12 +24,12 @@ _MOST_BYTES = 500_000
 def main(
     out: Path = Path("docs/pictures/surfaces.jpg"), weights: str = "depth-best", frame: int = 0
 ) -> None:
-    """Writes the picture.
+    """Write the picture.
 
     Args:
-        out: JPEG to write.
-        weights: A network of depth completion that smooths planes.
-        frame: Which of the embedded frames.
+        out: JPEG file to write.
+        weights: Name or file of a depth network that smooths planes.
+        frame: Index of the embedded frame.
     """
     torch.set_num_threads(1)
     sample = open_dataset(PACKAGED_FRAMES, parts={"image", "points"})[frame]
@@ -53,7 +53,7 @@ def _without_smoothing(weights: str, folder: Path) -> Path:
 def _shaded(
     depth_m: Float32[np.ndarray, "height width"], camera: Float[np.ndarray, "3 3"]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Normals by the next pixels, which point to the camera: -1 dark, 1 bright."""
+    """Compute normals from neighbouring pixels, towards the camera: -1 dark, 1 bright."""
     rows, columns = np.mgrid[: depth_m.shape[0], : depth_m.shape[1]]
     rays = np.stack((columns, rows, np.ones_like(rows)), axis=-1) @ np.linalg.inv(camera).T
     points = rays * depth_m[..., None].astype(np.float64)

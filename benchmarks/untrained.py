@@ -1,4 +1,4 @@
-"""Networks of recipes whose weights do not come with the package, to be timed all the same."""
+"""Networks of recipes whose weights do not come with the package, for timing."""
 
 import json
 from dataclasses import asdict
@@ -9,20 +9,20 @@ import torch
 import yaml
 from torch import nn
 
-from sightline.data.settings import parse_settings
-from sightline.data.weights import write_weights
-from sightline.data.weights_header import shipped_names
+from sightline.files.settings import parse_settings
+from sightline.files.weights import write_weights
+from sightline.files.weights_header import shipped_names
 from sightline.inference.network import NetworkTask
 from sightline.tasks import PACKAGE_RECIPES
 
 
 def shipped_or_untrained(recipe: str, task: NetworkTask[nn.Module], folder: Path) -> str | Path:
-    """The name of the weights that come with the package, or a file of the recipe's untrained ones.
+    """Name the shipped weights, or write a file of the recipe's untrained ones.
 
     Args:
-        recipe: Its name, which is that of the weights, too.
-        task: Whose network it is.
-        folder: Where the file is written.
+        recipe: Name of the recipe and of its weights.
+        task: Task of the network.
+        folder: Folder of the file.
     """
     if recipe in shipped_names():
         return recipe

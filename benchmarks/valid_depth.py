@@ -1,18 +1,17 @@
-"""What `--valid-only` keeps of depth: `python -m benchmarks.valid_depth --data KITTI`.
+"""Depth kept by `--valid-only`: `python -m benchmarks.valid_depth --data KITTI`.
 
 Errors of the pixels that a method vouches for, and of the others, on held-out rings or on dense
 truth, pooled over all frames. Of networks also by other limits of the expected error than the one
 in use. Its last lines are kept in benchmarks/results/valid_depth.json.
 """
 
-import json
 from pathlib import Path
 
 import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
+from benchmarks.record import print_record
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.depth_completion.postprocess import TRUSTED_SHARE
@@ -37,19 +36,19 @@ def main(
     velodyne: Velodyne = "velodyne",
     engine: EngineName = "torch",
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
         data: KITTI object tree with calibration, images and sweeps.
         methods: Methods without training.
         weights: Names or files of trained weights.
-        beams: How many of the sensor's the methods get.
-        sample_list: Which frames: a list in ImageSets, or a text file with one name a line.
-        every: Takes every so many of them.
-        max_frames: And no more than so many.
-        truth: What is true; see `sightline evaluate held-out`.
+        beams: Numbers of beams that the methods get.
+        sample_list: List of frames in ImageSets, or a text file with one name a line.
+        every: Step between frames.
+        max_frames: Maximum number of frames.
+        truth: Kind of truth; see `sightline evaluate held-out`.
         velodyne: Folder of the sweeps.
-        engine: What runs the networks.
+        engine: Inference engine of the networks.
     """
     torch.set_num_threads(1)
     parts: set[Part] = {"image", "points"} if truth == "rings" else {"image", "points", "depth"}
@@ -85,17 +84,17 @@ def main(
             "kept_mm": kept, "others_mm": others,
         })  # fmt: skip
     setting = {"frames": len(chosen), "data": data.name, "truth": truth, "in_use": TRUSTED_SHARE}
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=None, weights=weights)
 
 
 def _pixels(
     frame: HeldOutFrame, completer: Completer, beams: int
 ) -> dict[float, tuple[np.ndarray, float]]:
-    """Signed errors [mm] of the pixels with truth and value, and whether each is valid.
+    """Compute signed errors [mm] of the pixels with truth and value, and whether each is valid.
 
-    And the share of the image's pixels that are.
+    With the share of the image's pixels that are valid.
 
-    By the limit of the expected error, as a share of the depth; 0: as the method says.
+    By limit of the expected error, as a share of the depth; 0: the method's own.
     """
     sample = frame.with_beams(beams)
     answer: DepthMap = completer(sample)
@@ -116,7 +115,7 @@ def _pixels(
 
 
 def _summary(error_mm: np.ndarray) -> list[float] | None:
-    """RMSE, MAE and median of the absolute errors; None of no pixel."""
+    """Compute RMSE, MAE and median of the absolute errors; None without pixels."""
     if not len(error_mm):
         return None
     size = np.abs(error_mm)

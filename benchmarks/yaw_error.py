@@ -1,4 +1,4 @@
-"""Measures the estimate of the LiDAR's yaw error: `python -m benchmarks.yaw_error KITTI`.
+"""Errors of the estimated yaw between the sensors: `python -m benchmarks.yaw_error KITTI`.
 
 Frames are turned by known angles, several frames at a time by one; what the estimate misses them by
 is the error. A turn that the data's own calibration has already stays in it: so the error is given
@@ -6,7 +6,6 @@ against the known turn, and against the known turn plus what all frames together
 last line is kept in benchmarks/results/yaw_error.json.
 """
 
-import json
 import statistics
 import time
 from collections.abc import Sequence
@@ -19,8 +18,8 @@ import jsonargparse
 import numpy as np
 import torch
 
-from benchmarks.machine import describe_machine
-from sightline.data.augmentation import rotate_extrinsics
+from benchmarks.record import print_record
+from sightline.augmentation.sample_changes import rotate_extrinsics
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
 from sightline.health.yaw_error import LARGEST_DEG, EdgeMatch, estimate_yaw, match_edges
@@ -38,17 +37,17 @@ def main(
     in_a_row: bool = False,
     seed: int = 0,
 ) -> None:
-    """Prints a table, then one line of JSON.
+    """Print a table, then one line of JSON.
 
     Args:
         data: KITTI object tree or raw drive.
-        sample_list: Which frames.
+        sample_list: List of frames.
         velodyne: Folder of the sweeps in an object tree.
-        frames: How many of them, evenly spaced.
-        groups: Estimates for each size.
-        sizes: How many frames an estimate is made of.
+        frames: Number of frames, evenly spaced.
+        groups: Number of estimates for each size.
+        sizes: Numbers of frames in an estimate.
         in_a_row: Whether an estimate's frames follow each other, as in a drive, or are drawn.
-        seed: Of angles and groups.
+        seed: Seed of angles and groups.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -88,7 +87,7 @@ def main(
         "ms": round(milliseconds, 1),
         "edges": statistics.median(match.num_edges for match in unturned),
     }
-    print(json.dumps({"machine": describe_machine(), **setting, "results": results}))
+    print_record({**setting, "results": results}, seed=seed)
 
 
 def _group(

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+RESULTS = (ROOT / "docs" / "results.md", *(ROOT / "docs" / "results").glob("*.md"))
 FILES = sorted((ROOT / "src" / "sightline" / "weights").iterdir())
 TEXT = (ROOT / "docs" / "models.md").read_text()
 CARDS = dict(re.findall(r"^## (.+)\n((?:(?!## ).*\n)*)", TEXT, re.MULTILINE))
@@ -54,7 +55,7 @@ def test_a_card_is_of_its_file(file):
 
 @pytest.mark.parametrize("name", CARDS)
 def test_the_scores_of_a_card_stand_in_the_results(name):
-    results = (ROOT / "docs" / "results.md").read_text().replace("**", "")
+    results = "".join(page.read_text() for page in RESULTS).replace("**", "")
     scores = [text for row, text in rows_of(CARDS[name]).items() if row.startswith("scores")]
     assert len(scores) == 2
     for interval in re.findall(r"\d+ \[[\d, ]+\]", " ".join(scores)):

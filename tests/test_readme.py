@@ -11,6 +11,7 @@ import pytest
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 ROOT = Path(__file__).parent.parent
+RESULTS = (ROOT / "docs" / "results.md", *(ROOT / "docs" / "results").glob("*.md"))
 README = (ROOT / "README.md").read_text()
 MARKED = dict(
     re.findall(r"<!-- tests/test_readme.py runs [^>]*-->\n```(\w+)\n(.*?)```", README, re.DOTALL)
@@ -19,7 +20,7 @@ COMMANDS = [line.removeprefix("$ ") for line in MARKED["console"].splitlines()]
 
 
 def test_every_figure_of_the_readme_on_how_good_it_is_stands_in_the_results():
-    results = (ROOT / "docs" / "results.md").read_text()
+    results = "".join(page.read_text() for page in RESULTS)
     section = README.partition("\n## How good it is\n")[2].partition("\n## ")[0]
     figures = set(re.findall(r"\d[\d.,]*\d|\d", re.sub(r"\[[^\]]*\]\([^)]*\)", "", section)))
     assert len(figures) > 40

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sightline.cli.main import _commands
-from sightline.simulation.presets import PRESETS
+from sightline.simulation.settings import PRESETS
 
 ROOT = Path(__file__).parent.parent
 MAX_LINES = 600

@@ -20,6 +20,12 @@ _CASES = {
     'perceiver("depth-best")': "weights is of type str, expected a dictionary",
     'perceiver({"detection2d": "detection2d-fast-cpu"}, threads="2")': "at least 1, got '2'",
     'perceiver({"detection2d": "detection2d-fast-cpu"}, threads=0)': "at least 1, got 0",
+    'given.calibration.crop("1", 2)': "Calibration.crop: x_min is of type str, expected int",
+    'given == None': "False",
+    'given == sightline.open_dataset(PACKAGED_FRAMES)[0]': "True",
+    'given == sightline.open_dataset(PACKAGED_FRAMES)[1]': "False",
+    'len({given, sightline.open_dataset(PACKAGED_FRAMES)[0]})': "1",
+    'list(sightline.check_tree(5))': "check_tree: root is of type int, expected Path or str",
     'sightline.open_dataset(PACKAGED_FRAMES, sample_list=[1])': "holds 1, expected names such as",
 }  # fmt: skip
 _PROGRAM = """
@@ -36,7 +42,7 @@ said = {}
 for case in json.loads(sys.argv[1]):
     try:
         said[case] = repr(eval(case))
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         said[case] = str(error)
 print(json.dumps(said))
 """
@@ -54,3 +60,48 @@ def said():
 def test_a_wrong_argument_is_refused_in_one_line(said, case):
     assert _CASES[case] in said[case]
     assert "\n" not in said[case]
+
+
+_WALK = """
+import inspect, json, warnings
+import sightline
+
+warnings.simplefilter("ignore")
+
+def public():
+    for name in sightline.__all__:
+        given = getattr(sightline, name)
+        if callable(given):
+            yield name, given
+        for inner, method in vars(given).items() if inspect.isclass(given) else ():
+            if isinstance(method, classmethod) and not inner.startswith("_"):
+                yield f"{name}.{inner}", getattr(given, inner)
+
+said = {}
+for name, function in public():
+    parameters = inspect.signature(function).parameters.values()
+    names = [each.name for each in parameters if each.default is each.empty]
+    for wrong in (None, 3.5):
+        try:
+            made = function(**dict.fromkeys(names, wrong))
+            next(made) if inspect.isgenerator(made) else None
+        except Exception as error:
+            said[f"{name}({wrong})"] = type(error).__name__, str(error), names
+        else:
+            said[f"{name}({wrong})"] = "nothing", "", names
+print(json.dumps(said))
+"""
+
+
+def test_every_public_function_names_an_argument_of_a_wrong_type_in_one_line():
+    command = [sys.executable, "-c", _WALK]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    said = json.loads(run.stdout)
+    assert len(said) > 60
+    for call, (kind, message, names) in said.items():
+        assert kind in ("TypeError", "TypeCheckError", "ValueError", "FileError"), (call, message)
+        assert "\n" not in message
+        told = message.replace("_", " ")
+        assert any(name.replace("_", " ").rstrip("s") in told for name in names) or (
+            kind == "ValueError"  # which says what is expected in its own words
+        ), (call, message)

@@ -1,5 +1,6 @@
 """Starts the command line."""
 
+import os
 import sys
 import warnings
 from io import TextIOWrapper
@@ -8,12 +9,13 @@ from io import TextIOWrapper
 def run() -> int:
     """The exit status of the command.
 
-    Ctrl-C, or SIGTERM to a training, ends it in one line while it is being imported, too.
+    Ctrl-C, SIGTERM and SIGHUP end it in one line while it is being imported, too.
     """
     try:
+        _open_standard_streams()
         from sightline.cli.interrupts import keep_interrupts
 
-        keep_interrupts(sys.argv[1:])
+        keep_interrupts()
         from sightline.cli.main import main
         from sightline.cli.output import format_warning
 
@@ -24,6 +26,21 @@ def run() -> int:
     except KeyboardInterrupt as error:
         print("sightline: interrupted", file=sys.stderr)
         return getattr(error, "exit_status", 130)  # 130 of Ctrl-C, by Python's own handler too
+
+
+def _open_standard_streams() -> None:
+    """Open the null device for closed standard streams; files and pipes would take their place.
+
+    Python prints to stdout what is meant for a closed stderr, and compiled libraries write to
+    descriptor 2 whatever it is.
+    """
+    descriptor = 0
+    while descriptor <= 2:  # the system gives the lowest that is free
+        descriptor = os.open(os.devnull, os.O_RDWR)
+        os.set_inheritable(descriptor, descriptor <= 2)
+    os.close(descriptor)
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,12 @@
 from inspect import signature
+from pathlib import Path
+from typing import Literal
 
 import pytest
 from docstring_parser import parse
 
-from sightline.cli.main import _commands
+from sightline.cli.help_formatter import plain_type
+from sightline.cli.main import _commands, main
 
 
 def flat(commands, words=()):
@@ -21,3 +24,28 @@ def test_the_help_of_a_command_tells_of_each_argument_in_whole_sentences(command
     told = {each.arg_name: each.description or "" for each in parse(command.__doc__).params}
     texts = {name: told.get(name, "") for name in signature(command).parameters}
     assert not {name for name, text in texts.items() if not text.endswith((".", ")"))}
+
+
+@pytest.mark.parametrize(
+    ("hint", "words"),
+    [
+        (Path, "path"),
+        (Path | None, "path"),
+        (int | None, "whole number"),
+        (Literal["a", "b"] | None, "one of a, b"),
+        (str | Path, "text or path"),
+        (tuple[int, ...], None),
+    ],
+)
+def test_types_are_named_in_words(hint, words):
+    assert plain_type(hint) == words
+
+
+@pytest.mark.parametrize("command", [["evaluate", "held-out"], ["perceive"], ["simulate"]])
+def test_help_shows_no_python_types(command, capsys):
+    with pytest.raises(SystemExit):
+        main([*command, "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "(required, type: path)" in said
+    for word in ("class '", "Optional[", "Literal[", "null", "()"):
+        assert word not in said

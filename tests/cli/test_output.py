@@ -1,4 +1,7 @@
 import ast
+import os
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -65,3 +68,41 @@ def test_every_printed_line_of_the_commands_goes_this_way():
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print"
     }
     assert calls == {"output.py"}
+
+
+def shell(command, folder):
+    """Runs `sightline`, put in the place of the braces, in a shell."""
+    words = ["sh", "-c", command.format(f"'{sys.executable}' -m sightline")]
+    return subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, check=False, timeout=300
+    )
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "0<&- 1>&- 2>&-", "2>/dev/full"])
+def test_an_error_without_a_place_to_tell_it_keeps_its_exit_status(tmp_path, closed):
+    done = shell(f"{{}} check nothing {closed}", tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
+
+
+def test_closed_streams_leave_no_descriptor_to_files(tmp_path):
+    (tmp_path / "program.py").write_text(
+        "import os; from sightline import __main__\n"
+        "__main__._open_standard_streams()\n"
+        "with open('said', 'w') as said:\n"
+        "    print(said.fileno() > 2, [os.fstat(each).st_rdev for each in range(3)], file=said)\n"
+    )
+    shell(f"'{sys.executable}' program.py <&- >&- 2>&-", tmp_path)
+    null = Path(os.devnull).stat().st_rdev
+    assert (tmp_path / "said").read_text() == f"True {[null] * 3}\n"
+
+
+def test_output_that_cannot_be_written_is_told_with_its_reason(tmp_path):
+    done = shell("{} tasks > /dev/full", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("sightline: standard output cannot be written: no space")
+
+
+def test_a_folder_that_is_gone_is_told(tmp_path):
+    done = shell("mkdir gone; cd gone; rmdir ../gone; {} check .", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("sightline: the current folder no longer exists")

@@ -59,3 +59,22 @@ def test_a_command_that_is_not_understood_is_answered_in_its_own_words(words, sa
         main(words.split())
     assert ended.value.code == 2
     assert capsys.readouterr().err == f"sightline: {' '.join(said.split())}\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["evaluate", "objects", "R", "L", "--json", "-"],
+        ["evaluate", "depth", "P", "T", "--json=-"],
+        ["predict", "depth-completion", "-", "OUT"],
+        ["perceive", "D", "OUT", "--video", "-"],
+        ["fit", "--config", "-"],
+    ],
+)
+def test_a_dash_is_no_file(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "stands for no file" in said
+    assert said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

@@ -5,10 +5,9 @@ import pytest
 
 from sightline.cli import main as cli
 from sightline.data.image_header import read_image_size
-from sightline.data.jobs import JobResult
+from sightline.jobs.run import JobResult
 from sightline.simulation import generate
-from sightline.simulation.presets import PRESETS, SimulatedSet
-from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.settings import PRESETS, SimulatedSet, SimulationConfig
 
 
 @pytest.fixture
@@ -127,7 +126,7 @@ def test_hard_streets_of_a_preset_can_be_refused(asked: list[dict]):
         (["--frames", "0"], "at least 1 frame"),
         (["--frames", "1000001"], "at most 1000000 frames"),
         (["--workers", "0"], "workers must be at least 1"),
-        (["--num-shards", "0"], "got 0 of 0"),
+        (["--num-shards", "0"], "num_shards must be at least 1, got 0"),
         (["--shard-index", "2", "--num-shards", "2"], "got 2 of 2"),
         (["--lidar", "sonar"], "sonar"),
         (["--preset", "street-9k"], "street-9k"),

@@ -12,20 +12,18 @@ from sightline.corruptions.camera_precipitation import (
     CameraRain,
     Exposure,
     draw_particles,
+    draw_streaks,
     from_light,
     to_light,
 )
-from sightline.corruptions.dirt import cover
 from sightline.corruptions.exposure import add_value, reduce_contrast
 from sightline.corruptions.haze import CameraFog, airlight_level, extinction_per_m, to_levels, veil
 from sightline.corruptions.kinds import KINDS
-from sightline.corruptions.noise import add_uniform_noise
-from sightline.corruptions.optics import blur, disc_kernel, line_kernel
+from sightline.corruptions.noise import add_uniform_noise, detect_photons
+from sightline.corruptions.optics import blur, cover, disc_kernel, line_kernel
 from sightline.corruptions.pixel_box import AreaDrawing
 from sightline.corruptions.precipitation import rain, snow
 from sightline.corruptions.scene_depth import scene_ranges
-from sightline.corruptions.shot_noise import detect_photons
-from sightline.corruptions.streak_kernel import draw_streaks
 from sightline.corruptions.sun_glare import shine
 from tests.data.scenes import SIZE, few, sample_of, seeds
 from tests.geometry.cameras import kitti_like_calibration

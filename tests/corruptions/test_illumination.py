@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.corruptions.illumination import CameraIllumination, brighten, disc_mask
+from sightline.corruptions.exposure import CameraIllumination, brighten, disc_mask
 from tests.data.scenes import SIZE, sample_of, seeds
 from tests.reference import corruptions as reference
 

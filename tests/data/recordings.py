@@ -61,10 +61,12 @@ def write_recording(
     picture: str = ".jpg",
     **changes: object,
 ) -> Path:
-    """A recording of the same frame again and again."""
-    for name in names:
-        write_rgb(folder / "images" / f"{name}{picture}", IMAGE)
-        write_cloud_file(folder / "points" / f"{name}{cloud}")
+    """A recording of one frame again and again, in which no two files are quite the same."""
+    for place, name in enumerate(names):
+        image = IMAGE.copy()
+        image[:8, : 8 * place] = 0
+        write_rgb(folder / "images" / f"{name}{picture}", image)
+        write_cloud_file(folder / "points" / f"{name}{cloud}", POINTS[: len(POINTS) - place])
     (folder / "calibration.yaml").write_text(yaml.safe_dump(calibration_entries(**changes)))
     return folder
 

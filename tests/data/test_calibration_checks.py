@@ -66,3 +66,19 @@ def test_the_calibrations_of_kitti_raise_no_doubt(kitti_root):
     for path in paths:
         size = read_image_size(kitti_root / "training" / "image_2" / f"{path.stem}.png")
         assert check_matrices(read_object_matrices(path), size, path) == []
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 1), (1, 0)])
+def test_skewed_pixel_axes_are_doubted(row, column):
+    skewed = matrices()
+    skewed.image_from_camera[row, column] = 30.0
+    (problem,) = check_matrices(skewed, SIZE, PATH)
+    assert "has skewed pixel axes" in problem.problem
+    skewed.image_from_camera[row, column] = 1.0
+    assert check_matrices(skewed, SIZE, PATH) == []
+
+
+def test_the_camera_matrix_of_another_resolution_is_doubted():
+    (problem,) = check_matrices(matrices(), (188, 621), PATH)
+    assert problem.problem.startswith("holds a camera matrix that has its principal point in the")
+    assert check_matrices(matrices(), (352, 1216), PATH) == []  # a crop

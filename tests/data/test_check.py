@@ -13,7 +13,7 @@ from sightline.data.frame_checks import Findings
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_files import write_points
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError, Problem
+from sightline.files.problem import FileError, Problem
 from tests.data.recordings import POINTS, write_cloud_file, write_recording
 from tests.data.trees import (
     LABELS,
@@ -147,7 +147,11 @@ def test_a_missing_file_is_named(tree, file):
             np.float32([9, 0, 0, 255]).tobytes(),
             "intensities from 255 to 255, expected 0 to 1",
         ),
-        ("velodyne/000002.bin", np.float32([-9, 0, 0, 0]).tobytes(), "none of its 1 points falls"),
+        (
+            "velodyne/000002.bin",
+            np.float32([(-9, place, 0, place / 99) for place in range(24)]).tobytes(),
+            "none of its 24 points falls",
+        ),
         ("image_2/000002.png", b"\x89PNG", "neither a PNG nor a JPEG|cut short"),
         ("image_2/000002.png", b"", "neither a PNG nor a JPEG"),
         ("calib/000002.txt", b"", "lacks P2"),
@@ -268,8 +272,18 @@ def test_frames_whose_names_other_commands_refuse_are_a_problem(tree):
     assert refused.value.problem == problem
 
 
+def test_a_picture_of_one_colour_among_others_is_a_problem_unless_it_was_corrupted(tree):
+    image = tree / "image_2" / "000002.png"
+    write_rgb(image, np.full((12, 40, 3), 90, np.uint8))
+    (line,) = lines(tree.parent)
+    assert line.startswith(f"{image}: is of one colour and shows nothing; look whether")
+    (tree / "corruption").mkdir()
+    assert lines(tree.parent) == []
+
+
 def test_a_handful_of_points_in_the_image_is_a_problem_in_trees_drives_and_recordings(tmp_path):
-    behind = torch.tensor([[-10.0, 1.0, -1.0, 0.5]]).repeat(267, 1)
+    behind = torch.rand(267, 4, generator=torch.Generator().manual_seed(0))
+    behind[:, 0] -= 11
     cloud = torch.cat((points(3), behind))
     write_object_frame(tmp_path / "tree", "000001")
     write_points(tmp_path / "tree" / "training" / "velodyne" / "000001.bin", cloud)
@@ -324,7 +338,7 @@ def test_an_image_of_another_size_than_its_depth_map_is_a_problem_with_both_size
 
 def test_a_simulated_trees_depth_maps_are_looked_at_beside_its_images(tree):
     for name in ("000001", "000002", "000003"):
-        write_depth_png(tree / "depth" / f"{name}.png", depth_map())
+        write_depth_png(tree / "depth" / f"{name}.png", np.full((12, 40), 7.0))
     assert lines(tree.parent) == []
     assert str(summarize_tree(tree.parent)[0]).endswith("label_2 3, depth 3)")
     (tree / "depth" / "000001.png").unlink()

@@ -22,7 +22,7 @@ def test_frames_follow_each_other_in_both_layouts(tmp_path, official):
     for number, sample in enumerate(drive):
         assert sample.sample_id == drive.sample_ids[number]
         assert torch.equal(sample.image, torch.from_numpy(picture(number)).permute(2, 0, 1))
-        assert torch.equal(sample.points, points(number))
+        assert torch.equal(sample.points, points(24 + number if number else 0))
         assert torch.equal(sample.calibration.image_from_lidar, calibration().image_from_lidar)
         assert sample.world_from_lidar is None
     assert len(drive[0].points) == 0  # a sweep of zero points is a sweep
@@ -217,3 +217,15 @@ def test_poses_are_read_row_by_row(tmp_path):
     (tmp_path / "poses.txt").write_text("0 -1 0 4 1 0 0 5 0 0 1 6\n")
     (pose,) = read_poses(tmp_path / "poses.txt")
     assert pose.tolist() == [[0, -1, 0, 4], [1, 0, 0, 5], [0, 0, 1, 6], [0, 0, 0, 1]]
+
+
+@pytest.mark.parametrize(("second", "third"), [(3, 2), (1, 1), (0, 2)])
+def test_times_that_do_not_rise_are_told_by_check_and_on_opening(tmp_path, second, third):
+    folder = write_drive(tmp_path / "day" / "drive")
+    (folder / "velodyne_points" / "timestamps.txt").unlink()
+    path = folder / "velodyne_points" / "Timestamps.TXT"  # the case does not matter
+    path.write_text("".join(f"2011-09-26 13:02:2{each}.5\n" for each in (0, second, third)))
+    with pytest.warns(UserWarning, match="do not rise from frame to frame: 1 of 3 fall or stay"):
+        KittiRawDrive(folder)
+    (problem,) = check_tree(folder)
+    assert problem.path == path

@@ -85,8 +85,9 @@ def test_check_tells_labels_of_another_camera_but_not_of_corrupted_trees(tmp_pat
     shutil.copytree(FRAMES, root / "training", ignore=shutil.ignore_patterns("depth"))
     for path in (root / "training/calib").iterdir():
         lines = path.read_text().splitlines()
-        halved = " ".join(str(float(word) / 2) for word in lines[2].split()[1:9])
-        lines[2] = f"P2: {halved} 0 0 1 0"
+        words = lines[2].split()
+        words[1], words[6] = (str(float(words[place]) / 2) for place in (1, 6))  # focal lengths
+        lines[2] = " ".join(words)
         path.write_text("\n".join(lines))
 
     def problems() -> list[str]:

@@ -16,13 +16,13 @@ from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     recording_calibration_text,
 )
+from sightline.files.problem import FileError
 from sightline.geometry.tilt import Tilt
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.level import level_sample
@@ -54,7 +54,7 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     dataset = open_dataset(tmp_path)
     assert isinstance(dataset, RecordingDataset)
     assert dataset.sample_ids == ("a", "b")
-    sample = dataset[1]
+    sample = dataset[0]
     torch.testing.assert_close(sample.points, SAMPLE.points, rtol=0, atol=1e-6)
     assert sample.image_size == SAMPLE.image_size
     assert (sample.image.float() - SAMPLE.image).abs().mean() < (8 if picture == ".jpg" else 1e-9)
@@ -422,7 +422,7 @@ def test_images_that_lie_on_their_side_are_told_to_be_turned(tmp_path):
 
 def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_path):
     write_recording(tmp_path, ("a", "b", "c"), cloud=".npy")
-    write_cloud_file(tmp_path / "points" / "b.npy", POINTS[:3])  # shows no road
+    write_cloud_file(tmp_path / "points" / "b.npy", POINTS[:25])  # shows no road
     assert open_dataset(tmp_path, sample_list=("b",))[0].lidar_height_m == pytest.approx(
         1.73, abs=0.1
     )
@@ -433,8 +433,8 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
     assert "above it" not in str(summary)
     assert "warning: lidar_height_m is 2.31" in str(summary)
     rewrite_calibration(tmp_path)
-    for name in "abc":
-        write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[:3])
+    for place, name in enumerate("abc"):
+        write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[: 25 + place])
     with pytest.warns(UserWarning, match=r"too little of the road .*: 1.73 m, as KITTI's, is"):
         assert open_dataset(tmp_path)[0].lidar_height_m is None
     (summary,) = summarize_tree(tmp_path)
@@ -473,8 +473,8 @@ def write_tilted_recording(folder, tilt, **changes):
     write_recording(folder, ("a", "b", "c"), camera_from_lidar=mounted.tolist(), **changes)
     places = POINTS[:, :3].astype(np.float64) @ lidar_from_level[:3, :3].T
     cloud = np.column_stack((places, POINTS[:, 3])).astype(np.float32)
-    for name in "abc":
-        write_cloud_file(folder / "points" / f"{name}.pcd", cloud)
+    for place, name in enumerate("abc"):
+        write_cloud_file(folder / "points" / f"{name}.pcd", cloud[: len(cloud) - place])
     (folder / "labels").mkdir()
     for name in "abc":
         shutil.copy(LABELS, folder / "labels" / f"{name}.txt")

@@ -2,8 +2,8 @@ import pytest
 
 from sightline.data.check import check_tree
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
 from sightline.data.recording_times import read_times
+from sightline.files.problem import FileError
 from tests.data.recordings import write_recording
 
 
@@ -51,3 +51,9 @@ def test_times_that_do_not_fit_the_frames_are_told_by_check_and_on_opening(tmp_p
 def test_lines_of_times_are_parted_by_tabs_and_blanks(tmp_path):
     (tmp_path / "times.txt").write_text("a b \t 1\n\n \t\nc\t2\r\n")
     assert read_times(tmp_path / "times.txt") == {"a b": 1, "c": 2}
+
+
+def test_the_file_of_times_is_found_in_any_case(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    (tmp_path / "Times.TXT").write_text("a 5\nb 7.5\n")
+    assert [sample.timestamp_s for sample in open_dataset(tmp_path)] == [0.0, 2.5]

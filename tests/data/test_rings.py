@@ -184,7 +184,7 @@ def test_sweeps_shot_by_shot_are_told_from_those_ring_by_ring(rng):
     assert (rings_of_any_order(points[cut])[0] == rings[cut]).all()
 
 
-@pytest.mark.parametrize("lidar", ["vlp-16", "hdl-32e"])
+@pytest.mark.parametrize("lidar", ["vlp-16", "hdl-32e", "hdl-64e"])  # the last leans forward
 def test_rings_of_a_simulated_street_are_those_of_its_order(lidar, rng):
     config = SimulationConfig(lidar=lidar, camera=False, image_size=(32, 32))
     points = simulate_frame(config, 0).points
@@ -196,6 +196,18 @@ def test_rings_of_a_simulated_street_are_those_of_its_order(lidar, rng):
         found, is_ring_by_ring = rings_of_any_order(points[order])
         assert not is_ring_by_ring
         assert np.mean(found == rings[order]) >= 0.999
+
+
+@pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0.6, 0.0), (-1.2, 0.4), (0.3, -1.4)])
+def test_rings_of_a_sweep_that_was_levelled_are_found_by_elevation(pitch_deg, roll_deg, rng):
+    points, rings = turn(SENSORS["32 beams"], rng=rng)
+    for axis, lean_deg in ((0, pitch_deg), (1, roll_deg)):
+        sine, cosine = np.sin(np.radians(lean_deg)), np.cos(np.radians(lean_deg))
+        points[:, [axis, 2]] = points[:, [axis, 2]] @ np.array([[cosine, -sine], [sine, cosine]])
+    order = rng.permutation(len(points))
+    assert np.mean(rings_by_elevation(points[order]) == rings[order]) >= 0.999
+    with pytest.raises(ValueError, match="do not part into rings"):
+        rings_by_elevation(points[order], leaning=False)
 
 
 @pytest.mark.parametrize("tilt_deg", [2, 5])

@@ -18,7 +18,11 @@ CAR = "Car -1 -1 -1.57 600.0 170.0 650.0 210.0 1.5 1.6 3.9 1.0 1.6 20.0 -1.52 0.
 def results(tmp_path):
     folder = tmp_path / "results"
     folder.mkdir()
-    for name, content in (("000007", CAR), ("000002", ""), ("000010", CAR * 3)):
+    for name, content in (
+        ("000007", CAR),
+        ("000002", ""),
+        ("000010", CAR + CAR.replace("Car", "Van")),
+    ):
         (folder / f"{name}.txt").write_text(content)
     return folder
 

@@ -14,6 +14,7 @@ from sightline.data.kitti_files import (
     write_points,
     write_raw_calibration,
 )
+from sightline.data.object_tree import list_object_frames
 from sightline.data.open import open_dataset
 from sightline.data.tree_mount import pose_of_tree
 from sightline.geometry.calibration import Calibration
@@ -28,18 +29,21 @@ KINDS = pytest.mark.parametrize("kind", ["tree", "drive"])
 
 
 def write_frames(root, kind, mounted_from_level, *, names=("000000", "000001", "000002")):
-    """The same frame again and again, of a LiDAR that is mounted so, with its calibration."""
+    """One frame of a LiDAR that is mounted so, again and again, in files that differ a little."""
     points = SAMPLE.points.clone()
-    points[:, :3] = (points[:, :3].double() @ mounted_from_level[:3, :3].T).float()
+    places = points[:, :3].double() @ mounted_from_level[:3, :3].T + mounted_from_level[:3, 3]
+    points[:, :3] = places.float()
     mounted = Calibration(
         image_from_camera=SAMPLE.calibration.image_from_camera,
-        camera_from_lidar=SAMPLE.calibration.camera_from_lidar @ mounted_from_level.T,
+        camera_from_lidar=SAMPLE.calibration.camera_from_lidar @ mounted_from_level.inverse(),
     )
     folder = root / "training" if kind == "tree" else root
     images, sweeps = ("image_2", "velodyne") if kind == "tree" else ("image_02", "velodyne")
-    for name in names:
-        write_image(folder / images / f"{name}.png", SAMPLE.image)
-        write_points(folder / sweeps / f"{name}.bin", points)
+    for place, name in enumerate(names):
+        image = SAMPLE.image.clone()
+        image[:, 0, :place] = 0
+        write_image(folder / images / f"{name}.png", image)
+        write_points(folder / sweeps / f"{name}.bin", points[: len(points) - place])
         if kind == "tree":
             write_object_calibration(folder / "calib" / f"{name}.txt", mounted)
             (folder / "label_2").mkdir(exist_ok=True)
@@ -141,3 +145,45 @@ def test_no_single_cloud_of_kitti_seems_as_tilted_as_those_that_are_levelled(kit
     for root in (kitti_root, *(kitti_root / "raw").iterdir()):
         frames = open_dataset(root).frames
         assert all(pose_of_tree([frame]).tilt is None for frame in frames)
+
+
+def mounted_lower(lower_m):
+    moved = LEVEL.clone()
+    moved[2, 3] = lower_m
+    return moved
+
+
+@KINDS
+@pytest.mark.parametrize("lower_m", [0.9, -1.5])
+def test_another_height_over_the_road_is_said_once_and_taken(tmp_path, kind, lower_m):
+    dataset, (said,) = opened(write_frames(tmp_path, kind, mounted_lower(lower_m)))
+    assert dataset[0].lidar_height_m == pytest.approx(1.73 - lower_m, abs=0.15)
+    assert dataset[0].level_from_lidar is None
+    assert f"the LiDAR is {dataset[0].lidar_height_m:.2f} m above it, not 1.73 m" in said
+    assert "lidar_height_m (docs/recordings.md)" in said
+    (summary,) = summarize_tree(tmp_path)
+    assert "m above it, not 1.73 m as KITTI's" in str(summary)
+    assert list(check_tree(tmp_path)) == []
+
+
+@KINDS
+def test_a_height_within_half_a_metre_of_kittis_stays_kittis(tmp_path, kind):
+    dataset, said = opened(write_frames(tmp_path, kind, mounted_lower(0.35)))
+    assert said == []
+    assert dataset[0].lidar_height_m is None
+
+
+def test_a_height_that_one_of_three_clouds_shows_is_not_taken(tmp_path):
+    write_frames(tmp_path, "tree", mounted_lower(0.9))
+    for name in ("000001", "000002"):
+        cloud = SAMPLE.points[SAMPLE.points[:, 2] > 0]  # no road
+        write_points(tmp_path / "training" / "velodyne" / f"{name}.bin", cloud[: -int(name)])
+    frames = list(list_object_frames(tmp_path / "training", ("points",)).values())
+    assert pose_of_tree(frames).height_m is None
+    assert pose_of_tree(frames[:1]).height_m == pytest.approx(0.83, abs=0.15)
+
+
+def test_no_single_cloud_of_kitti_seems_as_high_or_low_as_those_that_are_moved(kitti_root):
+    for root in (kitti_root, *(kitti_root / "raw").iterdir()):
+        frames = open_dataset(root).frames
+        assert all(pose_of_tree([frame]).height_m is None for frame in frames)

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sightline.data.problem import FileError
-from sightline.data.velodyne import read_sweep, sweep_doubt, write_sweep
+from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt, write_sweep
+from sightline.files.problem import FileError
 
 finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 sweeps = arrays.arrays(np.float32, st.tuples(st.integers(0, 9), st.just(4)), elements=finite)
@@ -138,3 +138,37 @@ def test_sweeps_that_no_kitti_sensor_gives_are_doubted(tmp_path):
     assert (
         "map's or world's frame" in sweep_doubt(path, cloud + np.float32([5e5, 4e6, 0, 0])).problem
     )
+
+
+def test_a_file_in_the_other_byte_order_is_named_as_such(tmp_path):
+    cloud = np.random.default_rng(0).uniform((-40, -40, -2, 0), (40, 40, 2, 1), (500, 4))
+    cloud.astype(">f4").tofile(tmp_path / "0.bin")
+    with pytest.raises(FileError, match="holds big-endian numbers, expected little-endian float32"):
+        read_sweep(tmp_path / "0.bin")
+    cloud.astype("<f4").tofile(tmp_path / "0.bin")
+    assert np.array_equal(read_sweep(tmp_path / "0.bin"), cloud.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda cloud: cloud[:5], "holds only 5 points, expected thousands"),
+        (lambda cloud: np.repeat(cloud[:1], 20_000, axis=0), "20000 points at only one place"),
+        (lambda cloud: np.repeat(cloud[:9], 200, axis=0), "1800 points at only 9 places"),
+        (lambda cloud: cloud * np.float32([1, 1, 1, 0]), "all intensities are 0, so reflectances"),
+        (lambda cloud: cloud * np.float32([1, 1, 1, 0]) + np.float32([0, 0, 0, 1]), "are 1, so"),
+        (lambda cloud: cloud / np.float32([1, 1, 1, 255]), "reach no hundredth of max_intensity"),
+    ],
+)
+def test_a_sweep_with_hardly_anything_in_it_is_doubted(tmp_path, change, said):
+    cloud = a_cloud()
+    (doubt,) = hollow_sweep(tmp_path, change(cloud))
+    assert said in doubt.problem
+    assert hollow_sweep(tmp_path, cloud) == []
+    assert hollow_sweep(tmp_path, cloud[:0]) == []
+    assert hollow_sweep(tmp_path, np.repeat(cloud, 2, axis=0)) == []  # two echoes a ray
+
+
+def test_no_sweep_of_kitti_is_hollow(kitti_root):
+    for path in [*kitti_root.glob("training/velodyne/*.bin"), *kitti_root.glob("full_sweeps/*")]:
+        assert hollow_sweep(path, read_sweep(path)) == []

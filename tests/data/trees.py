@@ -34,9 +34,9 @@ def calibration() -> Calibration:
     return Calibration(image_from_camera=image_from_camera, camera_from_lidar=camera_from_lidar)
 
 
-def points(count: int = 5) -> torch.Tensor:
+def points(count: int = 24) -> torch.Tensor:
     """Points ahead of the LiDAR, in the image's view."""
-    distance = torch.arange(count, dtype=torch.float32) + 5
+    distance = torch.arange(count, dtype=torch.float32) / 5 + 5
     return torch.stack((distance, distance / 50, -distance / 50, distance / 100), dim=1)
 
 
@@ -51,11 +51,13 @@ def depth_map(seed: int = 0, size: tuple[int, int] = IMAGE_SIZE) -> np.ndarray:
     return np.where(steps % 3 == 0, steps / 256, 0).astype(np.float32)
 
 
-def write_object_frame(root: Path, frame_id: str, split: str = "training") -> None:
-    """One whole frame of the object tree."""
+def write_object_frame(
+    root: Path, frame_id: str, split: str = "training", *, seed: int = 0
+) -> None:
+    """One whole frame of the object tree; each seed has another picture and cloud."""
     folder = root / split
-    write_rgb(folder / "image_2" / f"{frame_id}.png", picture())
-    write_points(folder / "velodyne" / f"{frame_id}.bin", points())
+    write_rgb(folder / "image_2" / f"{frame_id}.png", picture(seed))
+    write_points(folder / "velodyne" / f"{frame_id}.bin", points(24 + seed))
     write_object_calibration(folder / "calib" / f"{frame_id}.txt", calibration())
     if split == "training":
         (folder / "label_2").mkdir(exist_ok=True)
@@ -64,8 +66,8 @@ def write_object_frame(root: Path, frame_id: str, split: str = "training") -> No
 
 def write_object_tree(root: Path, *frame_ids: str) -> Path:
     """Whole training frames."""
-    for frame_id in frame_ids:
-        write_object_frame(root, frame_id)
+    for seed, frame_id in enumerate(frame_ids):
+        write_object_frame(root, frame_id, seed=seed)
     return root
 
 
@@ -104,12 +106,12 @@ def write_depth_drive(root: Path, raw_root: Path, split: str = "val") -> str:
 
 
 def write_drive(folder: Path, num_frames: int = 3, *, official: bool = True) -> Path:
-    """A raw drive without poses; the official layout has times and its day's calibration."""
+    """A raw drive without poses, its first sweep empty; times and a day only where official."""
     images = folder / "image_02" / "data" if official else folder / "image_02"
     sweeps = folder / "velodyne_points" / "data" if official else folder / "velodyne"
     for number in range(num_frames):
         write_rgb(images / f"{number:010}.png", picture(number))
-        write_points(sweeps / f"{number:010}.bin", points(number))
+        write_points(sweeps / f"{number:010}.bin", points(24 + number if number else 0))
     write_raw_calibration(folder.parent if official else folder, calibration())
     if official:
         times = [f"2011-09-26 13:02:25.{number}64389445\n" for number in range(num_frames)]

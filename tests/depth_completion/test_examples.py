@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.augmentation import thin_rings
+from sightline.augmentation.sample_changes import thin_rings
 from sightline.data.open import open_dataset
 from sightline.depth_completion.examples import (
     AugmentationConfig,
@@ -139,6 +139,14 @@ def test_truth_is_shaped_for_training_alone(sample):
     assert torch.equal(seen.weight[0, 0], torch.from_numpy(pixel_weights(*maps, shaping)))
     assert torch.equal(seen.depth_m[0, 0], torch.from_numpy(widen_near_surfaces(maps[0], shaping)))
     assert (seen.depth_m < given.depth_m).any()
+
+
+def test_with_fewer_beams_pixels_are_away_from_those_of_all_beams(sample):
+    shaping = TruthShaping(away_weight=0.3)
+    config = ExampleConfig(filled=True, filling="second", shaping=shaping, beams=(16,))
+    assert torch.equal(
+        example(sample, config).weight, example(sample, replace(config, beams=(64,))).weight
+    )
 
 
 def test_truth_beyond_the_reach_of_a_sweep_is_left_out(sample):

@@ -44,10 +44,11 @@ def test_a_level_road_is_no_contour():
 def test_weights_are_the_product_of_what_applies(seed):
     rng, truth = np.random.default_rng(seed), blocks(seed)
     depth = rng.uniform(5, 60, truth.shape).astype(np.float32)
-    sparse = np.where(rng.random(truth.shape) < 0.02, depth, np.float32(0))
+    all_beams = np.where(rng.random(truth.shape) < 0.02, depth, np.float32(0))
+    sparse = np.where(rng.random(truth.shape) < 0.5, all_beams, np.float32(0))
     filled = np.where(rng.random(truth.shape) < 0.5, depth, depth + 1).astype(np.float32)
-    weights = pixel_weights(truth, sparse, filled, WEIGHTS)
-    lists = [each.tolist() for each in (truth, sparse, filled)]
+    weights = pixel_weights(truth, sparse, filled, WEIGHTS, all_beams_m=all_beams)
+    lists = [each.tolist() for each in (truth, sparse, filled, all_beams)]
     for y, x in rng.integers(0, truth.shape, (20, 2)).tolist():
         assert weights[y, x] == reference.weight(*lists, y, x, WEIGHTS)
 

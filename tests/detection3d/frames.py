@@ -5,7 +5,6 @@ from dataclasses import asdict, replace
 import torch
 
 from sightline.data.open import open_dataset
-from sightline.data.weights import write_weights
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.detector import Detector3D
@@ -26,6 +25,7 @@ from sightline.detection3d.points.config import (
 )
 from sightline.detection3d.suppression import SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
+from sightline.files.weights import write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 NAMES = ("Car", "Pedestrian", "Cyclist")

@@ -6,11 +6,11 @@ import jsonargparse
 import pytest
 import yaml
 
-from sightline.data.settings import parse_settings
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.examples import Detection3DExampleConfig
 from sightline.detection3d.pillars.region_config import RegionConfig
 from sightline.detection3d.points.config import RefinementConfig
+from sightline.files.settings import parse_settings
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
 from tests.detection3d.frames import PUBLISHED

@@ -1,4 +1,5 @@
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -103,6 +104,15 @@ def test_a_report_holds_bands_returns_and_the_difference_to_another_method(folde
     by_score = {row["score"]: row for row in told["against"]}
     assert by_score["MAE"]["mean"] == pytest.approx(report.mean.mae_mm)
     assert by_score["RMSE"]["better"] == 0
+
+
+@pytest.mark.parametrize("against", ["near", "copy"])
+def test_a_method_that_is_compared_with_itself_is_told(folders, against):
+    shutil.copytree(folders / "near", folders / "copy")
+    with pytest.warns(UserWarning, match="same scores in all 3 images, so every difference is 0"):
+        evaluate_depth(
+            folders / "near", folders / "truth", against=folders / against, progress=False
+        )
 
 
 @pytest.mark.parametrize("ends", [(20.0, 10.0), (0.0, 10.0), (math.inf,), (math.nan,)])

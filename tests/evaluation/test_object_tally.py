@@ -61,19 +61,24 @@ SPACED = [replace(CAR, y=1.7, z=20.0).moved(image=110 * n, ground=5 * n) for n i
     ],
 )  # fmt: skip
 def test_boxes_of_another_convention_are_told(tmp_path, change, said):
-    told = notes_of(tmp_path, SPACED, [replace(change(line), score=0.5) for line in SPACED])
+    told = notes_of(tmp_path, SPACED, [replace(change(line), score=line.x1) for line in SPACED])
     assert said in told
     assert told.count("WARNING") == 1
 
 
+def test_equal_scores_are_told(tmp_path):
+    told = notes_of(tmp_path, SPACED, [replace(line, score=0.5) for line in SPACED])
+    assert "WARNING: all 50 scores of results are 0.5: nothing ranks them" in told
+
+
 def test_results_that_are_there_twice_are_counted(tmp_path):
-    told = notes_of(tmp_path, SPACED, 2 * [replace(line, score=0.5) for line in SPACED])
+    told = notes_of(tmp_path, SPACED, 2 * [replace(line, score=-line.x1) for line in SPACED])
     assert "50 of 100 results of scored classes are there twice" in told
 
 
 def test_of_sound_results_nothing_is_said_but_that_objects_are_few(tmp_path):
     labels = [CAR.moved(image=110 * place, ground=5 * place) for place in range(50)]
-    found = [replace(line, score=0.5) for line in labels]
+    found = [replace(line, score=1e-4 * line.x1) for line in labels]
     assert notes_of(tmp_path, [*labels, replace(CAR, name="Van")], found) == ""
 
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.geometry.cloud_checks import cloud_fault, echoes, losses
+from sightline.geometry.cloud_checks import cloud_fault, echoes, losses, scale_doubt, warn_of_scale
 
 VALUES = st.sampled_from([0.0, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])
 ROWS = st.lists(st.tuples(VALUES, VALUES, VALUES, VALUES), max_size=12)
@@ -65,3 +65,21 @@ def test_points_that_lie_together_far_away_are_in_a_maps_frame(offset):
 def test_points_spread_far_around_the_lidar_are_in_millimetres():
     points = np.random.default_rng(0).normal(0, 20_000, (500, 4))
     assert "millimetres" in cloud_fault(points, 1.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(100, "centimetres"), (1000, "millimetres"), (1e5, "another unit")]
+)
+def test_the_unit_is_the_one_that_fits(factor, unit):
+    points = np.random.default_rng(0).normal(0, 10, (500, 4))
+    problem, remedy = cloud_fault(points * factor, 1.0)
+    assert f"in {unit}" in problem
+    assert (f"divided by {factor}" in remedy) == (factor < 1e5)
+
+
+def test_intensities_that_are_all_alike_are_doubted_but_zeros_are_none():
+    with pytest.warns(UserWarning, match="all intensities are 7, so reflectances say nothing"):
+        warn_of_scale(np.full(200, 7.0), 255.0)
+    warn_of_scale(np.zeros(200), 255.0)  # an error if it warned
+    warn_of_scale(np.full(20, 7.0), 255.0)  # too few to say
+    assert scale_doubt(np.zeros(200), 255.0) is not None

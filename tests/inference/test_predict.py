@@ -15,13 +15,13 @@ import pytest
 import torch
 
 from sightline.data.depth_png import read_depth_png
-from sightline.data.jobs import JobResult
 from sightline.data.kitti_files import read_points, write_points
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.predict import predict
+from sightline.jobs.run import JobResult
 from sightline.structures.predictions import DepthMap
 from tests.inference.trees import IMAGE_SIZE, contents_of, write_object_tree
 
@@ -120,9 +120,16 @@ def test_shards_part_the_samples(data, tmp_path):
     assert contents_of(tmp_path / "out") == contents_of(tmp_path / "whole")
 
 
-@pytest.mark.parametrize(("shard_index", "num_shards"), [(-1, 2), (2, 2), (0, 0)])
-def test_a_shard_that_there_is_not_is_refused(data, out, shard_index, num_shards):
-    with pytest.raises(ValueError, match="shard_index must be between 0 and num_shards - 1"):
+@pytest.mark.parametrize(
+    ("shard_index", "num_shards", "said"),
+    [
+        (-1, 2, "shard_index must be between 0 and num_shards - 1"),
+        (2, 2, "shard_index must be between 0 and num_shards - 1"),
+        (0, 0, "num_shards must be at least 1, got 0"),
+    ],
+)
+def test_a_shard_that_there_is_not_is_refused(data, out, shard_index, num_shards, said):
+    with pytest.raises(ValueError, match=said):
         write_nearest(data, out, shard_index=shard_index, num_shards=num_shards)
 
 
@@ -253,7 +260,7 @@ def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later
     write(data, out)
     (out / "000001.png").unlink()
     (out / "000004.png").unlink()
-    from sightline.data.atomic import atomic_path as original
+    from sightline.files.atomic import atomic_path as original
 
     with monkeypatch.context() as patched:
         patched.setattr(depth_png, "atomic_write_bytes", stop_while_writing)

@@ -29,11 +29,12 @@ def write_object_tree(root: Path, num_frames: int, *, num_points: int = 200) -> 
         name = f"{number:06}"
         ahead = 5 + 40 * torch.rand(num_points, generator=generator)
         aside = (torch.rand(num_points, 2, generator=generator) - 0.5) * ahead[:, None]
-        points = torch.cat((ahead[:, None], aside, torch.ones(num_points, 1)), dim=1)
+        points = torch.cat((ahead[:, None], aside, ahead[:, None] / 50), dim=1)
         write_points(root / "training" / "velodyne" / f"{name}.bin", points)
         write_object_calibration(root / "training" / "calib" / f"{name}.txt", small_calibration())
         image = torch.zeros(3, *IMAGE_SIZE, dtype=torch.uint8)
         image[:, 0] = 255  # a picture of one colour is doubted
+        image[1, 0, : number + 1] = 128  # nor are two pictures equal
         write_image(root / "training" / "image_2" / f"{name}.png", image)
     return root
 

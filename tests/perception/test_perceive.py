@@ -165,6 +165,20 @@ def test_a_shard_that_ends_while_another_writes_keeps_its_lines(data, out, monke
     assert len(lines_of(out)) == 4
 
 
+@pytest.mark.filterwarnings("error")
+def test_lines_that_another_shard_writes_after_the_reading_are_not_missed(data, out, monkeypatch):
+    join = perceive_module._join_timings
+
+    def overtaken(folder):  # the other shard writes its lines after ours were joined
+        monkeypatch.setattr(perceive_module, "_join_timings", join)
+        perceive(data, out, perceiver=perceiver(), shard_index=1, num_shards=2)
+        return join(folder)
+
+    monkeypatch.setattr(perceive_module, "_join_timings", overtaken)
+    perceive(data, out, perceiver=perceiver(), shard_index=0, num_shards=2)
+    assert len(lines_of(out)) == 4
+
+
 def test_workers_and_shards_change_nothing(data, out, tmp_path):
     perceive(data, out, perceiver=perceiver(), workers=2)
     parts = [

@@ -34,13 +34,13 @@ def filtered(image, first, second, reach):
     ]
 
 
-def weight(truth, sparse, filled, y, x, shaping):
+def weight(truth, sparse, filled, all_beams, y, x, shaping):
     image = known(truth)
     closed, opened = filtered(image, max, min, 4), filtered(image, min, max, 4)
     result = 1.0
     if closed[y][x] >= 1.05 * opened[y][x]:
         result *= shaping.thin_weight
-    if not any(window(sparse, y, x, 3)):
+    if not any(window(all_beams, y, x, 3)):
         result *= shaping.away_weight
     if sparse[y][x] and filled[y][x] == sparse[y][x]:
         result *= shaping.kept_weight

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from sightline.cli.main import main
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from sightline.robustness.charts import heat_color, kept_share, nice_top
 from sightline.robustness.compare import compare_runs
 from sightline.robustness.record import read_record
@@ -239,6 +239,8 @@ def test_other_files_under_the_same_name_are_told_wherever_runs_are_held_togethe
     said = "data kitti/toy hold other files, by names or sizes, for toy (2) than for toy (1)"
     assert said in " ".join(compare_runs(paths).notes())
     assert compare_runs([paths[0], paths[2]]).notes() == ()  # a record of before does not know
+    again = compare_runs([paths[0], paths[1], paths[0]]).notes()
+    assert sum("toy (3) is the run of toy (1), with the same scores" in note for note in again) == 1
     one = RobustnessReport(
         record=record("0123"), baseline=record("0123"), healthy={"lidar": record("89")}
     )

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.models import RigidShape
-from sightline.simulation.meshes.primitives import Finish, box, quads
-from sightline.simulation.scene import Actor, Light, Mesh, Pose, Street
+from sightline.simulation.bodies.models import RigidShape
+from sightline.simulation.scene import Actor, Light, Material, Mesh, Pose, Street
+from sightline.simulation.shapes.primitives import Finish, box, quads
 
 GREY = (0.25, 0.25, 0.25)
 LIGHT = Light(

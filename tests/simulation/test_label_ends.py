@@ -3,12 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.simulation.label_ends import labelled_ends
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.cars import CARS, UNSEEN_M, VehicleDesign
-from sightline.simulation.meshes.primitives import Finish, grid
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Mesh
+from sightline.simulation.bodies.cars import CARS, UNSEEN_M, VehicleDesign
+from sightline.simulation.labels import labelled_ends
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import Material, Mesh
+from sightline.simulation.shapes.primitives import Finish, grid
 from tests.simulation.streets import block
 
 SIZE = (4.0, 1.6, 1.5)

@@ -7,7 +7,7 @@ import pytest
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import read_labels, write_objects
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.simulation.camera import CameraFrame, render_camera
+from sightline.simulation.camera.camera import CameraFrame, render_camera
 from sightline.simulation.labels import FrameLabels, label_frame
 from sightline.simulation.scene import Mesh, Pose, Street, world_from_footprint
 from sightline.simulation.settings import SimulationConfig
@@ -124,7 +124,7 @@ def test_labels_follow_a_camera_that_is_tilted(monkeypatch, tilt: tuple[float, f
         return level @ about_left @ about_ahead
 
     monkeypatch.setattr("sightline.simulation.labels.world_from_footprint", tilted)
-    monkeypatch.setattr("sightline.simulation.camera_rays.world_from_footprint", tilted)
+    monkeypatch.setattr("sightline.simulation.camera.samples.world_from_footprint", tilted)
     frame, labels = look(street(box_actor(18.0, 1.0, yaw=0.3, size_lwh=(0.8, 0.8, 1.8))))
     box, shown = labels.objects.boxes2d[0], mask_box(frame, 0)
     assert np.abs(box - shown).max() <= 3  # upright in the camera's frame, not in the world

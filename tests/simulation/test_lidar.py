@@ -6,10 +6,9 @@ import pytest
 from sightline.data.rings import ring_numbers
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig, take_sweep
-from sightline.simulation.materials import SURFACES, Material
-from sightline.simulation.meshes.primitives import Finish, quads
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Mesh, Pose, Street
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import SURFACES, Material, Mesh, Pose, Street
+from sightline.simulation.shapes.primitives import Finish, quads
 from tests.simulation.streets import GREY, Straight, Turning, block, courtyard, ground, street
 
 UNBIASED = replace(
@@ -367,8 +366,8 @@ def test_a_blind_sector_that_would_hide_nothing_is_refused(azimuth_deg: tuple[fl
     ("wrong", "message"),
     [
         ({"azimuth_step_deg": float("nan")}, "azimuth_step_deg above 0"),
-        ({"drop_out": 1.5}, "drop_out from 0 to 1"),
-        ({"range_noise_m": -0.1}, "range_noise_m of at least 0"),
+        ({"drop_out": 1.5}, "drop_out must be finite and from 0 to 1, got 1.5"),
+        ({"range_noise_m": -0.1}, "range_noise_m must be finite and at least 0, got -0.1"),
         ({"detectable_echo": 0.0}, "detectable_echo must be above 0, got 0"),
     ],
 )

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.primitives import Finish, box
-from sightline.simulation.scene import Pose, world_from_footprint
+from sightline.simulation.scene import Material, Pose, world_from_footprint
+from sightline.simulation.shapes.primitives import Finish, box
 
 
 def test_convention_pitch_lowers_the_nose_and_roll_raises_the_left_side():

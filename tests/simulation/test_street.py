@@ -5,20 +5,17 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from sightline.simulation.dressing import dress
-from sightline.simulation.layout import StreetKind
-from sightline.simulation.layout_drawing import draw_layout
-from sightline.simulation.materials import Material
-from sightline.simulation.meshes.batches import QuadBatch, stamped
-from sightline.simulation.meshes.clutter import CLUTTER
-from sightline.simulation.meshes.decoys import DECOYS
-from sightline.simulation.meshes.furniture import Item, item_model
-from sightline.simulation.meshes.primitives import Finish, box
-from sightline.simulation.meshes.trees import Detail, Species, tree_model
-from sightline.simulation.occupancy import Occupancy
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Mesh
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import Material, Mesh
+from sightline.simulation.shapes.edits import QuadBatch, stamped
+from sightline.simulation.shapes.primitives import Finish, box
 from sightline.simulation.street import make_street
+from sightline.simulation.streets.dressing import dress
+from sightline.simulation.streets.free_ground import Occupancy
+from sightline.simulation.streets.layout import StreetKind
+from sightline.simulation.streets.layout_drawing import draw_layout
+from sightline.simulation.surroundings.furniture import _MAKERS, _PARTS, Item, item_model
+from sightline.simulation.surroundings.trees import Detail, Species, tree_model
 
 MOST_TRIANGLES = 250_000
 GROUND = (
@@ -135,9 +132,10 @@ def test_nothing_is_set_out_on_ground_that_is_taken():
     assert sum(len(part.faces) for part in none) == 0
 
 
-def test_all_clutter_is_street_furniture():
-    assert set(CLUTTER) | set(DECOYS) <= {item.value for item in Item}
-    assert not set(CLUTTER) & set(DECOYS)
+def test_each_item_has_one_maker_or_one_row_of_the_table():
+    made = {item.name for item in _MAKERS}
+    assert made | _PARTS.keys() == {item.name for item in Item}
+    assert not made & _PARTS.keys()
 
 
 def test_a_negative_duration_is_refused():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sightline.simulation.weather import draw_light
+from sightline.simulation.street import draw_light
 
 LIGHTS = [draw_light(np.random.default_rng(seed)) for seed in range(300)]
 

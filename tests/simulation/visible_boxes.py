@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sightline.simulation.lots import Lot, footprint_corners, footprint_of
-from sightline.simulation.meshes.models import ActorModel, RigidShape
-from sightline.simulation.meshes.sizes import KITTI_SIZES
+from sightline.simulation.bodies.models import KITTI_SIZES, ActorModel, RigidShape
 from sightline.simulation.scene import Actor, Mesh, Pose
+from sightline.simulation.streets.lots import Lot, footprint_corners, footprint_of
 
 FOCAL, CENTER_X, CENTER_Y = 721.5, 609.6, 172.9
 WIDTH, HEIGHT = 1242, 375

@@ -1,3 +1,4 @@
+import re
 import warnings
 from dataclasses import replace
 
@@ -59,10 +60,12 @@ def test_numbers_may_be_of_any_type(height_m):
 
 
 def test_a_grey_picture_becomes_three_channels_and_a_view_of_it_a_picture_of_its_own():
-    planes = image_planes(IMAGE[::-1, ::2, 0])
+    with pytest.warns(UserWarning, match="images are grey: their level is taken for red"):
+        planes = image_planes(IMAGE[::-1, ::2, 0])
     assert planes.shape == (3, 375, 621)
     assert torch.equal(planes[0], planes[2])
-    assert torch.equal(image_planes(IMAGE[::-1, ::2, :1]), planes)  # as OpenCV has it
+    with pytest.warns(UserWarning, match="images are grey"):
+        assert torch.equal(image_planes(IMAGE[::-1, ::2, :1]), planes)  # as OpenCV has it
 
 
 @pytest.mark.parametrize(
@@ -76,7 +79,10 @@ def test_what_is_no_picture_is_refused(image):
 
 def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none():
     points = np.array([[1, 2, 3], [np.nan, 0, 0], [4, 5, np.inf], [4, 5, 6]])
-    with pytest.warns(UserWarning, match="three columns, x, y, z: 0 is taken for the reflectance"):
+    with (
+        pytest.warns(UserWarning, match="three columns, x, y, z: 0 is taken for the reflectance"),
+        pytest.warns(UserWarning, match="2 of 4 points are left out, 2 whose x, y, z are not fin"),
+    ):
         assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
     with pytest.warns(UserWarning, match="the points are none"):
         assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
@@ -115,7 +121,49 @@ def test_what_is_no_cloud_in_metres_is_refused(points, max_intensity, said):
 
 def test_points_that_float32_cannot_hold_are_left_out_as_those_that_are_not_finite():
     points = np.float64([[3, 1, 0, 1], [np.finfo(np.float64).max, 1, 0, 1]])  # a mark of no echo
-    assert sweep_points(points).tolist() == [[3, 1, 0, 1]]
+    with pytest.warns(UserWarning, match="1 of 2 points are left out"):
+        assert sweep_points(points).tolist() == [[3, 1, 0, 1]]
+
+
+@pytest.mark.parametrize("lost", [0, 1, 3, 6])
+def test_each_loss_of_plain_rows_is_counted_and_of_organised_rows_only_most_of_them(lost):
+    points = POINTS[:9].copy()
+    points[:lost, 1] = np.nan
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert len(sweep_points(points)) == 9 - lost
+    told = [str(each.message) for each in caught]
+    assert [f"{lost} of 9 points are left out" in each for each in told] == [True] * bool(lost)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert len(sweep_points(points.reshape(3, 3, 4))) == 9 - lost
+    assert len(caught) == (lost == 6)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_whole_numbers_that_are_evenly_spread_are_taken_for_ring_numbers(first):
+    points = np.concatenate([POINTS] * 2)[:4000].astype(np.float64)
+    points[:, 3] = np.arange(4000) % 64 + first
+    with pytest.raises(ValueError, match=rf"{first} to {first + 63} .* like ring numbers; giv"):
+        sweep_points(points)
+    points[:, 3] = np.minimum(points[:, 3], 9)  # brightness, of which most is one number
+    with pytest.raises(ValueError, match="expected 0 to 1; set max_intensity"):
+        sweep_points(points)
+
+
+@pytest.mark.parametrize(
+    ("fields", "stacked"),
+    [
+        ("x y z ring intensity", "'x', 'y', 'z', 'intensity'"),
+        ("X Y Z Reflectivity", "'X', 'Y', 'Z', 'Reflectivity'"),
+        ("range azimuth", "'x', 'y', 'z'"),
+    ],
+)
+def test_a_structured_array_is_refused_with_the_stack_of_its_fields(fields, stacked):
+    points = np.zeros(9, [(name, np.float32) for name in fields.split()])
+    with pytest.raises(ValueError, match=re.escape(f"for name in ({stacked})], axis=-1)")) as told:
+        sweep_points(points)
+    assert f"fields {', '.join(fields.split())}, expected" in str(told.value)
 
 
 def test_columns_after_the_fourth_are_left_out_with_a_warning():

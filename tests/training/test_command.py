@@ -12,7 +12,7 @@ import yaml
 from lightning.pytorch.callbacks import Callback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from sightline.data.weights import read_weights
+from sightline.files.weights import read_weights
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
 from tests.training import toy
@@ -224,9 +224,11 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named):
         (["--config", "toy", "--model.network.channels", "many"], "many"),
         (["--config", "toy", "--model.optimizer.learning_rate", "-1"], "must be positive"),
         (["--config", "toy", "--trainer.max_epoch", "3"], "max_epoch"),
-        (["--config", "toy", "--data.batch_size", "0"], "batch_size must be at least 1"),
+        (["--config", "toy", "--data.batch_size", "0"], "at least 1, got 0: set --data.init_args"),
         (["--config", "toy", "--data.training", "[{path: ., repeat: 0}]"], "^repeat must be"),
         (["--config", "toy", "--trainer.max_epochs", "x"], "max_epochs.*number.*x; see sightline"),
+        (["--config", "toy", "--data.batch_size", "x"],
+         "^--data.batch_size: expected a whole number. Got value: x; see sightline fit"),
         (["--config", "toy", "--model.initial_weights", "nofile"], "^there are no weights 'no"),
         (["--config", "toy", "--data.root", "/gone"], "/gone: does not exist"),
         (["--config", "toy", "--checkpoint_every_n_steps", "0"], "must be at least 1, got 0"),
@@ -423,3 +425,35 @@ def test_progress_is_that_of_the_run_and_shows_in_a_file_too(recipes, capsys):
     assert lines[0] == "sightline fit: toy"
     assert "training: 0 of 8" in lines
     assert [line.partition(" ")[0] for line in lines if "mse" in line] == ["step", "step"]
+
+
+@pytest.mark.parametrize(
+    ("given", "policy", "is_told"),
+    [
+        ({}, "passive", True),
+        ({"OMP_NUM_THREADS": "1"}, "passive", False),
+        ({"OMP_WAIT_POLICY": "active"}, "active", False),
+    ],
+)
+def test_threads_wait_passively_unless_told_otherwise_and_it_is_said(given, policy, is_told):
+    program = """
+import os, sys, types
+from pathlib import Path
+training = types.ModuleType("training")
+training.run_lightning = lambda *_: print(os.environ["OMP_WAIT_POLICY"], "torch" in sys.modules)
+sys.modules["sightline.training.lightning_cli"] = training
+from sightline.tasks import PACKAGE_RECIPES
+from sightline.training.command import run_training
+run_training("fit", ["--config", "depth-fast-cpu"], PACKAGE_RECIPES)
+"""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("OMP_")}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=kept | given,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout.split() == [policy, "False"]
+    assert ("OMP_WAIT_POLICY=active" in done.stderr) == is_told

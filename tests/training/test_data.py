@@ -186,7 +186,7 @@ def test_an_epoch_draws_nothing_from_the_global_generators(frames):
     [
         ({"batch_size": 0}, "batch_size must be at least 1, got 0"),
         ({"samples_per_epoch": 0}, "samples_per_epoch must be at least 1"),
-        ({"workers": -1}, "must not be negative"),
+        ({"workers": -1}, "workers must be at least 0, got -1: set --data.init_args.workers"),
     ],
 )
 def test_settings_out_of_range_are_refused(frames, settings, said):

@@ -9,7 +9,7 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import Checkpoint
 
-from sightline.data.weights import read_weights
+from sightline.files.weights import read_weights
 from sightline.training.callbacks import checkpoint_callbacks
 from sightline.training.interruption import Interruption, ending_like_ctrl_c
 from tests.training import toy
@@ -120,11 +120,11 @@ def test_so_does_one_that_is_killed_between_two_files(whole, frames, tmp_path):
             assert_same(results(folder), expected)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_so_does_one_that_is_stopped_by_a_signal_anywhere(whole, frames, tmp_path, number):
     settings, expected, count = whole
     stopped = 0
-    for place in range(number % 2, count, 2):  # 2 and 15: each takes half of the places
+    for place in range(number % 3, count, 3):  # 2, 15 and 1: each takes a third of the places
         folder = tmp_path / str(place)
         ended = run(frames, folder, Strike(place, lambda: os.kill(os.getpid(), number)), **settings)
         if ended is not None:  # else it came behind the last step and the run was over
@@ -134,4 +134,4 @@ def test_so_does_one_that_is_stopped_by_a_signal_anywhere(whole, frames, tmp_pat
             run(frames, folder, Strike(-1, kill), **settings)
             stopped += 1
         assert_same(results(folder), expected)
-    assert stopped > 0.4 * count
+    assert stopped > 0.25 * count

@@ -23,6 +23,7 @@ from sightline.cli.evaluate import (
 )
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
+from sightline.cli.interrupts import HOW_TO_FINISH, raised_signal
 from sightline.cli.output import fail, gathered_warnings, say
 from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
@@ -34,8 +35,8 @@ from sightline.cli.robustness import robustness
 from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
-from sightline.data.problem import memory_fault
 from sightline.export.names import Format
+from sightline.files.problem import memory_fault
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
 
@@ -82,8 +83,8 @@ def export(
             (.safetensors, .ckpt).
         format: Format of the file: onnx or openvino.
     """
-    from sightline.data.weights_header import find_weights
     from sightline.export.write import export_graphs
+    from sightline.files.weights_header import find_weights
     from sightline.inference.network import load_network
 
     check_places({"OUT": out}, data=[named_file(weights)])
@@ -169,22 +170,40 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs one command and returns its exit status; errors are one line on standard error."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
+        Path.cwd()  # libraries abort without one
+    except OSError:
+        return fail("the current folder no longer exists; change to another one", REFUSED)
+    try:
         return _run(given)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _BROKEN_PIPE
     except KeyboardInterrupt as error:
-        how = str(error) or "interrupted; run the same command again to finish"
-        return fail(how, error.exit_status if isinstance(error, Interruption) else _INTERRUPTED)
-    except (ValueError, OSError) as error:
-        return fail(str(error), REFUSED)
-    except Exception as error:
+        status = error.exit_status if isinstance(error, Interruption) else _INTERRUPTED
+        return fail(str(error) or HOW_TO_FINISH, status)
+    except (Exception, SystemExit) as error:
+        if (number := raised_signal()) is not None:
+            return fail(HOW_TO_FINISH, Interruption("", number).exit_status)
+        if isinstance(error, (ValueError, OSError)):
+            return fail(str(error), REFUSED)
         if (fault := memory_fault(error)) is None:
             raise
         return fail(fault, REFUSED)
 
 
+def _refuse_dashes(arguments: list[str]) -> None:
+    """Refuses `-` as a file, which would not be standard input or output but a file's name."""
+    for argument in arguments:
+        option, _, value = argument.rpartition("=")
+        if value == "-" and (not option or option.startswith("--")):
+            raise ValueError(
+                f"{argument} stands for no file: standard input and output are not supported; name "
+                "a file, such as out.json, or ./- for one of that name"
+            )
+
+
 def _run(arguments: list[str]) -> int:
+    _refuse_dashes(arguments)
     match arguments:
         case ["fit" | "validate" | "test" as training, *rest]:
             # Unparsed: Lightning creates the parser for the recipe's classes.

@@ -4,10 +4,10 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from sightline.data.problem import escaped, plain_line
+from sightline.files.problem import escaped, plain_line
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
@@ -17,9 +17,21 @@ _FILE_WIDTH = 160  # columns of a table without a terminal
 
 
 def say(*lines: object) -> None:
-    """Print each value as one line to standard output, with escaped control characters."""
-    for line in lines:
-        print(escaped(str(line)))
+    """Print each value as one line to standard output, with escaped control characters.
+
+    Raises:
+        BrokenPipeError: The reader has closed the pipe.
+        ValueError: Standard output cannot be written to, such as a file on a full disk.
+    """
+    try:
+        for line in lines:
+            print(escaped(str(line)))
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ValueError(f"standard output cannot be written: {reason}") from error
 
 
 def show_table(table: "RenderableType") -> None:
@@ -33,8 +45,9 @@ def show_table(table: "RenderableType") -> None:
 
 
 def warn(message: str) -> None:
-    """Print a message as one line to standard error."""
-    print(f"sightline: {plain_line(message)}", file=sys.stderr)
+    """Print a message as one line to standard error, if it can be written to."""
+    with suppress(OSError):  # a full disk, a closed terminal: the exit status remains
+        print(f"sightline: {plain_line(message)}", file=sys.stderr, flush=True)
 
 
 def fail(message: str, status: int) -> int:

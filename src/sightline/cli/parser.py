@@ -7,6 +7,7 @@ from typing import Any, Literal, NoReturn
 import jsonargparse
 import yaml
 
+from sightline.cli.help_formatter import PlainHelpFormatter
 from sightline.cli.output import fail
 from sightline.cli.refusal import plain_refusal
 
@@ -88,7 +89,8 @@ class OneLineParser(jsonargparse.ArgumentParser):
 
     def __init__(self, *args: Any, **settings: Any) -> None:  # noqa: ANN401 - as jsonargparse
         # The meaning of an abbreviation would change with new options.
-        super().__init__(*args, **{"allow_abbrev": False, **settings})
+        plain = {"allow_abbrev": False, "formatter_class": PlainHelpFormatter}
+        super().__init__(*args, **{**plain, **settings})
 
     def add_argument(self, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
         """Adds an argument; a Boolean argument becomes a flag without a value."""

@@ -10,8 +10,7 @@ from docstring_parser import parse_from_object
 
 from sightline.cli.declared import declare
 from sightline.cli.output import say
-from sightline.simulation.presets import PresetName, SimulatedSet, choose_set
-from sightline.simulation.settings import SimulationConfig
+from sightline.simulation.settings import PresetName, SimulatedSet, SimulationConfig, choose_set
 
 _HELP = """Makes street frames or drives in KITTI's format, with dense depth and labels.
 

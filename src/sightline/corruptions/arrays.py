@@ -18,16 +18,17 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped, UInt8
 
+from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.combined import find_corruption, needs_calibration
 from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
-from sightline.data.faults import fault_rng
 from sightline.data.frame_checks import depth_range_doubt
 from sightline.geometry.arguments import plain_size, plain_text, shown, wrong_type
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.given_arrays import Given, given_array, without_masked
 from sightline.geometry.mount import mount_doubt
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import cloud_columns, image_remedy, warn_of_view
 from sightline.structures.mounting import warn_of_axes
 from sightline.structures.sample import CameraLidarSample
@@ -58,6 +59,7 @@ class CorruptedArrays:
     """Row of each delivered point in the sound sweep; -1 if it has none."""
 
 
+@named_arguments
 def corrupt_arrays(
     kind: str,
     severity: int,

@@ -1,6 +1,7 @@
 """Sensors without data: Kim et al. 2018, section IV-A, "blank data"."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -14,10 +15,10 @@ from sightline.corruptions.corruption import (
     LidarCorruption,
     PointsChange,
     Sweep,
-    check_number,
     everywhere,
     nowhere,
 )
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -58,11 +59,7 @@ class CameraFramesLost(CameraCorruption):
     kind = "camera_blank"
     leaves_nothing = True
 
-    chance: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check the probability."""
-        check_number("chance", self.chance, 0, 1)
+    chance: Annotated[float, Within(0, 1)] = 1.0
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -81,11 +78,7 @@ class LidarFramesLost(LidarCorruption):
     kind = "lidar_blank"
     leaves_nothing = True
 
-    chance: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check the probability."""
-        check_number("chance", self.chance, 0, 1)
+    chance: Annotated[float, Within(0, 1)] = 1.0
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator

@@ -3,25 +3,58 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from sightline.corruptions.corruption import (
-    CameraCorruption,
-    Image,
-    ImageChange,
-    check_number,
-    check_range,
-    everywhere,
-)
+from sightline.corruptions.corruption import CameraCorruption, Image, ImageChange, everywhere
 from sightline.corruptions.haze import airlight_level, to_levels, veil
 from sightline.corruptions.precipitation import Precipitation, rain, snow
 from sightline.corruptions.scene_depth import scene_ranges
-from sightline.corruptions.streak_kernel import draw_streaks
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.ranges import Within, check_ranges
+from sightline.ops.compiled import compiled
 from sightline.structures.sample import CameraLidarSample
+
+
+@compiled
+def draw_streaks(
+    levels: Float32[np.ndarray, "channels height width"],
+    ends_px: Float64[np.ndarray, "num_streaks 4"],
+    widths_px: Float64[np.ndarray, " num_streaks"],
+    opacities: Float64[np.ndarray, " num_streaks"],
+    color: float,
+) -> None:
+    """Blend streaks over the image, in place.
+
+    A streak covers points up to half its width from the line between its ends; a pixel with its
+    centre within half a pixel of the rim has its covered share.
+    """
+    channels, height, width = levels.shape
+    for streak in range(len(opacities)):
+        x0, y0, x1, y1 = ends_px[streak]
+        reach = widths_px[streak] / 2 + 0.5
+        left = max(int(np.ceil(min(x0, x1) - reach)), 0)
+        right = min(int(np.floor(max(x0, x1) + reach)), width - 1)
+        top = max(int(np.ceil(min(y0, y1) - reach)), 0)
+        bottom = min(int(np.floor(max(y0, y1) + reach)), height - 1)
+        dx, dy = x1 - x0, y1 - y0
+        square = dx * dx + dy * dy
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                along = 0.0
+                if square > 0:
+                    along = ((column - x0) * dx + (row - y0) * dy) / square
+                    along = min(max(along, 0.0), 1.0)
+                off_x, off_y = column - x0 - along * dx, row - y0 - along * dy
+                covered = min(reach - np.sqrt(off_x * off_x + off_y * off_y), 1.0)
+                if covered > 0:
+                    weight = opacities[streak] * covered
+                    for channel in range(channels):
+                        level = levels[channel, row, column]
+                        levels[channel, row, column] = level + weight * (color - level)
+
 
 _NEAREST_M = 0.4  # the windscreen or the hood keeps nearer particles away
 # Particles beyond contribute only to the veil: drops too fast and flakes too small to be visible.
@@ -36,18 +69,16 @@ _SRGB_KNEE = np.float32(0.04045)
 class Exposure:
     """Camera motion and exposure time."""
 
-    time_s: float = 0.002
+    time_s: Annotated[float, Within(0, 1)] = 0.002
     """Exposure time; the default is the longest of KITTI's cameras."""
-    speed_mps: float = 10.0
+    speed_mps: Annotated[float, Within(0, 100)] = 10.0
     """Speed of the car, straight ahead."""
-    wind_mps: tuple[float, float] = (-3.0, 3.0)
+    wind_mps: Annotated[tuple[float, float], Within(-100, 100)] = (-3.0, 3.0)
     """Wind to the right; uniform distribution."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_number("time_s", self.time_s, 0, 1)
-        check_number("speed_mps", self.speed_mps, 0, 100)
-        check_range("wind_mps", self.wind_mps, -100, 100)
+        check_ranges(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,13 +88,9 @@ class _CameraPrecipitation(CameraCorruption):
     drawn_m: ClassVar[float]
     """Maximum distance of individually drawn particles."""
 
-    rate_mm_per_h: float
+    rate_mm_per_h: Annotated[float, Within(0.01, 300)]
     """Water rate; for snow, of the melted water."""
     exposure: Exposure = Exposure()
-
-    def __post_init__(self) -> None:
-        """Check the rate."""
-        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
 
     @abstractmethod
     def particles(self) -> Precipitation:

@@ -1,25 +1,26 @@
 """Base classes of corruptions: sensor faults with a record and masks of their changes."""
 
 import json
-import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Final, Literal, NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from jaxtyping import Bool, Float32, Int64, UInt8
 from torch import Tensor
 
-from sightline.data.faults import Fault
+from sightline.augmentation.faults import Fault
 from sightline.geometry.checked import checked
+from sightline.geometry.projection import project_points
+from sightline.geometry.ranges import Number, check_ranges
 from sightline.structures.sample import CameraLidarSample
 
 Sensor = Literal["camera", "lidar"]
 Image = UInt8[Tensor, "3 height width"]
 Sweep = Float32[Tensor, "num_points 4"]
-Number = float | int
 Parameter = Number | str | Sequence[Number]
 """Values that JSON can store."""
 
@@ -82,6 +83,10 @@ class Corruption(Fault):
     """Whether the effect depends on the calibration; masks of the LiDAR always do."""
     leaves_nothing: ClassVar[bool] = False
     """Whether the masked pixels show nothing of the scene any more, rather than less of it."""
+
+    def __post_init__(self) -> None:
+        """Check the settings; a subclass with checks of its own calls `check_ranges`, too."""
+        check_ranges(self)
 
     def __str__(self) -> str:
         """Name of the kind."""
@@ -224,30 +229,6 @@ def nowhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
     return torch.zeros(sample.image_size, dtype=torch.bool)
 
 
-def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
-    """Check a range for random draws: it must not be empty or exceed the limits.
-
-    Raises:
-        ValueError: The range is invalid.
-    """
-    if not (lowest <= bounds[0] <= bounds[1] <= highest and bounds[1] < math.inf):
-        raise ValueError(
-            f"{name} must be two numbers from {lowest:g} to {highest:g}, the lower first; got "
-            f"{bounds[0]:g} and {bounds[1]:g}"
-        )
-
-
-def check_number(name: str, value: Number, lowest: Number, highest: Number = math.inf) -> None:
-    """Check that a setting is finite and within the limits.
-
-    Raises:
-        ValueError: The setting is invalid.
-    """
-    if not (lowest <= value <= highest and value < math.inf):
-        limits = f"from {lowest:g} to {highest:g}" if highest < math.inf else f"at least {lowest:g}"
-        raise ValueError(f"{name} must be finite and {limits}, got {value:g}")
-
-
 def _unchanged(corruption: Corruption, sample: CameraLidarSample) -> Corrupted:
     none = nowhere(sample)
     return Corrupted(
@@ -258,3 +239,21 @@ def _unchanged(corruption: Corruption, sample: CameraLidarSample) -> Corrupted:
 def record_of(corruption: Corruption, parameters: Mapping[str, Parameter]) -> Record:
     """Make the record of a corruption from its drawn values."""
     return Record(kind=corruption.kind, sensors=corruption.sensors, parameters=parameters)
+
+
+_SPACING_PX: Final = 9  # spacing of neighbouring rings in KITTI's image, rather more than less
+
+
+def region_of(
+    points: Float32[np.ndarray, "num_points fields"], sample: CameraLidarSample
+) -> Bool[Tensor, "height width"]:
+    """Mark the pixels hit by points, and pixels between them up to the spacing of rings."""
+    height, width = sample.image_size
+    projected = project_points(torch.from_numpy(points[:, :3]).double(), sample.calibration)
+    seen = projected.pixels[projected.in_image((height, width))].numpy()
+    columns, rows = np.floor(seen + 0.5).astype(np.int64).T
+    region = np.zeros((height, width), dtype=np.uint8)
+    region[rows, columns] = 1
+    kernel = np.ones((_SPACING_PX, _SPACING_PX), dtype=np.uint8)
+    closed = cv2.morphologyEx(region, cv2.MORPH_CLOSE, kernel)
+    return torch.from_numpy((closed > 0) | (region > 0))

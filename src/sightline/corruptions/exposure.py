@@ -1,21 +1,23 @@
-"""Wrong exposures and even veils of cameras: brightness, darkness, contrast."""
+"""Wrong exposures of cameras, and blinding light on a part of the image."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8
 from torch import Tensor
 
 from sightline.corruptions.corruption import (
     CameraCorruption,
     Image,
     ImageChange,
-    check_number,
+    Parameter,
     everywhere,
 )
-from sightline.corruptions.shot_noise import detect_photons
+from sightline.corruptions.noise import detect_photons
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -25,12 +27,8 @@ class CameraBrightness(CameraCorruption):
 
     kind = "camera_brightness"
 
-    added_share: float
+    added_share: Annotated[float, Within(0, 1)]
     """Added share of full scale."""
-
-    def __post_init__(self) -> None:
-        """Check the share."""
-        check_number("added_share", self.added_share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -51,17 +49,11 @@ class CameraDarkness(CameraCorruption):
 
     kind = "camera_darkness"
 
-    peak: float
+    peak: Annotated[float, Within(0, 1)]
     """Mean of a white pixel, as a share of full scale."""
-    gamma: float = 2.0
-    full_scale_photons: float = 255.0
+    gamma: Annotated[float, Within(0.1, 10)] = 2.0
+    full_scale_photons: Annotated[float, Within(0.1, 10000)] = 255.0
     """Number of photons for a level of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_number("peak", self.peak, 0, 1)
-        check_number("gamma", self.gamma, 0.1, 10)
-        check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -78,12 +70,8 @@ class CameraContrast(CameraCorruption):
 
     kind = "camera_contrast"
 
-    factor: float
+    factor: Annotated[float, Within(0, 1)]
     """Factor on the distance to the mean."""
-
-    def __post_init__(self) -> None:
-        """Check the factor."""
-        check_number("factor", self.factor, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -121,3 +109,55 @@ def reduce_contrast(
         table = np.rint(mean + factor * (levels - mean)).astype(np.uint8)
         planes.append(cv2.LUT(np.ascontiguousarray(plane), table))
     return torch.from_numpy(np.stack(planes).astype(np.uint8, copy=False))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraIllumination(CameraCorruption):
+    """Bright disc: Kim et al. 2018, section IV-A, "abrupt illumination change".
+
+    Its centre is anywhere in the image, and its edge is hard. The paper gives no range; the disc of
+    Fig. 3b has about 361 px and 205 levels.
+    """
+
+    kind = "camera_illumination"
+
+    radius_px: Annotated[tuple[float, float], Within(0)] = (100.0, 400.0)
+    """Radius; uniform distribution."""
+    added_levels: Annotated[tuple[int, int], Within(0, 255)] = (100, 230)
+    """Integer grey levels of 255 added to all channels; uniform, including the upper limit."""
+
+    def change_image(
+        self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
+    ) -> ImageChange:
+        """Apply `brighten` to a `disc_mask`."""
+        height, width = sample.image_size
+        centre_px = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, height - 0.5)
+        radius_px = rng.uniform(*self.radius_px)
+        added_levels = int(rng.integers(*self.added_levels, endpoint=True))
+        mask = disc_mask(sample.image_size, centre_px, radius_px)
+        drawn: dict[str, Parameter] = {
+            "centre_px": centre_px,
+            "radius_px": radius_px,
+            "added_levels": added_levels,
+        }
+        return ImageChange(brighten(image, mask, added_levels), mask, drawn)
+
+
+def disc_mask(
+    image_size: tuple[int, int], centre_px: tuple[float, float], radius_px: float
+) -> Bool[Tensor, "height width"]:
+    """Mark the pixels of a (height, width) image with centres within the radius from (x, y)."""
+    height, width = image_size
+    x = torch.arange(width, dtype=torch.float64) - centre_px[0]
+    y = torch.arange(height, dtype=torch.float64) - centre_px[1]
+    return x.square() + y.square()[:, None] <= radius_px**2
+
+
+def brighten(
+    image: UInt8[Tensor, "channels height width"],
+    mask: Bool[Tensor, "height width"],
+    added_levels: int,
+) -> UInt8[Tensor, "channels height width"]:
+    """Add levels to the masked pixels, up to 255."""
+    headroom = 255 - image
+    return torch.where(mask, image + headroom.clamp(max=added_levels), image)

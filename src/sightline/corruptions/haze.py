@@ -2,20 +2,16 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
 from jaxtyping import Float32, UInt8
 from torch import Tensor
 
-from sightline.corruptions.corruption import (
-    CameraCorruption,
-    Image,
-    ImageChange,
-    check_number,
-    everywhere,
-)
+from sightline.corruptions.corruption import CameraCorruption, Image, ImageChange, everywhere
 from sightline.corruptions.scene_depth import scene_ranges
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 VISIBLE_CONTRAST = 0.05
@@ -33,12 +29,8 @@ class CameraFog(CameraCorruption):
     needs_calibration = True
     revision = 3
 
-    visibility_m: float
+    visibility_m: Annotated[float, Within(0.1, 1000000.0)]
     """Meteorological optical range, at which 5 % of the contrast is left."""
-
-    def __post_init__(self) -> None:
-        """Check the visibility."""
-        check_number("visibility_m", self.visibility_m, 0.1, 1e6)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator

@@ -10,10 +10,13 @@ import numpy as np
 from sightline.corruptions.blank import CameraFramesLost, LidarFramesLost
 from sightline.corruptions.camera_precipitation import CameraRain, CameraSnow
 from sightline.corruptions.corruption import Corruption
-from sightline.corruptions.dirt import CameraDirt
-from sightline.corruptions.exposure import CameraBrightness, CameraContrast, CameraDarkness
+from sightline.corruptions.exposure import (
+    CameraBrightness,
+    CameraContrast,
+    CameraDarkness,
+    CameraIllumination,
+)
 from sightline.corruptions.haze import CameraFog
-from sightline.corruptions.illumination import CameraIllumination
 from sightline.corruptions.lidar_fog import LidarFog
 from sightline.corruptions.lidar_loss import (
     LidarBeams,
@@ -38,11 +41,11 @@ from sightline.corruptions.noise import (
     CameraUniformNoise,
 )
 from sightline.corruptions.occlusion import CameraOcclusion
-from sightline.corruptions.optics import CameraDefocus, CameraJpeg, CameraMotionBlur
+from sightline.corruptions.optics import CameraDefocus, CameraDirt, CameraJpeg, CameraMotionBlur
 from sightline.corruptions.pixel_box import AreaDrawing
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.corruptions.sun_glare import SunGlare
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
 SEVERITIES: Final = (1, 2, 3, 4, 5)
 

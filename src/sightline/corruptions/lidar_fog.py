@@ -3,22 +3,21 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Float64
 
-from sightline.corruptions.corruption import (
-    LidarCorruption,
-    PointsChange,
-    Sweep,
-    check_number,
-    everywhere,
-)
-from sightline.corruptions.echoes import clear_air_reflectances, faintest_power
+from sightline.corruptions.corruption import LidarCorruption, PointsChange, Sweep, everywhere
 from sightline.corruptions.haze import VISIBLE_CONTRAST
-from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.corruptions.sensor import (
+    HDL_64E,
+    SpinningLidar,
+    clear_air_reflectances,
+    faintest_power,
+)
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 _LIGHT_MPS: Final = 299792458.0
@@ -45,12 +44,8 @@ class LidarFog(LidarCorruption):
 
     kind = "lidar_fog"
 
-    attenuation_per_m: float
+    attenuation_per_m: Annotated[float, Within(1e-06, 10)]
     lidar: SpinningLidar = HDL_64E
-
-    def __post_init__(self) -> None:
-        """Check the attenuation."""
-        check_number("attenuation_per_m", self.attenuation_per_m, 1e-6, 10)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator

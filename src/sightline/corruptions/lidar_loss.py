@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -12,12 +13,12 @@ from sightline.corruptions.corruption import (
     LidarCorruption,
     PointsChange,
     Sweep,
-    check_number,
     everywhere,
+    region_of,
 )
-from sightline.corruptions.point_pixels import region_of
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.geometry.projection import unproject_pixels
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 _FAR_M = 1e5  # where the offset of camera and LiDAR is negligible
@@ -32,13 +33,9 @@ class LidarBeams(LidarCorruption):
 
     kind = "lidar_beams"
 
-    kept_share: float
+    kept_share: Annotated[float, Within(0, 1)]
     """Share of the sensor's beams that stay; at least one stays."""
     lidar: SpinningLidar = HDL_64E
-
-    def __post_init__(self) -> None:
-        """Check the share."""
-        check_number("kept_share", self.kept_share, 0, 1)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -59,11 +56,7 @@ class LidarPointDrop(LidarCorruption):
 
     kind = "lidar_point_drop"
 
-    share: float
-
-    def __post_init__(self) -> None:
-        """Check the share."""
-        check_number("share", self.share, 0, 1)
+    share: Annotated[float, Within(0, 1)]
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -83,11 +76,7 @@ class LidarFov(LidarCorruption):
     needs_calibration = True
     leaves_nothing = True
 
-    half_angle_deg: float
-
-    def __post_init__(self) -> None:
-        """Check the angle."""
-        check_number("half_angle_deg", self.half_angle_deg, 0, 180)
+    half_angle_deg: Annotated[float, Within(0, 180)]
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -110,11 +99,7 @@ class LidarSector(LidarCorruption):
     needs_calibration = True
     leaves_nothing = True
 
-    width_deg: float
-
-    def __post_init__(self) -> None:
-        """Check the width."""
-        check_number("width_deg", self.width_deg, 0, 360)
+    width_deg: Annotated[float, Within(0, 360)]
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -139,14 +124,9 @@ class LidarCutout(LidarCorruption):
     kind = "lidar_cutout"
     leaves_nothing = True
 
-    num_blobs: int
-    share_of_each: float = 0.02
+    num_blobs: Annotated[int, Within(0)]
+    share_of_each: Annotated[float, Within(0, 1)] = 0.02
     """Share of the sweep's points, rounded up."""
-
-    def __post_init__(self) -> None:
-        """Check number and share."""
-        check_number("num_blobs", self.num_blobs, 0)
-        check_number("share_of_each", self.share_of_each, 0, 1)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator

@@ -1,6 +1,7 @@
 """Noise on the coordinates x, y, z of LiDAR points; reflectances are unchanged."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -11,9 +12,9 @@ from sightline.corruptions.corruption import (
     Parameter,
     PointsChange,
     Sweep,
-    check_number,
     everywhere,
 )
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -23,12 +24,8 @@ class LidarGaussianNoise(LidarCorruption):
 
     kind = "lidar_gaussian_noise"
 
-    sigma_m: float
+    sigma_m: Annotated[float, Within(0)]
     """Standard deviation."""
-
-    def __post_init__(self) -> None:
-        """Check the deviation."""
-        check_number("sigma_m", self.sigma_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -44,12 +41,8 @@ class LidarUniformNoise(LidarCorruption):
 
     kind = "lidar_uniform_noise"
 
-    half_width_m: float
+    half_width_m: Annotated[float, Within(0)]
     """Maximum noise."""
-
-    def __post_init__(self) -> None:
-        """Check the width."""
-        check_number("half_width_m", self.half_width_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -65,14 +58,9 @@ class LidarImpulseNoise(LidarCorruption):
 
     kind = "lidar_impulse_noise"
 
-    share: float
+    share: Annotated[float, Within(0, 1)]
     """Share of the points, rounded down."""
-    step_m: float = 0.1
-
-    def __post_init__(self) -> None:
-        """Check share and step."""
-        check_number("share", self.share, 0, 1)
-        check_number("step_m", self.step_m, 0)
+    step_m: Annotated[float, Within(0)] = 0.1
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -94,15 +82,10 @@ class LidarCrosstalk(LidarCorruption):
 
     kind = "lidar_crosstalk"
 
-    share: float
+    share: Annotated[float, Within(0, 1)]
     """Share of the points, rounded."""
-    sigma_m: float = 3.0
+    sigma_m: Annotated[float, Within(0)] = 3.0
     """Standard deviation in each coordinate."""
-
-    def __post_init__(self) -> None:
-        """Check share and deviation."""
-        check_number("share", self.share, 0, 1)
-        check_number("sigma_m", self.sigma_m, 0)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator

@@ -3,22 +3,21 @@
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Float64
 
-from sightline.corruptions.corruption import (
-    LidarCorruption,
-    PointsChange,
-    Sweep,
-    check_number,
-    everywhere,
-)
-from sightline.corruptions.echoes import clear_air_reflectances, faintest_power
+from sightline.corruptions.corruption import LidarCorruption, PointsChange, Sweep, everywhere
 from sightline.corruptions.precipitation import Precipitation, rain, snow
-from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.corruptions.sensor import (
+    HDL_64E,
+    SpinningLidar,
+    clear_air_reflectances,
+    faintest_power,
+)
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 _RESOLUTION_M: Final = 0.09  # range resolution at a signal as strong as the noise
@@ -29,13 +28,9 @@ _LARGEST_MM: Final = 6.0  # melted; larger drops break up
 class _LidarPrecipitation(LidarCorruption):
     """Precipitation in a LiDAR sweep; see `fall_before`."""
 
-    rate_mm_per_h: float
+    rate_mm_per_h: Annotated[float, Within(0.01, 300)]
     """Water rate; for snow, of the melted water."""
     lidar: SpinningLidar = HDL_64E
-
-    def __post_init__(self) -> None:
-        """Check the rate."""
-        check_number("rate_mm_per_h", self.rate_mm_per_h, 0.01, 300)
 
     @abstractmethod
     def particles(self) -> Precipitation:

@@ -6,6 +6,7 @@ LiDAR. KITTI's labels are in the camera's frame, so all of them are now offset f
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -18,10 +19,9 @@ from sightline.corruptions.corruption import (
     Parameter,
     PointsChange,
     Sweep,
-    check_number,
-    check_range,
     everywhere,
 )
+from sightline.geometry.ranges import Within
 from sightline.geometry.transforms import transform_points
 from sightline.structures.sample import CameraLidarSample
 
@@ -35,13 +35,8 @@ class SpatialMisalignment(LidarCorruption):
 
     kind = "misalignment_spatial"
 
-    rotation_deg: float
-    translation_m: float
-
-    def __post_init__(self) -> None:
-        """Check angle and distance."""
-        check_number("rotation_deg", self.rotation_deg, 0, 180)
-        check_number("translation_m", self.translation_m, 0)
+    rotation_deg: Annotated[float, Within(0, 180)]
+    translation_m: Annotated[float, Within(0)]
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
@@ -70,16 +65,10 @@ class TemporalMisalignment(LidarCorruption):
 
     kind = "misalignment_temporal"
 
-    latency_s: float
-    speed_mps: float = 10.0
-    yaw_rate_dps: tuple[float, float] = (-10.0, 10.0)
+    latency_s: Annotated[float, Within(0)]
+    speed_mps: Annotated[float, Within(0)] = 10.0
+    yaw_rate_dps: Annotated[tuple[float, float], Within(-180, 180)] = (-10.0, 10.0)
     """Degrees per second, counter-clockwise; uniform distribution."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_number("latency_s", self.latency_s, 0)
-        check_number("speed_mps", self.speed_mps, 0)
-        check_range("yaw_rate_dps", self.yaw_rate_dps, -180, 180)
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator

@@ -1,22 +1,54 @@
-"""Noise and dead pixels of a camera's sensor."""
+"""Noise and dead pixels of a camera's sensor, and fast counts of photons."""
 
 from dataclasses import dataclass
+from typing import Annotated, Final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float64, UInt8
+from scipy.stats import poisson
 from torch import Tensor
 
-from sightline.corruptions.corruption import (
-    CameraCorruption,
-    Image,
-    ImageChange,
-    check_number,
-    check_range,
-    everywhere,
-)
-from sightline.corruptions.shot_noise import detect_photons
+from sightline.corruptions.corruption import CameraCorruption, Image, ImageChange, everywhere
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
+
+_DRAWS: Final = 1 << 16
+
+
+def detect_photons(
+    image: UInt8[Tensor, "channels height width"],
+    mean_photons: Float64[np.ndarray, "256"],
+    levels_per_photon: float,
+    rng: np.random.Generator,
+) -> UInt8[Tensor, "channels height width"]:
+    """Simulate an image from photon counts: an independent Poisson number for each value.
+
+    Numbers are drawn by inverting the distribution function at 2^16 evenly spaced places, so that
+    probabilities are exact to 1e-5; individual draws take three times as long.
+
+    Args:
+        image: Image without noise.
+        mean_photons: Mean number of photons for each of its 256 levels.
+        levels_per_photon: Added level per photon; rounded, clipped to [0, 255].
+        rng: Source of all randomness.
+    """
+    table = np.stack([_outcomes(mean, levels_per_photon) for mean in mean_photons.tolist()])
+    drawn = rng.integers(0, _DRAWS, image.shape, dtype=np.uint16)
+    places = image.numpy().astype(np.int32)
+    places <<= 16
+    places |= drawn
+    return torch.from_numpy(table.reshape(-1)[places])
+
+
+def _outcomes(mean: float, levels_per_photon: float) -> UInt8[np.ndarray, "draws"]:
+    """Compute the levels of all draws, in ascending order of photons."""
+    most = int(mean + 7 * np.sqrt(mean) + 12)
+    counts = np.arange(most + 1)
+    up_to = np.rint(_DRAWS * poisson.cdf(counts, mean)).astype(np.int64)
+    up_to[-1] = _DRAWS
+    levels = np.clip(np.rint(levels_per_photon * counts), 0, 255).astype(np.uint8)
+    return np.repeat(levels, np.diff(up_to, prepend=0))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,12 +61,8 @@ class CameraGaussianNoise(CameraCorruption):
 
     kind = "camera_gaussian_noise"
 
-    sigma_levels: tuple[float, float] = (20.0, 120.0)
+    sigma_levels: Annotated[tuple[float, float], Within(0, 255)] = (20.0, 120.0)
     """Standard deviation in grey levels of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        check_range("sigma_levels", self.sigma_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -51,12 +79,8 @@ class CameraUniformNoise(CameraCorruption):
 
     kind = "camera_uniform_noise"
 
-    half_width_levels: float
+    half_width_levels: Annotated[float, Within(0, 255)]
     """Maximum noise in grey levels of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the width."""
-        check_number("half_width_levels", self.half_width_levels, 0, 255)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -73,12 +97,8 @@ class CameraShotNoise(CameraCorruption):
 
     kind = "camera_shot_noise"
 
-    full_scale_photons: float
+    full_scale_photons: Annotated[float, Within(0.1, 10000)]
     """Mean number of photons for a level of 255."""
-
-    def __post_init__(self) -> None:
-        """Check the number."""
-        check_number("full_scale_photons", self.full_scale_photons, 0.1, 10000)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -97,12 +117,8 @@ class CameraImpulseNoise(CameraCorruption):
 
     kind = "camera_impulse_noise"
 
-    share: float
+    share: Annotated[float, Within(0, 1)]
     """Probability of replacing each value."""
-
-    def __post_init__(self) -> None:
-        """Check the share."""
-        check_number("share", self.share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
@@ -126,12 +142,8 @@ class CameraDeadPixels(CameraCorruption):
     kind = "camera_dead_pixels"
     leaves_nothing = True
 
-    share: tuple[float, float]
+    share: Annotated[tuple[float, float], Within(0, 1)]
     """Share of the pixels; uniform distribution."""
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        check_range("share", self.share, 0, 1)
 
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator

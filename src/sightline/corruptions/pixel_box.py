@@ -2,16 +2,16 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float32
 from torch import Tensor
 
-from sightline.corruptions.corruption import check_number, check_range
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
+from sightline.geometry.ranges import Within, check_ranges
 from sightline.structures.sample import CameraLidarSample
 
 _NO_OBJECT = "DontCare"  # KITTI's name for a region of unknown content
@@ -55,9 +55,9 @@ class BoxDrawing:
     Kim et al. 2018, section IV-A, give no numbers; in their Fig. 3d the box is about 0.5 by 0.63.
     """
 
-    width_share: tuple[float, float] = (0.2, 0.6)
+    width_share: Annotated[tuple[float, float], Within(0, 1)] = (0.2, 0.6)
     """Share of the image's width."""
-    height_share: tuple[float, float] = (0.3, 0.65)
+    height_share: Annotated[tuple[float, float], Within(0, 1)] = (0.3, 0.65)
     """Share of the image's height."""
     placement: Literal["object", "uniform"] = "object"
     """Centre of the box: the centre of a random labelled object's 2D box (not of DontCare), or
@@ -65,8 +65,7 @@ class BoxDrawing:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_range("width_share", self.width_share, 0, 1)
-        check_range("height_share", self.height_share, 0, 1)
+        check_ranges(self)
 
     def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
         """Draw a box of at least one pixel, clipped at the image's border."""
@@ -94,17 +93,16 @@ class AreaDrawing:
     The whole box lies in the image, so that it has the given area, up to the rounding of its sides.
     """
 
-    area_share: float
+    area_share: Annotated[float, Within(0, 1)]
     """Share of the image's area."""
-    aspect: tuple[float, float] = (0.5, 2.0)
+    aspect: Annotated[tuple[float, float], Within(0.01, 100.0)] = (0.5, 2.0)
     """Width over height, each as a share of the image's; log-uniform distribution."""
     placement: Literal["object", "uniform"] = "object"
     """See `BoxDrawing.placement`; the box is then moved into the image."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_number("area_share", self.area_share, 0, 1)
-        check_range("aspect", self.aspect, 1e-2, 1e2)
+        check_ranges(self)
 
     def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
         """Draw a box of at least one pixel."""

@@ -1,20 +1,68 @@
-"""Distance of everything in an image, for weather: fast, with an accuracy of a few percent."""
+"""Distance of everything in an image, and its sky, for weather: accurate to a few percent."""
 
 from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Bool, Float32, Int64, UInt8
 from torch import Tensor
 
-from sightline.corruptions.sky import sky_mask
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample
 
-_DENSE_SHARE = 0.5  # minimum share of known pixels below the horizon in a dense depth map
+_BLUER = 1.15  # minimum ratio of blue to red in a blue sky
+_BLUE_LEVEL = 110  # its minimum level; darker pixels lie in the shade
+_WHITE_LEVEL = 225  # minimum level of an overexposed sky
+_CLOUD_SHARE = 0.6  # minimum level of clouds, as a share of the image's brightest tenth
+_RINGS_PX = 9  # more than the spacing of rings in KITTI's image
 _WINDOW_PX = 15
+
+
+def sky_mask(
+    planes: UInt8[np.ndarray, "3 height width"],
+    is_known: Bool[np.ndarray, "height width"],
+    is_silent: Bool[np.ndarray, "height width"],
+) -> Bool[np.ndarray, "height width"]:
+    """Mark pixels that are blue, white, or without echo and as bright as a cloud, except walls.
+
+    A wall of such a colour is detected from the pixels below: they lead down without an edge to
+    measured pixels, over more than the spacing of rings. The majority of the surroundings decides,
+    as some measurements lie beside their edge.
+
+    Args:
+        planes: Part of an image above the horizon, RGB.
+        is_known: Measured pixels.
+        is_silent: Pixels without an echo that the LiDAR may have covered.
+    """
+    if not planes.size:
+        return is_known
+    red, green, blue = planes.astype(np.int16)
+    is_blue = (blue > _BLUER * red) & (blue >= green) & (blue >= _BLUE_LEVEL)
+    level = planes.min(axis=0)
+    cloud_level = min(_CLOUD_SHARE * float(np.percentile(level[::4, ::4], 90)), _WHITE_LEVEL)
+    is_alike = is_blue | (level >= np.where(is_silent, cloud_level, _WHITE_LEVEL))
+    upright = np.ones((_RINGS_PX, 1), dtype=np.uint8)  # closes small gaps in an upright run
+    in_run = cv2.morphologyEx(is_alike.astype(np.uint8), cv2.MORPH_CLOSE, upright) > 0
+    is_beside = cv2.dilate(is_known.astype(np.uint8), np.ones((1, 3), dtype=np.uint8)) > 0
+    is_wall = is_alike & (_next_row(~in_run) >= _next_row(is_beside) + _RINGS_PX)
+    walls, all_alike = (
+        cv2.blur(each.astype(np.float32), (_WINDOW_PX, _WINDOW_PX)) for each in (is_wall, is_alike)
+    )
+    is_sky: Bool[np.ndarray, "height width"] = is_alike & (walls <= all_alike / 2)
+    return is_sky
+
+
+def _next_row(is_there: Bool[np.ndarray, "height width"]) -> Int64[np.ndarray, "height width"]:
+    """Find for each pixel the first marked row from its own downwards; otherwise the height."""
+    height, _ = is_there.shape
+    rows = np.where(is_there, np.arange(height)[:, None], height)
+    next_row: Int64[np.ndarray, "height width"] = np.minimum.accumulate(rows[::-1])[::-1]
+    return next_row
+
+
+_DENSE_SHARE = 0.5  # minimum share of known pixels below the horizon in a dense depth map
 _WIDE_WINDOW_PX = 61  # where there is no measurement nearby
 _TRUSTED_PX = 8.0  # distance from a measured pixel at which the weight of its depth falls to 1/e
 _LEAST_TRUST = 0.1

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import torch
@@ -15,17 +15,16 @@ from sightline.corruptions.corruption import (
     Parameter,
     PointsChange,
     Sweep,
-    check_number,
-    check_range,
     everywhere,
     nowhere,
     record_of,
+    region_of,
 )
+from sightline.corruptions.exposure import disc_mask
 from sightline.corruptions.haze import to_levels
-from sightline.corruptions.illumination import disc_mask
-from sightline.corruptions.point_pixels import region_of
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.geometry.projection import project_points, unproject_pixels
+from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
 
 _FAR_M: Final = 1e5
@@ -44,19 +43,13 @@ class SunGlare(Corruption):
     kind = "sun_glare"
     sensors = ("camera", "lidar")
 
-    radius_px: float
+    radius_px: Annotated[float, Within(0, 10000)]
     """Radius of the all-white disc."""
-    ghost_share: float
+    ghost_share: Annotated[float, Within(0, 1)]
     """Number of ghosts relative to the sweep's points, rounded."""
-    ghost_range_m: tuple[float, float] = (1.5, 80.0)
+    ghost_range_m: Annotated[tuple[float, float], Within(0.1, 1000)] = (1.5, 80.0)
     """Range of ghosts; uniform distribution."""
     lidar: SpinningLidar = HDL_64E
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_number("radius_px", self.radius_px, 0, 10000)
-        check_number("ghost_share", self.ghost_share, 0, 1)
-        check_range("ghost_range_m", self.ghost_range_m, 0.1, 1000)
 
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """Apply `shine`; the sun's centre is drawn from the top of the image to the horizon."""

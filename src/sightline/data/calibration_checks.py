@@ -1,14 +1,17 @@
 """Plausibility checks of calibrations of sensors on a vehicle."""
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
-from sightline.data.problem import Problem
-from sightline.geometry.mount import MAX_OFFSET_M, mount_doubt
+from sightline.files.problem import Problem
+from sightline.geometry.mount import MAX_OFFSET_M, mount_doubt, resolution_doubt
 
+_MAX_SKEW: Final = 0.01
+"""Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
 _REMEDY = "correct it or extract the calibration archive again"
 
 
@@ -33,7 +36,11 @@ def check_matrices(
     mount = mount_doubt(matrices.camera_from_lidar)
     if mount is not None:
         doubts.append(f"holds a transform from LiDAR to camera that {mount}")
-    return check_intrinsics(intrinsics, size, path) + _problems(doubts, path)
+    found = check_intrinsics(intrinsics, size, path)
+    resolution = None if size is None else resolution_doubt(matrices.image_from_camera, size)
+    if resolution is not None and not found:
+        doubts.append(f"holds a camera matrix that {resolution}")
+    return found + _problems(doubts, path)
 
 
 def check_intrinsics(
@@ -45,6 +52,12 @@ def check_intrinsics(
     if (focal_px <= 0).any():
         x, y = focal_px
         doubts.append(f"has focal lengths of {x:.6g} and {y:.6g} px, expected both above 0")
+    skews_px = intrinsics[(0, 1), (1, 0)]
+    if (np.abs(skews_px) > _MAX_SKEW * np.abs(focal_px)).any():
+        doubts.append(
+            f"has skewed pixel axes ({skews_px[0]:.6g} and {skews_px[1]:.6g} px), expected 0 of a "
+            "rectified camera"
+        )
     if size is not None:
         width_height = np.array(size[::-1])
         if (np.abs(focal_px) > 100 * width_height).any() or (100 * focal_px < width_height).any():

@@ -6,10 +6,11 @@ from functools import partial
 from pathlib import Path
 
 from sightline.data.other_layouts import no_data_set
-from sightline.data.problem import Problem
-from sightline.data.progress import track
-from sightline.data.threads import check_threads, map_ahead
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
+from sightline.files.problem import Problem
+from sightline.geometry.wrong_types import named_arguments
+from sightline.jobs.progress import track
+from sightline.jobs.read_ahead import check_threads, map_ahead
 
 
 def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
@@ -20,13 +21,15 @@ def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
     return tuple(tree.summary for tree in find_trees(Path(root)))
 
 
+@named_arguments
 def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[Problem]:
     """Reads every file of a data set and yields each fault, frame by frame in order.
 
     Supports recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
     folders itself), the depth completion tree and raw drives. Finds missing, truncated, non-finite
-    and implausible files, and files of one frame that do not fit each other. Continues after
-    faults, and holds only a few frames in memory. An empty sweep is no fault.
+    and implausible files, files of one frame that do not fit each other, frames with equal files,
+    and by labels clouds that are turned or mirrored. Continues after faults, and
+    holds only a few frames in memory. An empty sweep is no fault, unless all are.
 
     Examples:
         >>> import sightline

@@ -11,8 +11,8 @@ from jaxtyping import Float64
 
 from sightline.data.calibration_text import read_rigid_transform
 from sightline.data.drive_tree import DriveFiles
-from sightline.data.plain_text import REMEDY, parse_numbers, read_text, shortened
-from sightline.data.problem import FileError
+from sightline.files.plain_text import REMEDY, parse_numbers, read_text, shortened
+from sightline.files.problem import FileError, Problem
 from sightline.geometry.rotations import rotation_fault
 
 _EARTH_RADIUS_M = 6378137.0
@@ -101,6 +101,34 @@ def drive_times(files: DriveFiles) -> tuple[float, ...] | None:
                 "extract the drive again",
             )
     return tuple((times[lines] - times[lines[0]]).tolist())
+
+
+def check_drive_times(files: DriveFiles) -> list[Problem]:
+    """Find the problem of a raw drive's times: unreadable, or not rising."""
+    try:
+        times = drive_times(files)
+    except FileError as error:
+        return [error.problem]
+    late = None if times is None else drive_times_doubt(files, times)
+    return [] if late is None else [late]
+
+
+def drive_times_doubt(files: DriveFiles, times: Sequence[float]) -> Problem | None:
+    """Problem of a raw drive whose times do not rise from frame to frame; None: they do.
+
+    Args:
+        files: Files of the drive, with timestamps.
+        times: Result of `drive_times`.
+    """
+    late = [place for place in range(1, len(times)) if times[place] <= times[place - 1]]
+    if files.timestamps is None or not late:
+        return None
+    return Problem(
+        path=files.timestamps,
+        problem=f"has times that do not rise from frame to frame: {len(late)} of {len(times)} fall "
+        f"or stay, that of {files.frames[late[0]].sample_id} for one",
+        remedy="correct them, or number the frames in the order in which they were taken",
+    )
 
 
 def read_oxts_poses(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.object_tree import list_files
+from sightline.data.object_tree import find_file, list_files
 
 _IMAGE_FOLDERS = ("image_02/data", "image_02")
 _POINTS_FOLDERS = ("velodyne_points/data", "velodyne_points", "velodyne")
@@ -50,7 +50,7 @@ def list_drive(folder: Path) -> DriveFiles:
     calibrations = (
         place for place in (folder, folder.parent) if (place / "calib_cam_to_cam.txt").is_file()
     )
-    times = (folder / place / "timestamps.txt" for place in _TIMES_FOLDERS)
+    times = (find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS)
     oxts = folder / "oxts" / "data"
     return DriveFiles(
         frames=tuple(
@@ -61,7 +61,7 @@ def list_drive(folder: Path) -> DriveFiles:
         image_folder=image_folder,
         points_folder=points_folder,
         calibration=next(calibrations, None),
-        timestamps=next((path for path in times if path.is_file()), None),
+        timestamps=next((path for path in times if path is not None), None),
         oxts=oxts if oxts.is_dir() else None,
     )
 

@@ -6,12 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeVar
 
+from sightline.data.between_frames import check_repeats
 from sightline.data.depth_tree import DepthFrame
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
-from sightline.data.object_tree import CORRUPTED, OBJECT_SPLITS, ObjectFrame, Part
-from sightline.data.problem import FileError, Problem
+from sightline.data.object_tree import CORRUPTED, ObjectFrame, Part
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
+from sightline.files.problem import FileError, Problem
+from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _DRAWN: Final = 3  # number of frames: the first, and others spread over the rest
 _STACK: Final = 4  # stack level of the caller that opens the data set
@@ -70,9 +72,29 @@ def judge_frames(
     findings: list[Findings] = [examine(frame) for frame in drawn]
     for problem in (problem for found in findings for problem in found.refused):
         raise FileError(problem.path, problem.problem, problem.remedy)
-    doubts = [*shared, *(each for found in findings for each in found.doubted)]
+    doubts = [*shared, *(each for found in findings for each in (*found.doubted, *found.hollow))]
+    doubts += _repeats(root, drawn)
     _warn_of_doubts(doubts, len(drawn))
     _warn_of_nothing(root, drawn, findings)
+
+
+def _repeats(root: Path, drawn: Sequence[Frame]) -> list[Problem]:
+    """Find equal images or clouds among the checked frames."""
+    if _is_corrupted(root):
+        return []
+    images = [frame.image for frame in drawn]
+    clouds = [_points_file(frame) for frame in drawn]
+    return check_repeats(
+        [path for path in images if path is not None], [path for path in clouds if path is not None]
+    )
+
+
+def _points_file(frame: ObjectFrame | DepthFrame | DriveFrame) -> Path | None:
+    return frame.sparse if isinstance(frame, DepthFrame) else frame.points
+
+
+def _is_corrupted(root: Path) -> bool:
+    return any((root / split / CORRUPTED).is_dir() for split in ("", *KITTI_SPLITS))
 
 
 def _warn_of_doubts(doubts: Sequence[Problem], num_looked_at: int) -> None:
@@ -118,7 +140,7 @@ def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Find
 
     Corrupted data sets are exempt: they lack it on purpose.
     """
-    if any((root / split / CORRUPTED).is_dir() for split in ("", *OBJECT_SPLITS)):
+    if _is_corrupted(root):
         return
     images = [
         found.has_dark_image
@@ -128,8 +150,7 @@ def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Find
     sweeps = [
         found.has_empty_sweep
         for frame, found in zip(drawn, findings, strict=True)
-        if (frame.sparse if isinstance(frame, DepthFrame) else frame.points) is not None
-        and not found.unreadable
+        if _points_file(frame) is not None and not found.unreadable
     ]
     for what, empty in (("images are of one colour", images), ("sweeps have no point", sweeps)):
         if empty and all(empty):

@@ -24,9 +24,9 @@ from sightline.data.kitti_labels import read_labels
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.object_tree import ObjectFrame
-from sightline.data.problem import FileError, Problem
-from sightline.data.velodyne import read_sweep, sweep_doubt
+from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt
 from sightline.data.view import is_in_view
+from sightline.files.problem import FileError, Problem
 from sightline.geometry.mount import MAX_RANGE_M, is_hardly_shown
 from sightline.geometry.mount_axes import axes_doubt
 
@@ -49,13 +49,20 @@ class Findings:
     """Impossible values, which make any prediction wrong."""
     doubted: list[Problem] = field(default_factory=list)
     """Implausible values, and files that probably do not belong together."""
+    hollow: list[Problem] = field(default_factory=list)
+    """Clouds with hardly anything in them, which contradict no other file."""
     has_dark_image: bool = False
     """Whether the image has a single colour."""
     has_empty_sweep: bool = False
 
     def all(self) -> list[Problem]:
         """Returns all faults."""
-        return [*self.unreadable, *self.refused, *self.doubted]
+        return [*self.unreadable, *self.refused, *self.doubted, *self.hollow]
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether the frame's files are readable, plausible and fit each other."""
+        return not (self.unreadable or self.refused or self.doubted)
 
 
 def examine_object_frame(frame: ObjectFrame) -> Findings:
@@ -79,7 +86,7 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
             found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
         found.doubted += check_objects(objects, size, frame.objects)
-        if matrices is not None and not found.all():
+        if matrices is not None and found.is_consistent:
             found.doubted += check_label_fit(objects, matrices, size, points, frame.objects)
     return found
 
@@ -164,6 +171,7 @@ def _examine_sweep(
         found.refused.append(doubt)
     else:
         found.doubted += _check_points(points, path)
+        found.hollow += hollow_sweep(path, points)
     return points
 
 

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
-from sightline.data.atomic import atomic_write_bytes
 from sightline.data.image_header import (
     IMAGE_SUFFIXES,
     MAX_FILE_BYTES,
@@ -14,10 +13,12 @@ from sightline.data.image_header import (
     check_complete,
     parse_image_header,
 )
-from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
 from sightline.data.quiet_decoder import decode_quietly
+from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
+from sightline.geometry.wrong_types import named_arguments
 
 _JPEG_QUALITY = 95
 _REMEDY = "extract it again"
@@ -104,6 +105,7 @@ def _said(picture: object) -> str:
     return f"{picture.dtype} of shape {tuple(picture.shape)}"
 
 
+@named_arguments
 def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> None:
     """Writes a picture atomically: `.png` lossless, `.jpg` with quality 95.
 

@@ -19,12 +19,12 @@ from sightline.data.object_tree import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
-from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
-from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.data.tree_mount import pose_of_tree, warn_of_mount
+from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
+from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
 
@@ -36,7 +36,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
     and, for training, `label_2`. The files are listed once, so that gaps are found at the start and
     not in the middle of a training; their contents are read frame by frame. If the LiDAR is rotated
     (the camera points more than 5 degrees away from its x axis) or tilted (by 4 degrees or more
-    against the road in some clouds, with a warning), samples have a `level_from_lidar`.
+    against the road in some clouds, with a warning), samples have a `level_from_lidar`. If it sits
+    more than 0.5 m higher or lower than KITTI's, with a warning, they have its height.
     """
 
     def __init__(
@@ -93,7 +94,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         pictures = (frame.image or frame.depth for frame in found.values())
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._pose = pose_of_tree(tuple(found.values()))
-        warn_of_tilt(self._pose, folder)
+        warn_of_mount(self._pose, folder)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:

@@ -1,21 +1,22 @@
 """Data set of a raw drive: consecutive frames of one recording."""
 
+import warnings
 from pathlib import Path
 
 import torch
 from torch.utils.data import Dataset
 
 from sightline.data.calibration_text import read_raw_matrices
-from sightline.data.drive_poses import drive_times, read_oxts_poses, read_poses
+from sightline.data.drive_poses import drive_times, drive_times_doubt, read_oxts_poses, read_poses
 from sightline.data.drive_tree import DriveFiles, list_drive
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.object_tree import describe_absent
-from sightline.data.problem import FileError
-from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
-from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.data.tree_mount import pose_of_tree, warn_of_mount
+from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
+from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_from_mount
 from sightline.structures.sample import CameraLidarSample
 
@@ -23,8 +24,8 @@ from sightline.structures.sample import CameraLidarSample
 class KittiRawDrive(Dataset[CameraLidarSample]):
     """Frames of one drive at 10 Hz, in the official layout or the flat one.
 
-    `list_drive` documents both layouts. Calibration, poses and times are read once. A rotated or
-    tilted LiDAR is handled as in `KittiObjectDataset`.
+    `list_drive` documents both layouts. Calibration, poses and times are read once. A rotated,
+    tilted, higher or lower LiDAR is handled as in `KittiObjectDataset`.
     """
 
     def __init__(
@@ -65,9 +66,12 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self.calibration = read_raw_calibration(files.calibration)
         """Calibration of every frame."""
         self._pose = pose_of_tree(files.frames)
-        warn_of_tilt(self._pose, self.folder)
+        warn_of_mount(self._pose, self.folder)
         self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
         self._times = drive_times(files)
+        late = None if self._times is None else drive_times_doubt(files, self._times)
+        if late is not None:
+            warnings.warn(str(late), stacklevel=2)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]
         self.image_size = (

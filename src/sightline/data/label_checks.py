@@ -15,8 +15,8 @@ from sightline.data.kitti_labels import (
     NO_ROTATION,
     KittiObjects,
 )
-from sightline.data.plain_text import shortened
-from sightline.data.problem import Problem
+from sightline.files.plain_text import shortened
+from sightline.files.problem import Problem
 from sightline.geometry.mount import MAX_RANGE_M
 
 _OUTSIDE_SHARE = 0.1  # share of the image's size by which a box may exceed it
@@ -27,6 +27,7 @@ _LONG = ("Car", "Van", "Truck", "Tram")  # length is their largest size
 _TALL = ("Pedestrian",)  # height is their largest size
 _CLEARLY = 1.15  # ratio of clearly different sizes
 _REGION = "DontCare"
+_NAMED: Final = 5  # faults of a kind with a line of their own in one file
 
 _OTHER_NAMES: Final = {
     "auto": "Car",
@@ -56,6 +57,7 @@ def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Pat
     """Find implausible labels; `size` is the image's height and width, if known."""
     return [
         *_check_names(objects, path),
+        *_check_repeated(objects, path),
         *_check_units(objects, size, path),
         *_check_each(objects, size, path),
     ]
@@ -65,9 +67,10 @@ def _check_names(objects: KittiObjects, path: Path) -> list[Problem]:
     """Find class names that are not KITTI's, which detectors ignore."""
     problems = []
     by_small_letters = {each.lower(): each for each in (*CLASS_NAMES, _REGION)}
-    for name, count in Counter(objects.class_names).items():
-        if name in (*CLASS_NAMES, _REGION):
-            continue
+    counts = Counter(objects.class_names)
+    strange = [name for name in counts if name not in (*CLASS_NAMES, _REGION)]
+    for name in strange[:_NAMED]:
+        count = counts[name]
         meant = _suggested(name)
         known = ", ".join((*CLASS_NAMES, _REGION))
         taken_for = by_small_letters.get(name.lower())
@@ -85,7 +88,40 @@ def _check_names(objects: KittiObjects, path: Path) -> list[Problem]:
                 remedy=f"write {meant}" if meant else f"write one of {known}",
             )
         )
+    if len(strange) > _NAMED:
+        num_objects = sum(counts[name] for name in strange[_NAMED:])
+        problem = (
+            f"names {num_objects} more of {len(objects)} objects by {len(strange) - _NAMED} more "
+            "names that are none of KITTI's classes"
+        )
+        remedy = f"write one of {', '.join((*CLASS_NAMES, _REGION))}"
+        problems.append(Problem(path=path, problem=problem, remedy=remedy))
     return problems
+
+
+def _check_repeated(objects: KittiObjects, path: Path) -> list[Problem]:
+    """Find objects with the same values in all fields; no file of KITTI's has one."""
+    rows = np.column_stack(
+        (
+            np.unique(np.array(objects.class_names, dtype=str), return_inverse=True)[1],
+            *(objects.truncation, objects.occlusion, objects.alpha, objects.boxes2d),
+            *(objects.dimensions_hwl, objects.locations, objects.rotation_y),
+        )
+    )
+    first, counts = np.unique(rows, axis=0, return_index=True, return_counts=True)[1:]
+    num_repeated = len(objects) - len(first)
+    if not num_repeated:
+        return []
+    index = int(first[counts > 1].min())
+    return [
+        Problem(
+            path=path,
+            problem=f"repeats {num_repeated} of {len(objects)} objects with equal values in every "
+            f"field, such as object {index + 1} ({shortened(objects.class_names[index], 24)}): "
+            "evaluation counts each of them",
+            remedy="keep one line an object",
+        )
+    ]
 
 
 def _suggested(name: str) -> str | None:
@@ -112,7 +148,7 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
         largest = sizes[has_box3d].max()
         faults.append((f"has objects of up to {largest:.6g} m in size", "write sizes in metres"))
     else:
-        order = _order_of_sizes(sizes[has_box3d], names[has_box3d])
+        order = order_of_sizes(sizes[has_box3d], names[has_box3d])
         if order is not None:
             problem = (
                 f"has the sizes of most objects probably in the order {order}, expected height, "
@@ -137,8 +173,13 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
     return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
 
 
-def _order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
-    """Probable order of sizes that are not height, width, length; None: they are."""
+def order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
+    """Probable order of sizes that are not height, width, length; None: they are.
+
+    Args:
+        sizes_hwl: Sizes [m] of objects, num_objects x 3.
+        names: KITTI's class names of the objects; only some classes tell the order.
+    """
     is_long, is_tall = np.isin(names, _LONG), np.isin(names, _TALL)
     heights, widths, lengths = sizes_hwl.T
     height_first = (is_long & (heights > _CLEARLY * lengths)) | (
@@ -147,12 +188,14 @@ def _order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
     width_largest = (is_long & (widths > _CLEARLY * lengths) & ~height_first) | (
         is_tall & (widths > _CLEARLY * heights) & ~height_first
     )
-    half = np.count_nonzero(is_long | is_tall) / 2
-    if np.count_nonzero(height_first) > half:
+    is_wrong = height_first | width_largest
+    if np.count_nonzero(is_wrong) <= np.count_nonzero(is_long | is_tall) / 2:
+        return None
+    # Of a person, whose width and length are alike, only the place of the height is known.
+    decisive = is_wrong & is_long if (is_wrong & is_long).any() else is_wrong
+    if 2 * np.count_nonzero(height_first & decisive) >= np.count_nonzero(decisive):
         return "length, width, height"
-    if np.count_nonzero(width_largest) > half:
-        return "width, length, height"
-    return None
+    return "width, length, height"
 
 
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
@@ -173,13 +216,15 @@ def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path)
         & ~in_degrees(objects),
         "has an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
     }
-    return [
-        Problem(
-            path=path,
-            problem=f"object {index + 1} of {len(objects)} "
-            f"({shortened(objects.class_names[index], 24)}) {fault}",
-            remedy="correct the line or extract the labels again",
-        )
-        for fault, faulty in faults.items()
-        for index in np.flatnonzero(faulty)
-    ]
+    problems = []
+    for fault, faulty in faults.items():
+        places = np.flatnonzero(faulty).tolist()
+        problems += [
+            f"object {index + 1} of {len(objects)} "
+            f"({shortened(objects.class_names[index], 24)}) {fault}"
+            for index in places[:_NAMED]
+        ]
+        if len(places) > _NAMED:
+            problems.append(f"{fault} at {len(places) - _NAMED} more of {len(objects)} objects")
+    remedy = "correct the line or extract the labels again"
+    return [Problem(path=path, problem=problem, remedy=remedy) for problem in problems]

@@ -10,7 +10,7 @@ from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.object_tree import CORRUPTED
-from sightline.data.problem import Problem
+from sightline.files.problem import Problem
 
 _LEAST_IOU: Final = 0.4
 """Lowest median IoU of a sound file; KITTI's, with two objects or more, have 0.49 or more."""
@@ -43,23 +43,56 @@ def check_label_fit(
     """
     if (path.parent.parent / CORRUPTED).is_dir():
         return []
-    names = np.array(objects.class_names, dtype=object)
-    has_box3d = (objects.locations != NO_LOCATION).any(axis=1) & (names != _REGION)
-    has_box3d &= (objects.dimensions_hwl > 0).all(axis=1)
-    misplaced = [] if size is None else _check_image(objects, has_box3d, matrices, size, path)
+    misplaced = [] if size is None else _check_image(objects, matrices, size, path)
     if misplaced or points is None or not len(points):
         return misplaced
-    return _check_cloud(objects, has_box3d, matrices, points, path)
+    return _check_cloud(objects, matrices, points, path)
+
+
+def chosen_objects(objects: KittiObjects, *, within_m: float) -> list[int]:
+    """Places of the objects with a 3D box near the camera that are at most partly hidden."""
+    is_near = np.linalg.norm(objects.locations, axis=1) < within_m
+    is_chosen = _has_box3d(objects) & is_near & np.isin(objects.occlusion, _SEEN)
+    chosen: list[int] = np.flatnonzero(is_chosen)[:_MOST].tolist()
+    return chosen
+
+
+def is_in_box(
+    objects: KittiObjects,
+    index: int,
+    xyz: Float64[np.ndarray, "num_points 3"],
+    *,
+    above_m: float = 0.0,
+) -> Bool[np.ndarray, " num_points"]:
+    """Mask of the points in an object's 3D box, as far as they are `above_m` over its bottom.
+
+    Args:
+        objects: All objects of the frame.
+        index: Place of the object.
+        xyz: Points in the camera's frame [m].
+        above_m: Height of the lowest points [m].
+    """
+    height, width, length = objects.dimensions_hwl[index]
+    x, y, z = (xyz - objects.locations[index]).T
+    cos, sin = np.cos(objects.rotation_y[index]), np.sin(objects.rotation_y[index])
+    is_along = np.abs(cos * x - sin * z) <= length / 2
+    is_across = np.abs(sin * x + cos * z) <= width / 2
+    return np.asarray(is_along & is_across & (y <= -above_m) & (y >= -height))
+
+
+def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
+    names = np.array(objects.class_names, dtype=object)
+    has_box3d = (objects.locations != NO_LOCATION).any(axis=1) & (names != _REGION)
+    return np.asarray(has_box3d & (objects.dimensions_hwl > 0).all(axis=1))
 
 
 def _check_image(
     objects: KittiObjects,
-    has_box3d: Bool[np.ndarray, " num_objects"],
     matrices: CalibrationMatrices,
     size: tuple[int, int],
     path: Path,
 ) -> list[Problem]:
-    chosen = np.flatnonzero(has_box3d)[:_MOST].tolist()
+    chosen = np.flatnonzero(_has_box3d(objects))[:_MOST].tolist()
     if len(chosen) < _FEWEST:
         return []
     ious = [
@@ -87,18 +120,14 @@ def _check_image(
 
 def _check_cloud(
     objects: KittiObjects,
-    has_box3d: Bool[np.ndarray, " num_objects"],
     matrices: CalibrationMatrices,
     points: Float32[np.ndarray, "num_points 4"],
     path: Path,
 ) -> list[Problem]:
-    is_near = np.linalg.norm(objects.locations, axis=1) < _FILLED_WITHIN_M
-    chosen = np.flatnonzero(has_box3d & is_near & np.isin(objects.occlusion, _SEEN))[
-        :_MOST
-    ].tolist()
+    chosen = chosen_objects(objects, within_m=_FILLED_WITHIN_M)
     camera_from_lidar = matrices.camera_from_lidar
     xyz = points[:, :3] @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
-    num_empty = sum(not _holds_a_point(objects, index, xyz) for index in chosen)
+    num_empty = sum(not is_in_box(objects, index, xyz).any() for index in chosen)
     if num_empty < _FEWEST or 2 * num_empty < len(chosen):
         return []
     return [
@@ -116,17 +145,6 @@ def _corners(objects: KittiObjects, index: int) -> Float64[np.ndarray, "8 3"]:
     return box_corners(
         objects.locations[index], objects.dimensions_hwl[index], float(objects.rotation_y[index])
     )
-
-
-def _holds_a_point(
-    objects: KittiObjects, index: int, xyz: Float64[np.ndarray, "num_points 3"]
-) -> bool:
-    height, width, length = objects.dimensions_hwl[index]
-    x, y, z = (xyz - objects.locations[index]).T
-    cos, sin = np.cos(objects.rotation_y[index]), np.sin(objects.rotation_y[index])
-    is_along = np.abs(cos * x - sin * z) <= length / 2
-    is_across = np.abs(sin * x + cos * z) <= width / 2
-    return bool((is_along & is_across & (y <= 0) & (y >= -height)).any())
 
 
 def _iou(box: Float64[np.ndarray, "4"], other: Float64[np.ndarray, "4"]) -> float:

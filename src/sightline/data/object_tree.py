@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Final, Literal
 
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
-OBJECT_SPLITS: Final = ("training", "testing")
 CORRUPTED: Final = "corruption"
 """The folder, in a split, of what was done to each frame of it; sound trees have none."""
 Velodyne = Literal["velodyne", "velodyne_reduced"]
@@ -105,6 +104,15 @@ def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
     ]
     paths.sort(key=lambda path: (path.stem, -suffixes.index(path.suffix.lower()), path.suffix))
     return {path.stem: path for path in paths}
+
+
+def find_file(folder: Path, name: str) -> Path | None:
+    """Find a file by its name, in lower case, else by its name in any case."""
+    if not folder.is_dir():
+        return None
+    if (folder / name).exists():
+        return folder / name
+    return next((path for path in sorted(folder.iterdir()) if path.name.lower() == name), None)
 
 
 def describe_absent(frame_ids: Sequence[str]) -> str:

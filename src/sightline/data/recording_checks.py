@@ -19,14 +19,14 @@ from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.point_files import cloud_rows, read_cloud
-from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     require_usable,
 )
 from sightline.data.view import is_in_view
-from sightline.geometry.cloud_checks import is_echo
+from sightline.files.problem import FileError, Problem
+from sightline.geometry.cloud_checks import hollow_doubt, is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
     is_hardly_shown,
@@ -117,6 +117,8 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     described += _describe_losses(frames)
     if said is None:
         return tuple(described)
+    if not has_points(frames):
+        described.append("warning: none of its clouds looked at holds a point")
     pose = pose_of_recording(frames, said)
     source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
     described += describe_mount(said.matrices, pose.tilt, source)
@@ -277,9 +279,9 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         frame.points,
         found.unreadable,
     )
-    found.has_empty_sweep = points is not None and not len(points)
-    if found.has_empty_sweep and frame.points is not None:
-        found.doubted += _check_emptied(frame.points)
+    if points is not None and frame.points is not None:
+        found.has_empty_sweep = not len(points)
+        found.hollow += _check_hollow(points, frame.points)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     size = None if image is None else (image.shape[0], image.shape[1])
     if objects is not None and frame.objects is not None:
@@ -293,7 +295,7 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         if misfit is not None:
             found.doubted.insert(0, misfit)  # may be the cause of boxes beyond the image
             return found
-    if found.all():
+    if not found.is_consistent:
         return found
     view = view_of_recording(frame)
     if view is not None and view.doubt is not None:
@@ -316,12 +318,15 @@ def _doubt_label_fit(
     size: tuple[int, int] | None,
 ) -> None:
     """Note labels that are elsewhere than image and cloud, where nothing else is at fault."""
-    if path is not None and objects is not None and not found.all():
+    if path is not None and objects is not None and found.is_consistent:
         found.doubted += check_label_fit(objects, said.matrices, size, points, path)
 
 
-def _check_emptied(path: Path) -> list[Problem]:
-    """Check for a cloud without points, although its file has rows."""
+def _check_hollow(points: Float32[np.ndarray, "_num_points 4"], path: Path) -> list[Problem]:
+    """Check for a cloud of hardly any points, or of none although its file has rows."""
+    if len(points):
+        doubt = hollow_doubt(points)
+        return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
     num_rows = len(cloud_rows(path))
     if not num_rows:
         return []  # a sweep of zero points is valid

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.object_tree import ObjectFrame, list_files
+from sightline.data.object_tree import ObjectFrame, find_file, list_files
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.problem import Problem
+from sightline.files.problem import Problem
 
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
 CALIBRATIONS: Final = "calibration"
@@ -62,14 +62,13 @@ def list_recording(folder: Path) -> RecordingFiles:
 
     Pictures have the suffix .png, .jpg or .jpeg, clouds .bin, .npy or .pcd, in any case. A
     calibration is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for
-    each. Labels (KITTI's), depth (16-bit PNGs) and times.txt are optional.
+    each. Labels (KITTI's), depth (16-bit PNGs) and times.txt (in any case) are optional.
     """
     images = list_files(folder / IMAGES, IMAGE_SUFFIXES)
     clouds = list_files(folder / POINTS, CLOUD_SUFFIXES)
     labels, depths = list_files(folder / LABELS, (".txt",)), list_files(folder / DEPTH, (".png",))
     common = _common_calibration(folder)
     own = list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
-    times = list_files(folder, (".txt",)).get(Path(TIMES_NAME).stem)
     return RecordingFiles(
         folder=folder,
         frames=tuple(
@@ -83,7 +82,7 @@ def list_recording(folder: Path) -> RecordingFiles:
             )
             for name in sorted({*images, *clouds})
         ),
-        times=times,
+        times=find_file(folder, TIMES_NAME),
     )
 
 

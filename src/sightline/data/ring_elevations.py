@@ -1,6 +1,6 @@
 """Rings of a spinning LiDAR from the elevations of its points, in any order."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,36 +24,56 @@ _HEIGHTS_M = tuple(np.arange(-0.1, 0.31, 0.01))  # tried heights of the lasers a
 _UPPER_HEIGHTS_M = tuple(np.arange(0.165, 0.24, 0.005))
 _LOWER_HEIGHTS_M = tuple(np.arange(0.085, 0.18, 0.005))
 _BORDER_M, _BORDER_DEG = 0.165, -8.87
-_ENOUGH = 20_000  # points for the estimate of a height
+_ENOUGH = 20_000  # points for the estimate of a height or a lean
+_MOST_LEAN_DEG = 1.5
+_LEANS_DEG = (  # bins of elevations, and the steps that are tried, in turns about both axes
+    (0.05, tuple(np.arange(-1.5, 1.55, 0.1))),
+    (0.05, tuple(np.arange(-0.3, 0.35, 0.1))),
+    (0.02, tuple(np.arange(-0.1, 0.11, 0.02))),
+)
 
 
 def rings_by_elevation(
-    points: Float[np.ndarray, "num_points fields"], most_doubtful: float = _DOUBTFUL_SHARE
+    points: Float[np.ndarray, "num_points fields"],
+    most_doubtful: float = _DOUBTFUL_SHARE,
+    *,
+    leaning: bool = True,
 ) -> Int64[np.ndarray, " num_points"]:
     """Number the rings of a sweep in any order from the top, by the elevations of its points.
 
-    Elevations cluster at those of the lasers. This requires that the z axis is the lasers' axis of
-    rotation, and that the lasers start at its origin, at one common height above it, or in two
-    blocks as in the HDL-64E. Rings without a return have no number.
+    Elevations cluster at those of the lasers. This requires that the lasers start at the origin, at
+    one common height above it, or in two blocks as in the HDL-64E, and that the z axis is the
+    lasers' axis of rotation, or leans from it by up to 1.5 degrees, as in sweeps that were levelled
+    after they were taken. Rings without a return have no number.
 
     Args:
         points: Points of the sweep, x, y, z first [m], LiDAR frame.
         most_doubtful: Share of the points that may lie between two rings.
+        leaning: Whether leaning axes are tried where an upright one separates no rings; takes a
+            second.
 
     Raises:
         ValueError: Elevations do not separate into 8 to 135 rings.
     """
-    best = min((_parted(elevation) for elevation in _laser_elevations(points)), key=_doubt)
+    best = min(map(_parted, _laser_elevations(points)), key=_doubt)
+    if leaning and best.doubtful > most_doubtful:
+        upright = map(_upright, (points, points), _ELEVATIONS)
+        found = (_parted(elevation) for each in upright for elevation in _laser_elevations(each))
+        best = min((best, *found), key=_doubt)
     if best.doubtful > most_doubtful:
         raise ValueError(
             "the points are not in the order of KITTI's own files, ring by ring, and their "
             f"elevations do not part into rings either ({100 * best.doubtful:.0f} % of them lie "
-            "between any): give sweeps in the frame of the LiDAR itself, neither tilted nor "
-            "corrected for motion, with a field ring (.pcd, .ply), or in the order of KITTI's files"
+            "between any): give sweeps in the frame of the LiDAR itself, neither tilted by more "
+            f"than {_MOST_LEAN_DEG} degrees nor corrected for motion, with a field ring (.pcd, "
+            ".ply), or in the order of KITTI's files"
         )
     borders = (best.rings_deg[1:] + best.rings_deg[:-1]) / 2
     below = np.searchsorted(borders, best.elevation_deg)
     return np.asarray(len(borders) - below, dtype=np.int64)
+
+
+_Elevations = Float64[np.ndarray, " num_points"]
 
 
 class _Parted(NamedTuple):
@@ -103,18 +123,65 @@ def _laser_elevations(
     yield np.where(is_upper, elevations_deg(points, upper_m), elevations_deg(points, lower_m))
 
 
+def _in_two_blocks(points: Float[np.ndarray, "num_points fields"]) -> _Elevations:
+    """Elevations of points from the middle height of each block of the HDL-64E."""
+    is_upper = elevations_deg(points, _BORDER_M) > _BORDER_DEG
+    upper, lower = (
+        elevations_deg(points, heights_m[len(heights_m) // 2])
+        for heights_m in (_UPPER_HEIGHTS_M, _LOWER_HEIGHTS_M)
+    )
+    return np.where(is_upper, upper, lower)
+
+
+_ELEVATIONS: Final = (elevations_deg, _in_two_blocks)
+"""Laser positions for which a lean is searched."""
+
+
 def _sharpest_m(
     points: Float[np.ndarray, "num_points fields"], heights_m: Sequence[float]
 ) -> float:
     """Find the height from which the elevations of points cluster best."""
-    drawn = np.random.default_rng(0).permutation(len(points))[:_ENOUGH]
+    drawn = _drawn(points)
+    return max(heights_m, key=lambda height_m: _sharpness(elevations_deg(drawn, height_m)))
 
-    def sharpness(height_m: float) -> float:
-        bins = np.floor(elevations_deg(points[drawn], height_m) / _BIN_DEG).astype(np.int64)
-        counts = np.bincount(bins - bins.min(initial=0)).astype(np.float64)
-        return float(np.square(counts).sum())
 
-    return max(heights_m, key=sharpness)
+def _upright(
+    points: Float[np.ndarray, "num_points fields"],
+    elevations: Callable[[Float64[np.ndarray, "num_points 3"]], _Elevations],
+) -> Float64[np.ndarray, "num_points 3"]:
+    """Rotate points about y and x so that their elevations cluster best."""
+    drawn = _drawn(points)[:, :3].astype(np.float64)
+    lean_deg = np.zeros(2)
+    for bin_deg, steps_deg in _LEANS_DEG:
+        for axis in (0, 1):
+            tried = [lean_deg + step_deg * np.eye(2)[axis] for step_deg in steps_deg]
+            lean_deg = max(
+                tried,
+                key=lambda each: _sharpness(elevations(drawn @ _tilt(each).T), bin_deg),
+            )
+    turned: Float64[np.ndarray, "num_points 3"] = points[:, :3] @ _tilt(lean_deg).T
+    return turned
+
+
+def _tilt(lean_deg: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "3 3"]:
+    """Rotation about y and then about x."""
+    (pitch, roll) = np.radians(lean_deg)
+    about_y = [[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]]
+    about_x = [[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]]
+    return np.array(about_x) @ np.array(about_y)
+
+
+def _drawn(
+    points: Float[np.ndarray, "num_points fields"],
+) -> Float[np.ndarray, "num_drawn fields"]:
+    return points[np.random.default_rng(0).permutation(len(points))[:_ENOUGH]]
+
+
+def _sharpness(elevation_deg: _Elevations, bin_deg: float = _BIN_DEG) -> float:
+    """Sum of the squares of a histogram: the larger, the better elevations cluster."""
+    bins = np.floor(elevation_deg / bin_deg).astype(np.int64)
+    counts = np.bincount(bins - bins.min(initial=0)).astype(np.float64)
+    return float(np.square(counts).sum())
 
 
 def _crowds(

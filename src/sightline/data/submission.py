@@ -1,10 +1,10 @@
 """Archive for KITTI's object benchmark: a result file for each frame."""
 
 import re
+import warnings
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-from sightline.data.atomic import atomic_path
 from sightline.data.frame_files import require_frame_files
 from sightline.data.kitti_labels import (
     CLASS_NAMES,
@@ -12,10 +12,13 @@ from sightline.data.kitti_labels import (
     KittiObjects,
     parse_objects,
 )
-from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
+from sightline.data.result_checks import doubts_about_results
 from sightline.data.sample_list import read_sample_list
+from sightline.files.atomic import atomic_path
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
+from sightline.geometry.wrong_types import named_arguments
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of a zip file
 _PLAIN_FILE = 0o100644 << 16
@@ -24,11 +27,13 @@ _CLASSES = {name.lower() for name in (*CLASS_NAMES, "DontCare")}  # the benchmar
 _REMEDY = "write an empty file where nothing was found, or name a list of the frames that count"
 
 
+@named_arguments
 def write_submission(results: Path, out: Path, *, sample_list: str | Path | None = None) -> int:
     """Checks all result files and packs them; returns the number of frames.
 
     The archive has NNNNNN.txt of each frame at its root, in order, without dates, so that the same
-    results give the same bytes. It is written atomically.
+    results give the same bytes. It is written atomically. Warns of results that are probably of
+    another convention than KITTI's: order of sizes, centres for bottoms, frame, units, scores.
 
     Args:
         results: Folder with one result file per frame, 16 fields per line; empty without
@@ -45,9 +50,18 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
     if out.suffix.lower() != ".zip":
         raise ValueError(f"{out} does not end in .zip, which the benchmark asks for; rename it")
     names = _frame_names(results, sample_list)
-    contents = {name: _checked(results / f"{name}.txt") for name in names}
+    contents, frames = [], []
+    for name in names:
+        path = results / f"{name}.txt"
+        content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=_REMEDY)
+        objects = parse_objects(content, path, with_scores=True)
+        _check_objects(path, objects)
+        contents.append(content)
+        frames.append(objects)
+    for doubt in doubts_about_results(frames):
+        warnings.warn(f"{results}: {doubt}", stacklevel=2)
     with atomic_path(out) as temporary, ZipFile(temporary, "w") as archive:
-        for name, content in contents.items():
+        for name, content in zip(names, contents, strict=True):
             entry = ZipInfo(f"{name}.txt", date_time=_EPOCH)
             entry.create_system, entry.external_attr = _UNIX, _PLAIN_FILE
             archive.writestr(entry, content, compress_type=ZIP_DEFLATED, compresslevel=9)
@@ -71,12 +85,6 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
                 "rename it, or move it to another folder",
             )
     return names
-
-
-def _checked(path: Path) -> bytes:
-    content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=_REMEDY)
-    _check_objects(path, parse_objects(content, path, with_scores=True))
-    return content
 
 
 def _check_objects(path: Path, objects: KittiObjects) -> None:

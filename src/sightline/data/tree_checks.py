@@ -6,6 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from sightline.data.between_frames import (
+    check_depth_frames,
+    check_drive_frames,
+    check_object_frames,
+    check_recording_frames,
+)
 from sightline.data.calibration_checks import check_matrices
 from sightline.data.calibration_text import (
     CalibrationMatrices,
@@ -20,8 +26,8 @@ from sightline.data.depth_tree import (
     list_selected_frames,
     selection_folder,
 )
-from sightline.data.drive_poses import drive_times
-from sightline.data.drive_tree import DriveFiles, DriveFrame, list_drive
+from sightline.data.drive_poses import check_drive_times
+from sightline.data.drive_tree import DriveFrame, list_drive
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -30,6 +36,7 @@ from sightline.data.frame_checks import (
     read_or_note,
 )
 from sightline.data.object_tree import (
+    CORRUPTED,
     ObjectFrame,
     Part,
     find_velodyne,
@@ -37,8 +44,6 @@ from sightline.data.object_tree import (
     part_folder,
 )
 from sightline.data.other_layouts import refuse_other_layouts
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError, Problem, plain_line
 from sightline.data.recording_checks import (
     check_recording_calibration,
     describe_mount,
@@ -58,8 +63,7 @@ from sightline.data.recording_tree import (
     list_recording,
     unpaired,
 )
-from sightline.data.safe_names import unprintable_names
-from sightline.data.tree_mount import pose_of_tree
+from sightline.data.tree_mount import describe_height, pose_of_tree
 from sightline.data.unread_files import (
     PartFolder,
     depth_folders,
@@ -69,6 +73,9 @@ from sightline.data.unread_files import (
     object_folders,
     recording_folders,
 )
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError, Problem, plain_line
+from sightline.files.safe_names import unprintable_names
 
 TRACKLETS = "tracklet_labels.xml"
 """File with labels of a raw drive, in their own format."""
@@ -180,6 +187,7 @@ def _object_tree(folder: Path) -> Tree | None:
         points: tuple[Part, ...] = ("points",)
         others = list_object_frames(folder, points, "velodyne_reduced").values()
         checks += _frame_checks(examine_object_frame, list(others))
+    checks.append(_between_frames(partial(check_object_frames, frames, folder)))
     expected = [
         _ExpectedPart(
             attribute=part,
@@ -203,6 +211,7 @@ def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
     ]
     frames = list_drive_frames(root, split, root, ("image_02", "image_03"))
     checks = _frame_checks(examine_depth_frame, frames)
+    checks.append(_between_frames(partial(check_depth_frames, frames)))
     tree = _tree(root / split, "depth frames", frames, expected, checks)
     return _with_unread(tree, depth_folders(root, split))
 
@@ -217,6 +226,7 @@ def _selection_tree(root: Path, folder: Path, split: SelectedSplit) -> Tree | No
     ]
     frames = list_selected_frames(root, split)
     checks = _frame_checks(examine_depth_frame, frames)
+    checks.append(_between_frames(partial(check_depth_frames, frames)))
     tree = _tree(folder, "depth frames", frames, expected, checks)
     return _with_unread(tree, depth_folders(root, split))
 
@@ -235,9 +245,10 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     read_calibration = partial(_check_raw_calibration, folder, files.calibration)
     checks = [Check(subject="the calibration", run=read_calibration)]
     if files.timestamps is not None and files.frames:
-        checks.append(Check(subject=files.timestamps.name, run=partial(_check_drive_times, files)))
+        checks.append(Check(subject=files.timestamps.name, run=partial(check_drive_times, files)))
     matrices = read_or_note(read_raw_matrices, files.calibration, [])
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
+    checks.append(_between_frames(partial(check_drive_frames, files.frames)))
     tree = _tree(folder, "raw frames", files.frames, expected, checks)
     tree = _with_notes(tree, *_mount_of(files.frames, matrices))
     if (folder / TRACKLETS).is_file():
@@ -263,6 +274,7 @@ def _recording_tree(folder: Path) -> Tree | None:
         )
     ]
     checks = _recording_checks(files)
+    checks.append(_between_frames(partial(check_recording_frames, frames)))
     tree = _tree(folder, "frames", frames, expected, checks, remedy=_RECORDING_REMEDY)
     if tree is None:
         return None
@@ -276,7 +288,10 @@ def _recording_tree(folder: Path) -> Tree | None:
 def _mount_of(
     frames: Sequence[ObjectFrame] | Sequence[DriveFrame], matrices: CalibrationMatrices | None
 ) -> tuple[str, ...]:
-    return () if matrices is None else describe_mount(matrices, pose_of_tree(frames).tilt)
+    if matrices is None:
+        return ()
+    pose = pose_of_tree(frames)
+    return *describe_mount(matrices, pose.tilt), *describe_height(pose)
 
 
 def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:
@@ -317,20 +332,31 @@ def _recording_checks(files: RecordingFiles) -> list[Check]:
     for frame in files.frames:
         reference = None if frame.calibration is None else references.get(frame.calibration)
         run = partial(examine_recording_frame, frame, reference=reference)
-        checks.append(_frame_check(frame.sample_id, run))
+        checks.append(_frame_check(frame, run))
     return checks
 
 
 def _frame_checks(examine: Callable[[Frame], Findings], frames: Sequence[Frame]) -> list[Check]:
-    return [_frame_check(frame.sample_id, partial(examine, frame)) for frame in frames]
+    return [_frame_check(frame, partial(examine, frame)) for frame in frames]
 
 
-def _frame_check(sample_id: str, examine: Callable[[], Findings]) -> Check:
-    return Check(subject=f"frame {shortened(sample_id)}", run=partial(_all_of, examine))
+def _between_frames(run: Callable[[], list[Problem]]) -> Check:
+    return Check(subject="agreement of frames", run=run)
 
 
-def _all_of(examine: Callable[[], Findings]) -> list[Problem]:
-    return examine().all()
+def _frame_check(frame: Frame, examine: Callable[[], Findings]) -> Check:
+    run = partial(_all_of, examine, frame.image)
+    return Check(subject=f"frame {shortened(frame.sample_id)}", run=run)
+
+
+def _all_of(examine: Callable[[], Findings], image: Path | None) -> list[Problem]:
+    """All faults of a frame, and an image without a picture unless it was corrupted on purpose."""
+    found = examine()
+    if image is None or not found.has_dark_image or (image.parent.parent / CORRUPTED).is_dir():
+        return found.all()
+    problem = "is of one colour and shows nothing"
+    remedy = "look whether the camera delivered anything, or remove the file"
+    return [Problem(path=image, problem=problem, remedy=remedy), *found.all()]
 
 
 def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
@@ -341,14 +367,6 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         return check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
     except FileError as error:
         return [error.problem]
-
-
-def _check_drive_times(files: DriveFiles) -> list[Problem]:
-    try:
-        drive_times(files)
-    except FileError as error:
-        return [error.problem]
-    return []
 
 
 def _tree(

@@ -2,25 +2,35 @@
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
+
+import numpy as np
+from jaxtyping import Float32
 
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.entry_checks import draw
 from sightline.data.frame_checks import read_or_note
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.velodyne import read_sweep
-from sightline.geometry.road_height import LidarPose, lidar_pose, upright_turn
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.road_height import LidarPose, lidar_pose, road_height_m, upright_turn
 
 _LEAST_TILT_DEG: Final = 4.0
 """Smallest tilt to level: above the apparent tilt of any cloud of KITTI (3.3 degrees)."""
+_HEIGHT_DIFFERS_M: Final = 0.5
+"""Smallest difference to KITTI's height to use: single clouds of KITTI seem off by up to 0.43 m,
+medians of three by 0.16."""
 _AS_KITTI: Final = LidarPose(height_m=None, tilt=None)
 
 
 def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarPose:
     """Estimate the pose of a LiDAR over the road from the first cloud, the last and one between.
 
-    A LiDAR tilted by less than 4 degrees is assumed to be mounted like KITTI's.
+    A LiDAR tilted by less than 4 degrees is assumed to be level, and one whose height differs by
+    less than 0.5 m from KITTI's, or of whose clouds hardly any shows the road, to be mounted like
+    KITTI's.
 
     Args:
         frames: All frames of a tree, so that any selection has the same pose.
@@ -29,19 +39,48 @@ def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarP
     read = (read_or_note(read_sweep, path, []) for path in paths)
     sweeps = [sweep for sweep in read if sweep is not None]  # others: reported by their readers
     pose = lidar_pose(sweeps)
-    if pose.tilt is None or pose.tilt.angle_deg < _LEAST_TILT_DEG:
+    if pose.tilt is not None and pose.tilt.angle_deg < _LEAST_TILT_DEG:
+        pose = replace(pose, tilt=None)
+    if pose.tilt is None and not (_has_other_height(pose) and _mostly_see_the_road(sweeps)):
         return _AS_KITTI
-    # Clouds with other axes have no tilt: they are reported by their own check.
+    # Clouds with other axes have no such pose: they are reported by their own check.
     is_upturned = any(upright_turn(sweep) is not None for sweep in sweeps)
     return _AS_KITTI if is_upturned else pose
 
 
-def warn_of_tilt(pose: LidarPose, folder: Path) -> None:
-    """Warn of a found tilt, with its consequences."""
+def warn_of_mount(pose: LidarPose, folder: Path) -> None:
+    """Warn of a found tilt and of a height other than KITTI's, with their consequences."""
+    remedy = "make the data a recording with"
     if pose.tilt is not None:
         warnings.warn(
             f"{folder}: by the road in its clouds the LiDAR is tilted, {pose.tilt}: detectors see "
             "them levelled, and answers stay in the LiDAR's own frame; to give the tilt yourself "
-            "make the data a recording with lidar_tilt_deg (docs/recordings.md)",
+            f"{remedy} lidar_tilt_deg (docs/recordings.md)",
             stacklevel=4,
         )
+    for said in describe_height(pose):
+        warnings.warn(
+            f"{folder}: {said}; to give the height yourself {remedy} lidar_height_m "
+            "(docs/recordings.md)",
+            stacklevel=4,
+        )
+
+
+def describe_height(pose: LidarPose) -> tuple[str, ...]:
+    """Describe a LiDAR's height in a clause; empty: like KITTI's."""
+    if pose.height_m is None or not _has_other_height(pose):
+        return ()
+    return (
+        f"by the road in its clouds the LiDAR is {pose.height_m:.2f} m above it, not "
+        f"{KITTI_LIDAR_HEIGHT_M} m as KITTI's: detectors see them raised or lowered by the "
+        "difference",
+    )
+
+
+def _mostly_see_the_road(sweeps: Sequence[Float32[np.ndarray, "_num_points 4"]]) -> bool:
+    return 2 * sum(road_height_m(sweep) is not None for sweep in sweeps) > len(sweeps)
+
+
+def _has_other_height(pose: LidarPose) -> bool:
+    height_m = pose.height_m
+    return height_m is not None and abs(height_m - KITTI_LIDAR_HEIGHT_M) > _HEIGHT_DIFFERS_M

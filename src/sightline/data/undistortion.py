@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from sightline.geometry.given_arrays import given_array, plain_numbers
+from sightline.geometry.wrong_types import named_arguments
 
 LensModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 """ROS's names of OpenCV's models with 5 or 8 coefficients, and of its fisheye model with 4."""
@@ -33,6 +34,7 @@ _GRID = 33  # lines in each direction of the grid for checking the map
 _Row = tuple[float, ...]
 
 
+@named_arguments
 def undistort(
     image: np.ndarray,
     camera_matrix: Sequence[Sequence[SupportsFloat]] | np.ndarray,

@@ -7,10 +7,16 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.plain_file import read_bytes
-from sightline.data.problem import FileError, Problem
-from sightline.geometry.cloud_checks import cloud_fault, other_layout
+from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_file import read_bytes
+from sightline.files.problem import FileError, Problem
+from sightline.geometry.cloud_checks import (
+    cloud_fault,
+    hollow_doubt,
+    is_big_endian,
+    other_layout,
+    scale_doubt,
+)
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
@@ -124,6 +130,22 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
     return Problem(path=Path(path), problem=f"holds {problem}", remedy=remedy)
 
 
+def hollow_sweep(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> list[Problem]:
+    """Doubts about a sweep of a few points or places, or whose reflectances say nothing.
+
+    An empty sweep is no problem.
+
+    Args:
+        path: The file, for the problems.
+        points: Result of `read_sweep`.
+    """
+    hollow = hollow_doubt(points)
+    if hollow is not None:
+        return [Problem(path=path, problem=hollow[0], remedy=hollow[1])]
+    scale = scale_doubt(points[:, 3], 1.0)
+    return [] if scale is None else [Problem(path=path, problem=scale[0], remedy=scale[1])]
+
+
 def other_format(content: bytes) -> str | None:
     """Name of a file's cloud format by its first bytes; None: raw numbers."""
     names = (name for beginning, name in _OTHER_FORMATS.items() if content.startswith(beginning))
@@ -138,6 +160,12 @@ def _check_layout(content: bytes, path: Path | str) -> None:
             f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
             f"give it the ending .{name.lower()} in a recording (docs/recordings.md), or "
             "write these four",
+        )
+    if is_big_endian(content):
+        raise FileError(
+            path,
+            "holds big-endian numbers, expected little-endian float32 x, y, z, reflectance",
+            "write them in the other byte order (of numpy: '<f4')",
         )
     layout = other_layout(content)
     if layout is None:

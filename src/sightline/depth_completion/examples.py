@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sightline.augmentation.faults import FalseEchoes, NoCamera, draw_turned_lidar
+from sightline.augmentation.sample_changes import crop, jitter_color, thin_rings
 from sightline.corruptions.occlusion import LidarOcclusion
-from sightline.data.augmentation import crop, jitter_color, thin_rings
-from sightline.data.faults import FalseEchoes, NoCamera, draw_turned_lidar
 from sightline.data.rings import NUM_RINGS
 from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.method_names import FillingEdition
@@ -167,7 +167,10 @@ def make_example(
     if config.filled:  # of the whole width: a crop shows too little of the ring spacing
         maps["filled_depth_m"] = starting_depth(sparse_m, config.filling).depth_m[None]
     if training and config.shaping != AS_SIMULATED:
-        maps |= _shaped(maps, config.shaping)
+        whole = _bottom_centre(sample, given.image_size)
+        assert whole.points is not None, "_given has checked"
+        all_beams_m = sparse_depth_map(whole.points, whole.calibration, whole.image_size)
+        maps |= _shaped(maps, all_beams_m, config.shaping)
     top, left, height, width = _window(given.image_size, config, rng, training=training)
     cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
     if training and config.augmentation.mirror and rng.random() < 0.5:
@@ -176,11 +179,13 @@ def make_example(
     return DepthBatch(sample_ids=(sample.sample_id,), **stacked)
 
 
-def _shaped(maps: Mapping[str, Tensor], shaping: TruthShaping) -> dict[str, Tensor]:
+def _shaped(
+    maps: Mapping[str, Tensor], all_beams_m: Tensor, shaping: TruthShaping
+) -> dict[str, Tensor]:
     """Widen the truth's contours and compute the pixels' weights."""
     truth_m, sparse_m = maps["depth_m"][0].numpy(), maps["sparse_depth_m"][0].numpy()
     filled_m = maps["filled_depth_m"][0].numpy() if "filled_depth_m" in maps else None
-    weights = pixel_weights(truth_m, sparse_m, filled_m, shaping)
+    weights = pixel_weights(truth_m, sparse_m, filled_m, shaping, all_beams_m=all_beams_m.numpy())
     widened = widen_near_surfaces(truth_m, shaping)
     return {"depth_m": torch.from_numpy(widened)[None], "weight": torch.from_numpy(weights)[None]}
 

@@ -15,7 +15,7 @@ MAX_DIFFERENCE_MM = 1.0
 """Largest allowed difference between an exported network and PyTorch in any pixel of any output.
 
 Both compute in float32, whose step is 0.008 mm at 85 m; the order of sums differs. Measured on
-networks with random weights: 0.22 mm at most (for shipped weights see docs/results.md)."""
+networks with random weights: 0.22 mm at most (for shipped weights see docs/results/depth.md)."""
 
 _EXAMPLE_IN_STRIDES = (4, 6)  # height and width; both are dynamic in the graph
 _SIZES_IN_STRIDES = ((5, 7), (8, 13))  # sizes of the cases; different from the example's

@@ -26,6 +26,7 @@ from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault, rows_of
 from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.projection import sparse_depth_map
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import DepthMap
@@ -102,6 +103,7 @@ class DepthPredictor(SamplePredictor[DepthMap]):
     needs: ClassVar[tuple[Part, ...]] = ("points",)
     """Required parts of a sample."""
 
+    @named_arguments
     def __init__(
         self,
         loaded: LoadedNetwork[DepthCompletionNet],

@@ -95,7 +95,9 @@ class DepthCompletion(TrainingModule):
         if preparation.settings.filling != edition:
             raise ValueError(
                 f"the preparation's settings.filling is {preparation.settings.filling}, but the "
-                f"network's {edition}: set both alike"
+                f"network's {edition}: set both alike "
+                "(--data.init_args.preparation.init_args.settings.filling and "
+                "--model.init_args.network.filling)"
             )
 
     def losses(self, batch: DepthBatch) -> DepthLosses:

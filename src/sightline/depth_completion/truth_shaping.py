@@ -34,7 +34,7 @@ class TruthShaping:
     thin_weight: float = 1.0
     """Weight of pixels on or beside objects thinner than nine pixels."""
     away_weight: float = 1.0
-    """Weight of pixels more than three pixels from any measurement."""
+    """Weight of pixels more than three pixels from any measurement of all beams."""
     kept_weight: float = 1.0
     """Weight of measurements that the classical completion keeps and predictors may restore."""
 
@@ -75,6 +75,8 @@ def pixel_weights(
     sparse_m: Float32[ndarray, "height width"],
     filled_m: Float32[ndarray, "height width"] | None,
     shaping: TruthShaping,
+    *,
+    all_beams_m: Float32[ndarray, "height width"] | None = None,
 ) -> Float32[ndarray, "height width"]:
     """Compute the weight of each pixel in the loss: the product of the weights that apply.
 
@@ -83,6 +85,8 @@ def pixel_weights(
         sparse_m: Measurements; 0 = none.
         filled_m: Classical completion of the measurements.
         shaping: The weights.
+        all_beams_m: Measurements of all beams, where `sparse_m` has fewer: measured truth lies near
+            these.
     """
     known, thin = _known(truth_m), np.ones((_THIN_PX, _THIN_PX), np.uint8)
     farther = cv2.morphologyEx(known, cv2.MORPH_CLOSE, thin)
@@ -90,7 +94,8 @@ def pixel_weights(
     is_thin = farther >= np.float32(_THIN_RATIO) * nearer
     is_measured = sparse_m > 0
     around = np.ones((_NEAR_PX, _NEAR_PX), np.uint8)
-    is_away = cv2.dilate(is_measured.view(np.uint8), around) == 0
+    is_reached = is_measured if all_beams_m is None else all_beams_m > 0
+    is_away = cv2.dilate(is_reached.view(np.uint8), around) == 0
     weights = np.where(is_thin, np.float32(shaping.thin_weight), np.float32(1))
     weights = np.where(is_away, np.float32(shaping.away_weight) * weights, weights)
     if filled_m is None:

@@ -23,6 +23,7 @@ from sightline.detection2d.postprocess import to_detections
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.checked import checked
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Detections2D
@@ -60,6 +61,7 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
     May be pickled, and called in a forked process.
     """
 
+    @named_arguments
     def __init__(
         self,
         loaded: LoadedNetwork[Detector],

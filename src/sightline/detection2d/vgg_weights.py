@@ -9,9 +9,9 @@ import torch
 from safetensors.torch import load_file
 from torch import Tensor
 
-from sightline.data.problem import install_command
 from sightline.detection2d.model import Detector
 from sightline.detection2d.vgg_stream import VGG_CONVS, VggStream
+from sightline.files.problem import install_command
 
 IMAGENET: Final = "imagenet"
 """Name of the weights that torchvision downloads."""

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass, field
 
-from sightline.data.settings import IN_USE_ALONE
 from sightline.detection3d.checks import MOST_NUMBERS, check_different, check_numbers, check_range
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.pillars.config import (
@@ -34,6 +33,7 @@ from sightline.detection3d.points.config import (
 )
 from sightline.detection3d.suppression import ClassAlignment, SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
+from sightline.files.settings import IN_USE_ALONE
 
 # Settings that earlier versions saved name the levels here.
 __all__ = [

@@ -10,18 +10,18 @@ import torch
 from jaxtyping import Float32
 from torch import Tensor
 
-from sightline.data.augmentation import mirror, thin_rings
-from sightline.data.kitti_labels import KittiObjects
-from sightline.data.object_labels import kitti_from_labels
-from sightline.data.open import SampleDataset
-from sightline.data.scene_changes import scale_scene, turn_scene
-from sightline.data.sweep_changes import (
+from sightline.augmentation.sample_changes import mirror, thin_rings
+from sightline.augmentation.scene_changes import scale_scene, turn_scene
+from sightline.augmentation.sweep_changes import (
     GroundShapeConfig,
     add_range_noise,
     bend_ground,
     draw_ground_shape,
     stretch_objects,
 )
+from sightline.data.kitti_labels import KittiObjects
+from sightline.data.object_labels import kitti_from_labels
+from sightline.data.open import SampleDataset
 from sightline.detection3d.checks import check_numbers
 from sightline.detection3d.object_sampling import (
     ObjectBank,

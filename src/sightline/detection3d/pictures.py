@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from sightline.data.scene_changes import resize
+from sightline.augmentation.scene_changes import resize
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.level import level_detections, level_sample

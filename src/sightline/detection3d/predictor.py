@@ -17,6 +17,7 @@ from sightline.detection3d.suppression import align
 from sightline.detection3d.sweeps import Sweep, at_kitti_height, in_own_frame, network_sweep
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Detections3D
@@ -103,6 +104,7 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
     needs: tuple[Part, ...] = ("points",)
     gives: tuple[str, ...] = ("results",)
 
+    @named_arguments
     def __init__(
         self,
         loaded: LoadedNetwork[Detector3D],

@@ -26,26 +26,20 @@ from jaxtyping import Float, Float32, Int64, jaxtyped
 from safetensors.torch import save
 from torch import Tensor
 
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.jobs import (
-    JobResult,
-    acquire_output_dir,
-    check_outside_dataset,
-    check_workers,
-    run_job,
-    shard,
-)
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
-from sightline.data.settings import config_to_dict
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.predictor import StageRunners
 from sightline.detection3d.stages import Proposed
 from sightline.detection3d.sweeps import Sweep, at_kitti_height, network_sweep
+from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
+from sightline.files.settings import config_to_dict
 from sightline.inference.network import load_network
+from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
 SUFFIX: Final = ".safetensors"

@@ -10,7 +10,7 @@ from beartype import beartype
 from jaxtyping import Bool, Float, Float32, Float64, Int64, jaxtyped
 from torch import Tensor
 
-from sightline.data.augmentation import points_in_view
+from sightline.augmentation.sample_changes import points_in_view
 from sightline.detection3d.checks import check_numbers, check_range
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.ops.points_in_boxes import first_box_of_points

@@ -33,6 +33,7 @@ from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
 from sightline.training.optimizer import OptimizerConfig
 
+_SETTINGS = "--data.init_args.preparation.init_args.settings"
 _LOSS, _OPTIMIZER = Detection3DLossConfig(), OptimizerConfig()
 
 
@@ -84,7 +85,8 @@ class Detection3D(TrainingModule):
         )
         if stages == "second" and self.network.second_name is None:
             raise ValueError(
-                "the network has no second stage to train: set network.refinement or regions"
+                "the network has no second stage to train: set "
+                "--model.init_args.network.refinement or --model.init_args.network.regions"
             )
         self.loss = loss
         self.stages: Stages = stages
@@ -122,7 +124,8 @@ class Detection3D(TrainingModule):
         if stage == "fit" and self.stages == "second" and not has_first_stage:
             raise ValueError(
                 "stages second trains on a first stage that is held still: name its weights by "
-                f"initial_weights, with initial_part {self.network.first_name}"
+                "--model.init_args.initial_weights, with --model.init_args.initial_part "
+                f"{self.network.first_name}"
             )
 
     def train(self, mode: bool = True) -> "Detection3D":  # noqa: FBT001 - as PyTorch's
@@ -203,12 +206,13 @@ class Detection3D(TrainingModule):
         if settings.input != wanted:
             raise ValueError(
                 f"the preparation's settings.input is {settings.input}, but the network's input "
-                f"{wanted}: set both alike"
+                f"{wanted}: set both alike ({_SETTINGS}.input and --model.init_args.network.input)"
             )
         if settings.class_names != self.network.class_names:
             raise ValueError(
                 f"the preparation's settings.class_names are {', '.join(settings.class_names)}, "
-                f"but the network's classes {', '.join(self.network.class_names)}: set both alike"
+                f"but the network's classes {', '.join(self.network.class_names)}: set both alike "
+                f"(the former by {_SETTINGS}.class_names)"
             )
 
     def _check_records(self, batch: Detection3DBatch) -> None:

@@ -7,6 +7,7 @@ image has the same weight, independent of its number of pixels with ground truth
 """
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
@@ -19,8 +20,6 @@ import numpy as np
 
 from sightline.data.depth_png import read_depth_png
 from sightline.data.object_tree import describe_absent
-from sightline.data.progress import track
-from sightline.data.threads import map_ahead
 from sightline.evaluation.depth_breakdown import (
     DepthBand,
     ErrorSums,
@@ -40,6 +39,9 @@ from sightline.evaluation.depth_scores import (
     score_depth,
     score_predicted_pixels,
 )
+from sightline.geometry.wrong_types import named_arguments
+from sightline.jobs.progress import track
+from sightline.jobs.read_ahead import map_ahead
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -143,6 +145,7 @@ class DepthReport:
         return table
 
 
+@named_arguments
 def evaluate_depth(
     predictions: Path | str,
     truth: Path | str,
@@ -203,6 +206,12 @@ def evaluate_depth(
     if against is None:
         return report
     others, _ = files(Path(against), sparse=None, ends=(0.0,))
+    if images == others:  # but for their sums, which are not compared
+        warnings.warn(
+            f"{predictions} and {against} have the same scores in all {len(images)} images, so "
+            "every difference is 0: name the predictions of another method",
+            stacklevel=2,
+        )
     return replace(report, against=_differences(images, others, seed))
 
 

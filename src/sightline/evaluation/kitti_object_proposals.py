@@ -25,9 +25,11 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.evaluation.proposal_report import ProposalEntry, ProposalReport
+from sightline.geometry.wrong_types import named_arguments
 from sightline.ops.compiled import compiled
 
 
+@named_arguments
 def evaluate_proposals(
     results_dir: Path | str,
     labels_dir: Path | str,
@@ -84,7 +86,7 @@ def evaluate_proposals(
         boxes, codes = _best_proposals(proposals, max_proposals)
         is_evaluated |= find_evaluated(boxes, codes)
         parts.append(_find_truths(len(parts), labels, boxes, codes))
-    tally.boxes.repeated = 0  # recall does not mind
+    tally.boxes.minds_repeats = False  # recall does not
     truths = _Truths(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     entries = tuple(
         _entry(truths, len(parts), int(code), int(metric), float(iou), level)

@@ -3,6 +3,7 @@
 PyTorch is not needed. Both sides are read from KITTI's object tree by the same code.
 """
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from rich.text import Text
 
 from sightline.evaluation.realism_measures import Measures, measure_tree
 from sightline.evaluation.realism_rows import STATISTICS
+from sightline.geometry.wrong_types import named_arguments
 
 TOLERANCE: Final = 0.25
 """Relative difference above which a row is marked."""
@@ -72,6 +74,7 @@ class RealismReport:
         }
 
 
+@named_arguments
 def evaluate_realism(
     simulated: Path | str,
     real: Path | str | None,
@@ -98,6 +101,11 @@ def evaluate_realism(
     Raises:
         ValueError: A tree holds no labelled frames, or a file cannot be parsed.
     """
+    if real is not None and Path(real).resolve() == Path(simulated).resolve():
+        warnings.warn(
+            f"{simulated} is compared with itself, so every ratio is 1: name a tree of real frames",
+            stacklevel=2,
+        )
     ours = measure_tree(Path(simulated), None, max_frames)
     theirs = Measures()
     if real is not None:

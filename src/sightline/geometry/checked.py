@@ -2,11 +2,18 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import fields
 from functools import wraps
+from inspect import isfunction
 from typing import Any, TypeVar
 
+import numpy as np
+import torch
 from beartype import BeartypeConf, beartype
 from jaxtyping import TypeCheckError, jaxtyped
+from torch import Tensor
+
+from sightline.geometry.wrong_types import named_arguments
 
 Class = TypeVar("Class", bound=type[Any])
 
@@ -23,6 +30,9 @@ _LONGEST = 80  # characters of a wrong value
 
 def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Class], Class]:
     """Make a dataclass reject fields of other types or shapes, with a TypeError of one line.
+
+    Its public methods name arguments of a wrong type (`named_arguments`), and `==` compares fields,
+    arrays by their values.
 
     Args:
         wide: Whether to accept a whole number where a float is expected.
@@ -41,10 +51,51 @@ def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Clas
             except TypeCheckError as error:
                 raise TypeCheckError(_in_one_line(kind.__name__, str(error), remedy)) from None
 
-        setattr(made, "__init__", init)  # noqa: B010 - mypy takes no assignment to it
+        # mypy takes no assignments to these
+        setattr(made, "__init__", init)  # noqa: B010
+        if "__eq__" in vars(kind):
+            setattr(made, "__eq__", _are_equal)  # noqa: B010
+            setattr(made, "__hash__", _hash_of)  # noqa: B010
+        for name, method in list(vars(made).items()):
+            if name.startswith("_"):
+                continue
+            if isinstance(method, classmethod):
+                setattr(made, name, classmethod(named_arguments(method.__func__)))
+            elif isfunction(method):
+                setattr(made, name, named_arguments(method))
         return made
 
     return decorate
+
+
+def _are_equal(one: Any, other: object) -> Any:  # noqa: ANN401 - a dataclass, and a Boolean
+    """Compare two dataclasses of one type field by field; arrays by shape, type and values."""
+    if type(other) is not type(one):
+        return NotImplemented
+    shared: Any = one  # mypy narrows it to object
+    return all(_is_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(shared))
+
+
+def _is_same(value: object, other: object) -> bool:
+    if isinstance(value, Tensor) and isinstance(other, Tensor):
+        alike = value.dtype == other.dtype and value.device == other.device
+        return alike and torch.equal(value, other)
+    if isinstance(value, np.ndarray) and isinstance(other, np.ndarray):
+        return value.dtype == other.dtype and np.array_equal(value, other)
+    if isinstance(value, tuple) and isinstance(other, tuple):
+        return len(value) == len(other) and all(map(_is_same, value, other))
+    return bool(value == other)
+
+
+def _hash_of(one: Any) -> int:  # noqa: ANN401 - a dataclass
+    """Hash what is no array, so that equal dataclasses have equal hashes."""
+    return hash((type(one), *(_key(getattr(one, field.name)) for field in fields(one))))
+
+
+def _key(value: object) -> object:
+    if isinstance(value, tuple):
+        return tuple(map(_key, value))
+    return None if isinstance(value, Tensor | np.ndarray) else value
 
 
 def _in_one_line(name: str, said: str, remedy: str) -> str:

@@ -16,21 +16,32 @@ _MAX_COLUMNS: Final = 64
 """Largest number of columns in a row; drivers write up to about twenty fields for each point."""
 _BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed many scales
 
+USUAL_LOSS: Final = 0.5
+"""Share of points without an echo in a cloud that may include rays into the sky."""
+
 _OTHER_LAYOUTS: Final = (
     *(("<f4", columns) for columns in (3, 5, 6, 7, 8)),
     *(("<f8", columns) for columns in (3, 4, 5, 6)),
 )
-_USUAL_LOSS: Final = 0.5  # share of a cloud, organised ones include rays into the sky
 _FEWEST_BYTES: Final = 320  # twenty points: fewer give too little evidence
 _FINITE_SHARE: Final = 0.5  # share of rows with points in range
 _CLEARLY: Final = 0.8  # largest ratio of unlikeness to that of rows of four for another layout
 _FEWEST_TO_DOUBT: Final = 100  # points
 _DARK_SHARE: Final = 0.01  # share of max_intensity: for 255, about 1 for the scale [0, 1]
+_FEW_POINTS: Final = 20
+"""Smallest number of points to work with; the sparsest automotive radars have hundreds."""
+_DISTINCT_SHARE: Final = 0.1
+"""Smallest share of different places; 0.9 or more on 213 real sweeps of three sensors."""
+_MOST_CM: Final = 4000.0
+"""Largest median range in centimetres; that of real sweeps is 6 to 18 m."""
+_MOST_MM: Final = 100_000.0
 _FEWEST_RINGS: Final = 4
 _LARGEST_RING: Final = 1e6
 _RING_SHARE: Final = 0.95  # of the variance of elevations that rings explain
 _POINTS_A_RING: Final = 20  # enough points to avoid an explanation by chance
 _MOST_RINGS: Final = 128
+_FEWEST_SPREAD: Final = 8  # rings
+_EVEN_SPREAD: Final = 0.5  # largest variation of the points in a ring; KITTI's sweeps have 0.23
 _WILD: Final = 1e30  # replaces values that are not finite
 
 
@@ -60,17 +71,23 @@ def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_
     return made
 
 
-def losses(points: Float[np.ndarray, "num_points 4"]) -> tuple[str, ...]:
+def losses(
+    points: Float[np.ndarray, "num_points 4"], *, usual_share: float = USUAL_LOSS
+) -> tuple[str, ...]:
     """List the unusual losses of `echoes`, each with counts, as the rest of a sentence.
 
     Points without an echo are usual, up to half of a cloud with rays into the sky; an intensity
     that is not finite is not.
+
+    Args:
+        points: x, y, z and intensity.
+        usual_share: Share of points without an echo up to which their loss is not listed.
     """
     made = is_echo(points)
     num_left = int(np.count_nonzero(made))
     num_lost = len(points) - num_left
     said = []
-    if num_lost > _USUAL_LOSS * len(points):
+    if num_lost > usual_share * len(points):
         num_wild = np.count_nonzero(~_is_finite(points[:, :3]).all(axis=1))
         said.append(
             f"{num_lost} of {len(points)} points are left out, {num_wild} whose x, y, z are not "
@@ -106,22 +123,76 @@ def warn_of_columns(num_columns: int, num_points: int) -> None:
 
 
 def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: float) -> None:
-    """Warn about intensities so far below max_intensity that it is probably wrong."""
-    brightest = float(intensities.max(initial=0))
-    if max_intensity == math.inf or len(intensities) < _FEWEST_TO_DOUBT:
-        return
-    if 0 < brightest <= _DARK_SHARE * max_intensity:
-        warnings.warn(
-            f"intensities reach no hundredth of max_intensity, {max_intensity:.6g}, so "
-            "reflectances are nearly 0: set it (of an import: --max-intensity) to what stands for "
-            "a reflectance of 1; of intensities from 0 to 1 that is 1",
-            stacklevel=3,
+    """Warn about the doubts of `scale_doubt`; zeros are how a cloud says that it has none."""
+    doubt = scale_doubt(intensities, max_intensity)
+    if doubt is not None and intensities.any():
+        problem, remedy = doubt
+        warnings.warn(f"{problem}; {remedy}", stacklevel=3)
+
+
+def scale_doubt(
+    intensities: Float[np.ndarray, " num_points"], max_intensity: float
+) -> tuple[str, str] | None:
+    """Find intensities that are all alike, or so far below max_intensity that it is wrong.
+
+    Returns:
+        The problem, a sentence about intensities, and the remedy; None if there is none, or fewer
+        than a hundred points.
+    """
+    if len(intensities) < _FEWEST_TO_DOUBT:
+        return None
+    darkest, brightest = float(intensities.min()), float(intensities.max())
+    if darkest == brightest:
+        return (
+            f"all intensities are {brightest:.4g}, so reflectances say nothing, which detectors "
+            "were trained with",
+            "give measured ones, or zeros where there are none"
+            if brightest
+            else "give measured ones if the LiDAR has them",
         )
+    if not math.isinf(max_intensity) and 0 < brightest <= _DARK_SHARE * max_intensity:
+        return (
+            f"intensities reach no hundredth of max_intensity, {max_intensity:.6g}, so "
+            "reflectances are nearly 0",
+            "set it, of a recording (of an import: --max-intensity), to what stands for a "
+            "reflectance of 1, or scale them; of intensities from 0 to 1 it is 1",
+        )
+    return None
 
 
-def warn_of_losses(points: Float[np.ndarray, "num_points 4"], source: str) -> None:
+def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, str] | None:
+    """Find a cloud of a few points, or of hardly any places; an empty cloud is no problem.
+
+    Args:
+        points: x, y, z first.
+
+    Returns:
+        The problem, as the rest of a sentence, and the remedy; None if there is none.
+    """
+    if not len(points):
+        return None
+    if len(points) < _FEW_POINTS:
+        return (
+            f"holds only {len(points)} points, expected thousands",
+            "look whether the LiDAR delivered more, and how it was converted",
+        )
+    # One number a place: a sort of rows takes ten times as long.
+    places = points[:, :3].astype(np.float64) @ (1.0, math.pi * 1e3, math.e * 1e6)
+    num_places = len(np.unique(places))
+    if num_places >= _DISTINCT_SHARE * len(points):
+        return None
+    where = "one place" if num_places == 1 else f"{num_places} places"
+    return (
+        f"holds {len(points)} points at only {where}",
+        "look how it was converted: a LiDAR measures each point at a place of its own",
+    )
+
+
+def warn_of_losses(
+    points: Float[np.ndarray, "num_points 4"], source: str, *, usual_share: float = USUAL_LOSS
+) -> None:
     """Warn about the losses of `losses`, with the name of the cloud's file or topic."""
-    for loss in losses(points):
+    for loss in losses(points, usual_share=usual_share):
         warnings.warn(f"{source}: {loss}", stacklevel=3)
 
 
@@ -169,11 +240,27 @@ def cloud_fault(
         )
         if intensities.min() < 0:
             return problem, "write them from 0 on, or leave them out"
+        if _are_evenly_spread(intensities):
+            return (
+                f"whole numbers from {intensities.min():.0f} to {intensities.max():.0f} in the "
+                "place of brightness, each nearly as often as the others: they look like ring "
+                "numbers",
+                "give columns in the order x, y, z, intensity, and zeros for an unknown intensity",
+            )
         return problem, (
             "set max_intensity (of an import: --max-intensity) to what stands for a reflectance of "
             "1, often 255"
         )
     return None
+
+
+def _are_evenly_spread(numbers: Float[np.ndarray, " num_points"]) -> bool:
+    """Check whether numbers are 0 (or 1) to at most 128, each about as often, as rings are."""
+    if (numbers != np.rint(numbers)).any() or numbers.min() > 1 or numbers.max() > _MOST_RINGS:
+        return False
+    counts = np.bincount(numbers.astype(np.int64))[int(numbers.min()) :]
+    is_enough = len(counts) >= _FEWEST_SPREAD and counts.mean() >= _POINTS_A_RING
+    return bool(is_enough and counts.all() and counts.std() < _EVEN_SPREAD * counts.mean())
 
 
 def holds_rings(
@@ -223,7 +310,10 @@ def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str]
             "LiDAR, so they are probably in a map's or world's frame",
             "move them into the LiDAR's own frame (subtract its position and undo its rotation)",
         )
-    return f"{problem}: they are probably in millimetres", "write them in metres"
+    if middle_m > _MOST_MM:
+        return f"{problem}: they are in another unit", "write them in metres"
+    unit, factor = ("centimetres", 100) if middle_m <= _MOST_CM else ("millimetres", 1000)
+    return f"{problem}: they are probably in {unit}", f"write them in metres, divided by {factor}"
 
 
 def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
@@ -252,6 +342,17 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
     return next(
         ((np.dtype(kind), columns) for score, kind, columns in found if score <= 1.1 * best), None
     )
+
+
+def is_big_endian(content: bytes) -> bool:
+    """Check if a raw cloud of float32 rows of four is plausible in big-endian order alone.
+
+    With fewer than twenty points the result is False, since there is too little evidence.
+    """
+    if len(content) % 16 or len(content) < _FEWEST_BYTES:
+        return False
+    little, big = (np.frombuffer(content, order).reshape(-1, 4) for order in ("<f4", ">f4"))
+    return not _is_plausible(little) and _is_plausible(big)
 
 
 def has_columns(content: bytes, columns: int) -> bool:

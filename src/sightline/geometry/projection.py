@@ -10,6 +10,7 @@ from sightline.geometry.arguments import plain_size, wrong_type
 from sightline.geometry.calibration import Calibration, plain_calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.transforms import rigid_inverse, transform_points
+from sightline.geometry.wrong_types import named_arguments
 
 # Kim et al. 2018, Eq. 1-3: far end of each channel of a DHI image.
 DHI_RANGE_M = 80.0
@@ -37,6 +38,7 @@ class ProjectedPoints(NamedTuple):
         return (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
 
 
+@named_arguments
 def project_points(
     points: Float[Tensor, "*batch num_points 3"], calibration: Calibration
 ) -> ProjectedPoints:
@@ -77,6 +79,7 @@ def unproject_pixels(
     return transform_points(lidar_from_camera, in_camera.transpose(-1, -2)).to(pixels.dtype)
 
 
+@named_arguments
 def sparse_depth_map(
     points: Float[Tensor, "num_points fields"],
     calibration: Calibration,

@@ -7,19 +7,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.atomic import atomic_write_text
-from sightline.data.jobs import (
-    Claim,
-    JobResult,
-    check_outputs,
-    check_workers,
-    claim_folders,
-    data_name,
-    run_job,
-    shard,
-)
 from sightline.data.object_tree import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
+from sightline.files.atomic import atomic_write_text
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predict import (
     Places,
     answered_samples,
@@ -27,6 +18,8 @@ from sightline.inference.predict import (
     output_places,
     write_answer,
 )
+from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.perception.kept_lines import Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor
@@ -52,6 +45,7 @@ class PerceiveResult(JobResult):
     """Number of predicted frames by task."""
 
 
+@named_arguments
 def perceive(
     data: Path | str,
     out: Path | str,
@@ -142,8 +136,9 @@ def perceive(
         if name not in done
     ]
     run_job(works, workers, description=JOB_NAME)
+    files = _line_files(out)  # before they are read: other shards may go on writing meanwhile
     lines = _join_lines(out)
-    _warn_of_missing(out, lines, _join_timings(out))
+    _warn_of_missing(out, files, lines, _join_timings(out))
     if pictures:
         pictures.write(dataset, out)
     return PerceiveResult(
@@ -271,9 +266,13 @@ def _join_timings(out: Path) -> Lines:
     return timings
 
 
-def _warn_of_missing(out: Path, lines: Lines, timings: Lines) -> None:
+def _line_files(out: Path) -> list[str]:
+    """Names of the frames that have a file with their line."""
+    return sorted(path.stem for path in (out / _LINES_FOLDER).glob("*.json"))
+
+
+def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lines) -> None:
     """Warns of frames that have files in the folder but no entry in the joined files."""
-    files = sorted(path.stem for path in (out / _LINES_FOLDER).glob("*.json"))
     for what, names, joined in (
         ("line", [name for name in files if name not in lines], LINES_NAME),
         ("time", [name for name in lines if name not in timings], TIMINGS_NAME),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from sightline.export.names import EngineChoice
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Perception
@@ -61,6 +62,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
     Can be pickled, and called in a forked process.
     """
 
+    @named_arguments
     def __init__(self, predictors: Mapping[str, Predictor]) -> None:
         """Stores the predictors by task name.
 

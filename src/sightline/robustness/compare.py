@@ -1,13 +1,13 @@
 """Comparison of runs side by side."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sightline.corruptions.suites import CLEAN
-from sightline.data.atomic import atomic_write_text
+from sightline.files.atomic import atomic_write_text
 from sightline.robustness.comparable import check_baseline, warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import compare_page
@@ -51,11 +51,23 @@ class Comparison:
     def notes(self) -> tuple[str, ...]:
         """List notes on the interpretation of the scores."""
         notes = tuple(dict.fromkeys(note for each in self.records for note in each.notes))
+        notes = (*self._notes_on_equals(), *notes)
         notes = (*warn_of_files(dict(zip(self._names(), self.records, strict=True))), *notes)
         if self.left_out:
             names = ", ".join(self.left_out)
             notes = (f"Left out, as not all runs have these cases: {names}.", *notes)
         return notes
+
+    def _notes_on_equals(self) -> Iterator[str]:
+        """Yield a note for each run that is an earlier one."""
+        names = self._names()
+        for place, each in enumerate(self.records):
+            first = self.records.index(each)
+            if first < place:
+                yield (
+                    f"WARNING: {names[place]} is the run of {names[first]}, with the same scores "
+                    "in every case: name the file of another run."
+                )
 
     def table(self) -> "Group":
         """Make the tables for a terminal."""

@@ -1,28 +1,236 @@
-"""Simulated data sets on disk: resumable, parallel and reproducible to the byte."""
+"""Simulated data sets on disk, in KITTI's layouts: resumable and reproducible to the byte."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from sightline.data.jobs import JobResult, acquire_output_dir, check_workers, run_job, shard
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.calibration_text import (
+    CalibrationMatrices,
+    object_calibration_text,
+    raw_calibration_texts,
+)
+from sightline.data.depth_png import write_depth_png
+from sightline.data.image_file import write_rgb
+from sightline.data.instance_png import write_instance_png
+from sightline.data.kitti_labels import write_objects
 from sightline.data.object_tree import Velodyne
+from sightline.data.pixels import seen_by_camera, sparse_depth_map
+from sightline.data.velodyne import write_sweep
+from sightline.files.atomic import atomic_write_text
+from sightline.files.problem import FileError
+from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import (
+    FRAME_S,
+    SimulatedFrame,
     StreetMaker,
     calibration_of,
     simulate_course,
     simulate_frame,
 )
 from sightline.simulation.street import make_street
-from sightline.simulation.writer import (
-    DATE,
-    MAX_DRIVES,
-    MAX_FRAMES,
-    DriveLayout,
-    Layout,
-    ObjectLayout,
-)
+
+DATE = "2000_01_01"  # date of all simulated drives: not a real one
+MAX_FRAMES = 10**6  # maximum number of frames: names have six digits
+MAX_DRIVES = 10**4  # maximum number of drives: names have four digits
+# Maximum number of parts of a job: the last part begins with the frame, or drive, of its number,
+# and leaves as many between two. Files beyond this were not begun by a job.
+_MAX_SHARDS = 1000
+_DIGIT = "[0-9]"  # for patterns: other files in an output folder are not frames
+_START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FrameFiles:
+    """Output files of a frame."""
+
+    image: Path | None  # image file; None without a camera
+    points: Path
+    objects: Path
+    depth: Path  # dense depth of every pixel
+    sparse_depth: Path  # depth of the pixels hit by the LiDAR: the depth benchmark's input
+    instances: Path
+    calibration: Path | None
+    """Calibration file; None if the day's calibration applies to all frames."""
+
+    def are_there(self) -> bool:
+        """Whether all files exist; an existing file is complete."""
+        paths = [self.image, self.points, self.objects, self.depth, self.sparse_depth]
+        paths += [self.instances, self.calibration]
+        return all(path is None or path.is_file() for path in paths)
+
+    def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
+        """Write all files atomically."""
+        seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
+        sparse_depth = sparse_depth_map(frame.points, frame.calibration, frame.image_size)
+        write_sweep(self.points, frame.points if velodyne == "velodyne" else seen)
+        if self.image is not None and frame.image is not None:
+            write_rgb(self.image, frame.image)
+        write_objects(self.objects, frame.objects)
+        write_depth_png(self.depth, frame.depth_m)
+        write_depth_png(self.sparse_depth, sparse_depth)
+        write_instance_png(self.instances, frame.instances)
+        if self.calibration is not None:
+            atomic_write_text(self.calibration, object_calibration_text(frame.calibration))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectLayout:
+    """KITTI's object tree, with additional ground truth of the simulator.
+
+    training/{image_2,VELODYNE,calib,label_2}/N.* and training/{depth,velodyne_raw,instance}/N.png;
+    ImageSets/{train,val}.txt.
+    """
+
+    root: Path
+    velodyne: Velodyne
+    camera: bool = True
+
+    def frame(self, index: int) -> FrameFiles:
+        """List the files of a frame."""
+        folder, name = self.root / "training", f"{index:06d}"
+        return FrameFiles(
+            image=folder / "image_2" / f"{name}.png" if self.camera else None,
+            points=folder / self.velodyne / f"{name}.bin",
+            objects=folder / "label_2" / f"{name}.txt",
+            depth=folder / "depth" / f"{name}.png",
+            sparse_depth=folder / "velodyne_raw" / f"{name}.png",
+            instances=folder / "instance" / f"{name}.png",
+            calibration=folder / "calib" / f"{name}.txt",
+        )
+
+    def num_planned(self, frames: int) -> int:
+        """Compute the number of frames requested, or begun: their sweeps are written first.
+
+        Raises:
+            FileError: A sweep lies far beyond anything that earlier runs can have begun.
+        """
+        sweeps = list((self.root / "training" / self.velodyne).glob(f"{_DIGIT * 6}.bin"))
+        if not sweeps:
+            return frames
+        last = max(sweeps)
+        most = _MAX_SHARDS * len(sweeps)
+        return _planned(frames, int(last.stem), last, most=most)
+
+    def write_lists(self, frames: int, validation_frames: int) -> None:
+        """Write ImageSets/train.txt and, for any validation frames, val.txt: the first frames."""
+        names = [f"{index:06d}\n" for index in range(frames)]
+        lists = {"train": names[validation_frames:], "val": names[:validation_frames]}
+        for name, lines in lists.items():
+            if lines:
+                atomic_write_text(self.root / "ImageSets" / f"{name}.txt", "".join(lines))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DriveLayout:
+    """KITTI's raw data of one day, and the same drives as a depth completion tree.
+
+    DATE/DRIVE/{image_02,velodyne_points,label_02,instance}/data/N.* with poses and times;
+    train/DRIVE/proj_depth/{groundtruth,velodyne_raw}/image_02/N.png.
+    """
+
+    root: Path
+    sequence_length: int
+
+    def frame(self, index: int) -> FrameFiles:
+        """List the files of a frame; `index` counts through all drives."""
+        drive, step = divmod(index, self.sequence_length)
+        folder, name = self.drive_folder(drive), f"{step:010d}"
+        maps = self.root / "train" / folder.name / "proj_depth"
+        return FrameFiles(
+            image=folder / "image_02" / "data" / f"{name}.png",
+            points=folder / "velodyne_points" / "data" / f"{name}.bin",
+            objects=folder / "label_02" / "data" / f"{name}.txt",
+            depth=maps / "groundtruth" / "image_02" / f"{name}.png",
+            sparse_depth=maps / "velodyne_raw" / "image_02" / f"{name}.png",
+            instances=folder / "instance" / "data" / f"{name}.png",
+            calibration=None,
+        )
+
+    def drive_folder(self, drive: int) -> Path:
+        """Folder of a drive's raw data."""
+        return self.root / DATE / f"{DATE}_drive_{drive:04d}_sync"
+
+    def num_planned(self, frames: int) -> int:
+        """Compute the number of frames requested, or begun: their sweeps are written first.
+
+        Raises:
+            FileError: A sweep lies far beyond anything that earlier runs can have begun.
+        """
+        last_of: dict[Path, Path] = {}
+        for folder in (self.root / DATE).glob(f"{DATE}_drive_{_DIGIT * 4}_sync"):
+            sweeps = (folder / "velodyne_points" / "data").glob(f"{_DIGIT * 10}.bin")
+            mine = [sweep for sweep in sweeps if int(sweep.stem) < self.sequence_length]
+            if mine:
+                last_of[folder] = max(mine)
+        if not last_of:
+            return frames
+        folder = max(last_of)
+        drive, last = int(folder.name.split("_")[-2]), last_of[folder]
+        index = drive * self.sequence_length + int(last.stem)
+        most = _MAX_SHARDS * len(last_of) * self.sequence_length
+        return _planned(frames, index, last, most=most)
+
+    def drives(self, frames: int) -> Iterator[tuple[int, int]]:
+        """Yield each drive and its number of frames, the last one possibly shorter."""
+        for first in range(0, frames, self.sequence_length):
+            yield first // self.sequence_length, min(self.sequence_length, frames - first)
+
+    def write_calibration(self, calibration: CalibrationMatrices) -> None:
+        """Write the day's calibration."""
+        cameras, lidar = raw_calibration_texts(calibration)
+        atomic_write_text(self.root / DATE / "calib_cam_to_cam.txt", cameras)
+        atomic_write_text(self.root / DATE / "calib_velo_to_cam.txt", lidar)
+
+    def has_course(self, drive: int, length: int) -> bool:
+        """Whether the poses and times of a drive of this length exist."""
+        return all(
+            path.is_file() and path.read_bytes().count(b"\n") == length
+            for path in self._course_files(drive)
+        )
+
+    def write_course(
+        self, drive: int, world_from_lidar: Float64[np.ndarray, "num_frames 4 4"]
+    ) -> None:
+        """Write the poses (3x4, row by row) and the times of a drive."""
+        poses, *times = self._course_files(drive)
+        rows = world_from_lidar[:, :3].reshape(-1, 12).tolist()
+        atomic_write_text(poses, "".join(" ".join(map(repr, row)) + "\n" for row in rows))
+        moments = (_START + timedelta(seconds=step * FRAME_S) for step in range(len(rows)))
+        text = "".join(f"{moment:%Y-%m-%d %H:%M:%S.%f}000\n" for moment in moments)
+        for path in times:
+            atomic_write_text(path, text)
+
+    def _course_files(self, drive: int) -> tuple[Path, Path, Path]:
+        folder = self.drive_folder(drive)
+        return (
+            folder / "poses.txt",
+            folder / "image_02" / "timestamps.txt",
+            folder / "velodyne_points" / "timestamps.txt",
+        )
+
+
+def _planned(frames: int, index: int, sweep: Path, *, most: int) -> int:
+    """Compute the number of frames up to `index`, the last sweep's, or `frames` if it is larger."""
+    if index >= max(frames, most):
+        raise FileError(
+            sweep,
+            f"is the sweep of frame {index}, expected none from {max(frames, most)} on beside so "
+            "few others",
+            f"move it away, or ask for {index + 1} frames",
+        )
+    return max(frames, index + 1)
+
+
+Layout = ObjectLayout | DriveLayout
+
 
 SIMULATOR_REVISION: Final = 7
 """Revision of the simulator's output; raised by each change that alters a seed's frames."""
@@ -44,10 +252,10 @@ def simulate(
 ) -> JobResult:
     """Write simulated frames as KITTI's object tree, or drives in the layout of its raw data.
 
-    `writer.ObjectLayout` and, where `config.sequence_length` is above 1, `writer.DriveLayout`
-    define the files. A file appears whole or not at all, and existing frames are skipped, so a
-    stopped run can be resumed; a larger `frames` extends the data set. The same settings give the
-    same bytes for any number of workers.
+    `ObjectLayout` and, where `config.sequence_length` is above 1, `DriveLayout` define the files. A
+    file appears whole or not at all, and existing frames are skipped, so a stopped run can be
+    resumed; a larger `frames` extends the data set. The same settings give the same bytes for any
+    number of workers.
 
     Args:
         out: Output folder; its simulation.json records the settings.
@@ -87,97 +295,60 @@ def simulate(
             "drives have images, whole sweeps and no validation_frames; keep to that, or make "
             "single frames with a sequence_length of 1"
         )
-    settings = _settings(config, velodyne, validation_frames, streets)
-    acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
-    make = _Maker(config, streets, workers, shard_index, num_shards)
-    if config.sequence_length > 1:
-        return make.drives(DriveLayout(root=out, sequence_length=config.sequence_length), frames)
-    layout = ObjectLayout(root=out, velodyne=velodyne, camera=config.camera)
-    return make.frames(layout, frames, validation_frames)
-
-
-@dataclass(frozen=True, slots=True)
-class _Maker:
-    """Maker of the missing files of one part, including files begun by earlier runs."""
-
-    config: SimulationConfig
-    streets: StreetMaker
-    workers: int
-    shard_index: int
-    num_shards: int
-
-    def frames(self, layout: ObjectLayout, frames: int, validation_frames: int) -> JobResult:
-        frames = layout.num_planned(frames)
-        result = self._run(layout, shard(range(frames), self.shard_index, self.num_shards), [])
-        layout.write_lists(frames, validation_frames)
-        return result
-
-    def drives(self, layout: DriveLayout, frames: int) -> JobResult:
-        drives = list(layout.drives(layout.num_planned(frames)))
-        layout.write_calibration(calibration_of(self.config))
-        mine = shard(drives, self.shard_index, self.num_shards)
-        courses = [
-            _CourseWork(layout, self.config, self.streets, drive, length)
-            for drive, length in mine
-            if not layout.has_course(drive, length)
-        ]
-        firsts = ((drive * layout.sequence_length, length) for drive, length in mine)
-        indices = [first + step for first, length in firsts for step in range(length)]
-        return self._run(layout, indices, courses)
-
-    def _run(
-        self, layout: Layout, indices: Sequence[int], courses: "list[_CourseWork]"
-    ) -> JobResult:
-        pending = [index for index in indices if not layout.frame(index).are_there()]
-        works = [_FrameWork(layout, self.config, self.streets, index) for index in pending]
-        run_job([*courses, *works], self.workers, description="simulating")
-        return JobResult(written=len(pending), skipped=len(indices) - len(pending))
-
-
-@dataclass(frozen=True, slots=True)
-class _FrameWork:
-    """Job that simulates and writes a frame."""
-
-    layout: Layout
-    config: SimulationConfig
-    streets: StreetMaker
-    index: int
-
-    def __str__(self) -> str:
-        return f"frame {self.index}"
-
-    def run(self) -> None:
-        frame = simulate_frame(self.config, self.index, self.streets)
-        velodyne = self.layout.velodyne if isinstance(self.layout, ObjectLayout) else "velodyne"
-        self.layout.frame(self.index).write(frame, velodyne)
-
-
-@dataclass(frozen=True, slots=True)
-class _CourseWork:
-    """Job that writes poses and times of a drive."""
-
-    layout: DriveLayout
-    config: SimulationConfig
-    streets: StreetMaker
-    drive: int
-    length: int
-
-    def __str__(self) -> str:
-        return f"drive {self.drive}"
-
-    def run(self) -> None:
-        poses = simulate_course(self.config, self.drive, self.length, self.streets)
-        self.layout.write_course(self.drive, poses)
-
-
-def _settings(
-    config: SimulationConfig, velodyne: Velodyne, validation_frames: int, streets: StreetMaker
-) -> dict[str, object]:
-    """Collect all settings that affect the bytes, except the number of frames."""
-    return {
+    settings = {  # all that affects the bytes, except the number of frames
         "revision": SIMULATOR_REVISION,
         "streets": f"{streets.__module__}.{streets.__qualname__}",
         "velodyne": velodyne,
         "validation_frames": validation_frames,
         **asdict(config),
     }
+    acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
+    works: list[_Work] = []
+    layout: Layout
+    if config.sequence_length > 1:
+        layout = DriveLayout(root=out, sequence_length=config.sequence_length)
+        drives = list(layout.drives(layout.num_planned(frames)))
+        layout.write_calibration(calibration_of(config))
+        indices: list[int] = []
+        for drive, length in shard(drives, shard_index, num_shards):
+            first = drive * layout.sequence_length
+            indices += range(first, first + length)
+            if not layout.has_course(drive, length):
+                action = partial(_write_course, layout, config, streets, drive, length)
+                works.append(_Work(f"drive {drive}", action))
+    else:
+        layout = ObjectLayout(root=out, velodyne=velodyne, camera=config.camera)
+        frames = layout.num_planned(frames)
+        indices = list(shard(range(frames), shard_index, num_shards))
+    pending = [index for index in indices if not layout.frame(index).are_there()]
+    for index in pending:
+        action = partial(_write_frame, layout, config, streets, velodyne, index)
+        works.append(_Work(f"frame {index}", action))
+    run_job(works, workers, description="simulating")
+    if isinstance(layout, ObjectLayout):
+        layout.write_lists(frames, validation_frames)
+    return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+
+
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """Named part of a job; a worker process runs it."""
+
+    name: str
+    run: Callable[[], None]
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def _write_frame(
+    layout: Layout, config: SimulationConfig, streets: StreetMaker, velodyne: Velodyne, index: int
+) -> None:
+    layout.frame(index).write(simulate_frame(config, index, streets), velodyne)
+
+
+def _write_course(
+    layout: DriveLayout, config: SimulationConfig, streets: StreetMaker, drive: int, length: int
+) -> None:
+    """Write poses and times of a drive."""
+    layout.write_course(drive, simulate_course(config, drive, length, streets))

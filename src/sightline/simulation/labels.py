@@ -1,30 +1,63 @@
 """KITTI labels of a simulated frame, from the geometry and the camera's pixels."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Float, Float32, Float64, Int32
 from scipy.ndimage import find_objects
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects, objects_from_rows
 from sightline.data.pixels import wrap_angle
-from sightline.simulation.camera_rays import View, camera_view
-from sightline.simulation.embree import EmbreeScene
-from sightline.simulation.label_ends import labelled_ends
+from sightline.simulation.camera.samples import View, camera_view
+from sightline.simulation.rays.raycast import EmbreeScene
 from sightline.simulation.scene import Actor, Scene, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX
 
-_NEAR_M = 0.3
-"""Minimum depth for projection into the image."""
+_LEAST_ANGLE: Final = math.radians(20.0)
+"""Minimum angle between a flank and the line of sight in the views that define a car's box: it has
+one size in all frames of a drive, and most show it from behind or ahead."""
+_EARLIER: Final = math.radians(25.0)
+"""Angle by which these views are flatter than a side view. With both angles, points of the flank
+reach as near to the far ends of simulated labels as to those of KITTI's cars."""
+_BELOW: Final = 0.5  # share of the height below which bodies bulge most and there are no mirrors
+
+
+def labelled_ends(
+    vertices: Float[np.ndarray, "num_vertices 3"],
+    size_lwh: tuple[float, float, float],
+    viewpoint: Float64[np.ndarray, "2"],
+) -> tuple[float, float]:
+    """Compute a car's rear and front end along x [m] as KITTI's annotators label them.
+
+    Annotators have only the points. An end that faces away is round, so the last visible part is
+    where the line of sight leaves the flank: the box ends there, about 0.3 m before the bumper. The
+    length of a passing car changes by some centimetres during a drive. `vertices` and `viewpoint`,
+    the x and y of the sensor, are in the car's frame [m]: x ahead, y left, z up, the origin on the
+    ground.
+    """
+    length, width, height = size_lwh
+    body = vertices[vertices[:, 2] < _BELOW * height, :2]
+    beside = max(abs(float(viewpoint[1])) - width / 2, 0.0)
+    side = math.copysign(1.0, float(viewpoint[1]))
+    ends = []
+    for way in (-1.0, 1.0):
+        away = length / 2 - way * float(viewpoint[0])
+        angle = max(math.atan2(beside, away) - _EARLIER, _LEAST_ANGLE)
+        last = np.argmax(body @ np.array([way * math.sin(angle), side * math.cos(angle)]))
+        seen = min(way * float(body[last, 0]), length / 2)
+        ends.append(way * (seen if away > 0 else length / 2))
+    return ends[0], ends[1]
+
+
+_NEAR_M = 0.3  # minimum depth for projection into the image
 # Rules of KITTI's annotators. The first two are fitted to the cars of all 7,481 label files: for
 # equal cover of a car's box by nearer labelled boxes, simulated cars have each level as often.
-_VISIBLE: Final = 0.97
-"""Share of an object's pixels above which it is fully visible."""
-_PARTLY: Final = 0.48
-"""Share above which it is partly occluded; below, it is largely occluded."""
+_VISIBLE: Final = 0.97  # share of an object's pixels above which it is fully visible
+_PARTLY: Final = 0.48  # share above which it is partly occluded; below, it is largely occluded
 _MIN_LABELLED_PIXELS: Final = 150
 _MIN_SHARE: Final = 0.15
 _MIN_HEIGHT_PX: Final = 14.0
@@ -33,14 +66,12 @@ _MAX_DEPTH_M: Final = 80.0
 depth gives DontCare. Pixels refer to KITTI's focal length. KITTI's lowest labels are 12.7 px high,
 0.04 % of its cars are farther away, and with this share as many are wholly covered by other
 boxes."""
-_MIN_PIXELS: Final = 15
-"""Minimum pixels of an object; smaller ones are ignored."""
+_MIN_PIXELS: Final = 15  # minimum pixels of an object; smaller ones are ignored
 _PERSON_ROOM_M: Final = 0.02
 """Gap between a pedestrian and either side of the box, which then has 0.72 of the width of the
 projected 3D box (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
 _DONT_CARE_GAP_PX: Final = 4.0
-_ROUND: Final = ("Car", "Van")
-"""Classes labelled only up to the visible end of the flank."""
+_ROUND: Final = ("Car", "Van")  # classes labelled only up to the visible end of the flank
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
 """Numbers on a DontCare line; its box goes after the third."""
 
@@ -51,19 +82,15 @@ class _Seen:
 
     index: int
     actor: Actor
-    size_lwh: tuple[float, float, float]
-    """Size of the label [m]."""
-    location: Float64[np.ndarray, "3"]
-    """Bottom centre, camera frame [m]."""
+    size_lwh: tuple[float, float, float]  # size of the label [m]
+    location: Float64[np.ndarray, "3"]  # bottom centre, camera frame [m]
     rotation_y: float
     box: Float64[np.ndarray, "4"]
     """2D box as KITTI draws it; NaN where no edge of the 3D box is in view."""
-    visible_box: Float64[np.ndarray, "4"]
-    """Bounding box of the visible pixels."""
+    visible_box: Float64[np.ndarray, "4"]  # bounding box of the visible pixels
     truncation: float
     visible_share: float
-    num_pixels: int
-    """Number of visible pixels."""
+    num_pixels: int  # number of visible pixels
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,8 +98,7 @@ class FrameLabels:
     """Labels and the actor of each."""
 
     objects: KittiObjects
-    actors: Int32[np.ndarray, " num_objects"]
-    """Index into the scene's actors; -1 for DontCare."""
+    actors: Int32[np.ndarray, " num_objects"]  # index into the scene's actors; -1 for DontCare
     visible_boxes: Float64[np.ndarray, "num_objects 4"]
     """x_min, y_min, x_max, y_max of each object's visible pixels; NaN for DontCare."""
 
@@ -86,17 +112,12 @@ def label_frame(
     """Label the objects in view as KITTI's annotators would, in the order of the actors.
 
     The 2D box is `kitti_boxes.project_box`, hidden parts included; a pedestrian's is as wide as the
-    person, not as the 3D box. `label_ends` gives the ends of cars and vans. Occlusion is 0, 1 or 2
-    by the visible share of the object's pixels within the image; a largely hidden object cut by the
-    image border has 3, as do 95 % of KITTI's cars of that level. Objects too small, far or hidden
-    to label are DontCare, with close ones merged into one box.
-
-    Args:
-        scene: The scene with its actors.
-        owners: Index of the actor at each pixel of the image; negative: none.
-        calibration: Calibration of the camera.
-        lidar_height_m: Height of the LiDAR, the calibration's reference frame, above the ego's
-            footprint.
+    person, not as the 3D box. `labelled_ends` gives the ends of cars and vans. Occlusion is 0, 1 or
+    2 by the visible share of the object's pixels within the image; a largely hidden object cut by
+    the image border has 3, as do 95 % of KITTI's cars of that level. Objects too small, far or
+    hidden to label are DontCare, with close ones merged into one box. `owners` are the indices of
+    the actors at each pixel, negative for none; the LiDAR, the calibration's reference frame, is
+    `lidar_height_m` above the ego's footprint.
     """
     lidar_from_world = np.linalg.inv(world_from_footprint(scene.ego, lidar_height_m))
     onlooker = _Onlooker(

@@ -1,22 +1,29 @@
 """Spinning LiDARs: laser models, and the sweep of a scene."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.ranges import Within, check_ranges
 from sightline.ops.compiled import compiled
-from sightline.simulation.foliage import cast_through_foliage
-from sightline.simulation.materials import SURFACES, Material
-from sightline.simulation.raycast import Hits, Raycaster
-from sightline.simulation.scene import Motion, Scene, world_from_footprint
+from sightline.simulation.arrays import RayRows, RayVectors
+from sightline.simulation.rays.kernels import dot, row_of
+from sightline.simulation.rays.raycast import Hits, Raycaster
+from sightline.simulation.rays.surfaces import (
+    MeshTables,
+    Rays,
+    cast_through_foliage,
+    face_normal,
+    mesh_tables,
+)
+from sightline.simulation.scene import SURFACES, Material, Motion, Scene, world_from_footprint
 from sightline.simulation.settings import LidarModel
-from sightline.simulation.surfaces import MeshTables, Rays, face_normal, mesh_tables
-from sightline.simulation.vectors import dot, row_of
+from sightline.simulation.tables import read_table
 
 _MID_GREY = 0.25  # linear albedo of the sample for `Surface.lidar_reflectance`
 _COLOR_RANGE = (0.35, 1.8)  # range of the colour's factor on the reflectance at 905 nm
@@ -54,14 +61,10 @@ _GLEAMS = np.array([SURFACES[item].mirror > 0 and item is not Material.METAL for
 class Laser:
     """One laser of a spinning LiDAR."""
 
-    elevation_deg: float
-    """Elevation of the beam."""
-    offset_m: float = 0.0
-    """Height above the sensor's origin where the beam crosses the axis."""
-    range_bias_m: float = 0.0
-    """Bias of all its ranges."""
-    reading_bias: float = 0.0
-    """Bias of its reflectance readings."""
+    elevation_deg: float  # elevation of the beam
+    offset_m: float = 0.0  # height above the sensor's origin where the beam crosses the axis
+    range_bias_m: float = 0.0  # bias of all its ranges
+    reading_bias: float = 0.0  # bias of its reflectance readings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,10 +75,8 @@ class BlindSector:
         ValueError: The azimuths do not rise within 0 to 360 degrees.
     """
 
-    azimuth_deg: tuple[float, float]
-    """Start and end, counter-clockwise; 0 is straight ahead."""
-    below_deg: float
-    """Elevation below which beams are lost."""
+    azimuth_deg: tuple[float, float]  # start and end, counter-clockwise; 0 is straight ahead
+    below_deg: float  # elevation below which beams are lost
 
     def __post_init__(self) -> None:
         """Check the order of the azimuths."""
@@ -91,21 +92,17 @@ class BlindSector:
 class LidarConfig:
     """A LiDAR and its faults."""
 
-    lasers: tuple[Laser, ...]
-    """Lasers from the top."""
+    lasers: tuple[Laser, ...]  # lasers from the top
     azimuth_step_deg: float = 0.1728
     """Step between two firings of a laser; 0.1728 is a Velodyne at 10 turns a second."""
     blind_sectors: tuple[BlindSector, ...] = ()
-    height_m: float = KITTI_LIDAR_HEIGHT_M
-    """Height of its origin above the road."""
-    lean_deg: float = 0.0
-    """Forward lean of its axis; points are nevertheless in a level frame."""
+    height_m: float = KITTI_LIDAR_HEIGHT_M  # height of its origin above the road
+    lean_deg: float = 0.0  # forward lean of its axis; points are nevertheless in a level frame
     min_range_m: float = 1.5
     max_range_m: float = 80.0
-    range_noise_m: float = 0.01
+    range_noise_m: Annotated[float, Within(0)] = 0.01
     """Standard deviation along the ray, around the laser's bias."""
-    drop_out: float = 0.01
-    """Share of returns lost on any surface."""
+    drop_out: Annotated[float, Within(0, 1)] = 0.01  # share of returns lost on any surface
     detectable_echo: float = 0.006
     """Echo (reflectance * cosine / (range / 40 m)^2) with detection probability 1 - 1/e."""
     rolling_shutter: bool = False
@@ -123,65 +120,53 @@ class LidarConfig:
                 "a LiDAR needs azimuth_step_deg above 0 and min_range_m below max_range_m, got "
                 f"{self.azimuth_step_deg}, {self.min_range_m} and {self.max_range_m}"
             )
-        if not 0 <= self.drop_out <= 1 or not self.range_noise_m >= 0:
-            raise ValueError(
-                "a LiDAR needs a drop_out from 0 to 1 and a range_noise_m of at least 0, got "
-                f"{self.drop_out} and {self.range_noise_m}"
-            )
+        check_ranges(self)
         if not self.detectable_echo > 0:
             raise ValueError(f"detectable_echo must be above 0, got {self.detectable_echo}")
 
 
-def _fan(top_deg: float, bottom_deg: float, count: int, offset_m: float = 0.0) -> tuple[Laser, ...]:
-    elevations = np.linspace(top_deg, bottom_deg, count).tolist()
-    return tuple(Laser(elevation_deg=elevation, offset_m=offset_m) for elevation in elevations)
+def _lidar(row: Mapping[str, Any]) -> LidarConfig:
+    """Build a LiDAR from its row of the table.
 
-
-def _with_biases(
-    lasers: Sequence[Laser], ranges_mm: Sequence[int], readings_percent: Sequence[int]
-) -> tuple[Laser, ...]:
-    return tuple(
-        replace(laser, range_bias_m=range_mm / 1000, reading_bias=percent / 100)
-        for laser, range_mm, percent in zip(lasers, ranges_mm, readings_percent, strict=True)
+    `fans` are blocks of evenly spread lasers from the top: first and last elevation [degrees],
+    number and offset [m]. Biases are those of the lasers from the top; `firings` are those of a
+    laser in a turn; blind sectors are start, end and lower elevation [degrees].
+    """
+    beams = [
+        (elevation, offset)
+        for top, bottom, count, offset in row["fans"]
+        for elevation in np.linspace(top, bottom, count).tolist()
+    ]
+    ranges_mm = row.get("range_biases_mm", (0,) * len(beams))
+    percents = row.get("reading_biases_percent", (0,) * len(beams))
+    return LidarConfig(
+        lasers=tuple(
+            Laser(
+                elevation_deg=elevation,
+                offset_m=offset,
+                range_bias_m=range_mm / 1000,
+                reading_bias=percent / 100,
+            )
+            for (elevation, offset), range_mm, percent in zip(
+                beams, ranges_mm, percents, strict=True
+            )
+        ),
+        azimuth_step_deg=360 / row["firings"],
+        lean_deg=row.get("lean_deg", 0.0),
+        blind_sectors=tuple(
+            BlindSector(azimuth_deg=(start, end), below_deg=below)
+            for start, end, below in row.get("blind_sectors", ())
+        ),
     )
 
 
-# Biases of KITTI's lasers, from the top. Ranges: against planes through walls, where the lower
-# ones read too little; readings: against the lasers above and below on the same surface.
-# fmt: off
-_RANGE_BIASES_MM = (
-    25, -14, 37, 4, 5, -20, 49, -11, -21, 12, 19, -10, 30, 26, -8, -15, 30, -7, 50, 13, 0, -18, -33,
-    -21, 19, -5, 3, -45, 30, 20, 1, 0, -6, -30, -3, -52, -33, -48, *(0,) * 26,
-)
-_READING_BIASES_PERCENT = (
-    2, -1, -3, -3, -3, -2, 1, -1, 2, -3, 0, 2, 3, 0, -1, -2, -1, -1, 2, -1, 3, -6, 1, 4,
-    -1, 1, 2, 3, 3, -4, 4, 5, 0, -1, 2, -8, -14, 1, 8, 7, -2, 2, -12, 2, 2, 2, 3, -1,
-    -4, 4, 6, -11, 3, -3, -5, 2, 3, 7, -6, -6, -7, 2, 5, 2,
-)
-# fmt: on
-
+# HDL-64E is KITTI's own sensor, measured in its sweeps: two blocks of lasers, the upper one denser,
+# and the car's roof, rails and aerial below them. Its biases of range are those against planes
+# through walls, where the lower lasers read too little; those of readings against the lasers above
+# and below on the same surface.
+_ROWS: Final = read_table(__file__, "lidars")
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
-    # KITTI's own sensor, measured in its sweeps: two blocks of lasers, the upper one denser, and
-    # the car's roof, rails and aerial below them.
-    "hdl-64e": LidarConfig(
-        lasers=_with_biases(
-            (*_fan(2.0, -8.6, 32, 0.19), *_fan(-8.95, -25.0, 32, 0.11)),
-            _RANGE_BIASES_MM,
-            _READING_BIASES_PERCENT,
-        ),
-        azimuth_step_deg=360 / 2150,
-        lean_deg=0.6,
-        blind_sectors=(
-            BlindSector(azimuth_deg=(160.0, 200.0), below_deg=-18.5),
-            BlindSector(azimuth_deg=(200.0, 210.0), below_deg=-22.5),
-            BlindSector(azimuth_deg=(150.0, 160.0), below_deg=-22.0),
-            BlindSector(azimuth_deg=(284.0, 302.0), below_deg=-16.5),
-            BlindSector(azimuth_deg=(340.0, 360.0), below_deg=-22.0),
-            BlindSector(azimuth_deg=(0.0, 16.0), below_deg=-22.0),
-        ),
-    ),
-    "hdl-32e": LidarConfig(lasers=_fan(10.67, -30.67, 32), azimuth_step_deg=360 / 2160),
-    "vlp-16": LidarConfig(lasers=_fan(15.0, -15.0, 16), azimuth_step_deg=0.2),
+    model: _lidar(_ROWS[model]) for model in get_args(LidarModel)
 }
 
 
@@ -200,15 +185,8 @@ def take_sweep(
     counter-clockwise. An echo grows with the reflectance of the surface and the cosine of incidence
     and falls with the square of the range. Weak echoes are lost, most of all from shiny surfaces,
     and slightly stronger ones are found but read as 0. Glass lets most of the light through: the
-    surface behind it returns a weaker echo or none.
-
-    Args:
-        scene: The street, static during the turn.
-        raycaster: Raycaster over the scene's mesh.
-        rng: Source of noise and losses.
-        config: The sensor.
-        ego: Motion of the sensor, needed for `rolling_shutter`; the turn starts at `time_s`.
-        time_s: Start of the turn.
+    surface behind it returns a weaker echo or none. The scene stands still during the turn, which
+    starts at `time_s`; `raycaster` is over its mesh, and `ego` is the motion of the sensor.
 
     Raises:
         ValueError: The LiDAR has a rolling shutter, but no motion is given.
@@ -241,19 +219,15 @@ def take_sweep(
     places[:, 2] += firings.offsets_m[met]
     # KITTI's files store whole millimetres and hundredths.
     points = np.column_stack((places.round(3), readings.round(2))).astype(np.float32)
-    sweep: Float32[np.ndarray, "num_points 4"] = points[kept]
-    return sweep
+    return np.asarray(points[kept])
 
 
 class _Firings(NamedTuple):
     """All firings of a turn in the LiDAR frame, in the order of KITTI's files."""
 
-    directions: Float64[np.ndarray, "num_rays 3"]
-    """Unit vectors."""
-    offsets_m: Float64[np.ndarray, " num_rays"]
-    """Height of each origin above the sensor's."""
-    azimuths: Float64[np.ndarray, " num_rays"]
-    """Azimuths in [0, 2 pi)."""
+    directions: Float64[np.ndarray, "num_rays 3"]  # unit vectors
+    offsets_m: Float64[np.ndarray, " num_rays"]  # height of each origin above the sensor's
+    azimuths: Float64[np.ndarray, " num_rays"]  # azimuths in [0, 2 pi)
     range_biases_m: Float64[np.ndarray, " num_rays"]
     reading_biases: Float64[np.ndarray, " num_rays"]
 
@@ -292,7 +266,7 @@ def _firings(config: LidarConfig) -> _Firings:
 
 def _in_world(
     firings: _Firings, world_from_lidar: Float64[np.ndarray, "num_poses 4 4"]
-) -> tuple[Float32[np.ndarray, "num_rays 3"], Float32[np.ndarray, "num_rays 3"]]:
+) -> tuple[RayVectors, RayVectors]:
     """Transform firings to origins and directions in the world; one pose for all, or one each."""
     rotations, positions = world_from_lidar[:, :3, :3], world_from_lidar[:, :3, 3]
     origins = positions + rotations[:, :, 2] * firings.offsets_m[:, None]
@@ -319,8 +293,8 @@ def _poses_in_turn(
 def _cast_through_glass(
     scene: Scene,
     raycaster: Raycaster,
-    origins: Float32[np.ndarray, "num_rays 3"],
-    directions: Float32[np.ndarray, "num_rays 3"],
+    origins: RayVectors,
+    directions: RayVectors,
     rng: np.random.Generator,
 ) -> tuple[Hits, Bool[np.ndarray, " num_rays"]]:
     """Find first hits, with some rays passing one pane, and mark the rays that hit behind it."""
@@ -342,7 +316,7 @@ def _cast_through_glass(
 
 
 def _passes(
-    scene: Scene, faces: Int32[np.ndarray, " num_rays"], rng: np.random.Generator
+    scene: Scene, faces: RayRows, rng: np.random.Generator
 ) -> Bool[np.ndarray, " num_rays"]:
     chance = np.where(faces >= 0, _TRANSMISSION[scene.mesh.materials[faces]], 0.0)
     return rng.random(len(faces)) < chance
@@ -360,14 +334,11 @@ def _surface_answers(
     return reflectance, _cosines(mesh_tables(scene.mesh), faces, directions)
 
 
-def _pigments(
-    colors: Float32[np.ndarray, "num_hits 3"],
-) -> Float64[np.ndarray, " num_hits"]:
+def _pigments(colors: Float32[np.ndarray, "num_hits 3"]) -> Float64[np.ndarray, " num_hits"]:
     """Derive a pseudo-random number, uniform in 0 to 1, from each colour."""
     bits = colors.view(np.uint32) * np.array((2654435761, 2246822519, 3266489917), np.uint32)
     mixed = np.bitwise_xor.reduce(bits ^ (bits >> np.uint32(15)), axis=1) * np.uint32(668265263)
-    pigments: Float64[np.ndarray, " num_hits"] = (mixed >> np.uint32(8)) / 2.0**24
-    return pigments
+    return np.asarray((mixed >> np.uint32(8)) / 2.0**24)
 
 
 @compiled

@@ -1,11 +1,46 @@
-"""Contents of a simulated street: meshes, road users and light, at one moment."""
+"""Contents of a simulated street: materials, meshes, road users and light, at one moment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from enum import IntEnum
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
+
+from sightline.simulation.tables import read_table
+
+Material = IntEnum(
+    "Material",
+    "ASPHALT PAVEMENT GRASS SOIL KERB CONCRETE PLASTER BRICK ROOF_TILE CAR_PAINT GLASS RUBBER "
+    "PLASTIC METAL HEADLIGHT TAIL_LIGHT RETRO_REFLECTOR LEAF BARK CLOTH SKIN WOOD GRAVEL "
+    "COBBLES WINDOW",
+    start=0,
+)
+"""Kind of surface, one per face of a mesh."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Surface:
+    """Response of a material to light and laser."""
+
+    lidar_reflectance: float
+    """Reflectance of a mid-grey sample at the laser's wavelength and normal incidence, relative to
+    a white wall; retroreflectors have more than 1."""
+    lidar_spread: float = 1.5
+    """Natural logarithm of the ratio of brightest to darkest at 905 nm among samples of the same
+    visible colour, since pigments differ there; drawn from the colour itself, so it is 0 for
+    materials of few colours."""
+    lidar_transmission: float = 0.0
+    """Probability that the beam is transmitted or lost instead of returning."""
+    mirror: float = 0.0  # Fresnel reflectance at normal incidence; 0 = no mirror ray is cast
+    highlight: float = 0.0  # strength of the sun's highlight
+    highlight_power: float = 60.0  # sharpness of the highlight (Blinn-Phong exponent)
+
+
+SURFACES: Final = {
+    Material[name]: Surface(**row) for name, row in read_table(__file__, "surfaces").items()
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -19,13 +54,10 @@ class Mesh:
     vertices: Float32[np.ndarray, "num_vertices 3"]
     normals: Float32[np.ndarray, "num_vertices 3"]
     """Unit normals for shading; smooth surfaces share vertices, sharp edges do not."""
-    uvs: Float32[np.ndarray, "num_vertices 2"]
-    """Position on the surface [m], for its texture."""
+    uvs: Float32[np.ndarray, "num_vertices 2"]  # position on the surface [m], for its texture
     faces: Int32[np.ndarray, "num_faces 3"]
-    materials: Int32[np.ndarray, " num_faces"]
-    """`Material` of each face."""
-    colors: Float32[np.ndarray, "num_faces 3"]
-    """Linear RGB albedo in [0, 1] before texture."""
+    materials: Int32[np.ndarray, " num_faces"]  # `Material` of each face
+    colors: Float32[np.ndarray, "num_faces 3"]  # linear RGB albedo in [0, 1] before texture
 
     def placed(self, pose: "Pose") -> "Mesh":
         """Place the mesh of an object at a pose."""
@@ -59,12 +91,9 @@ class Pose:
     x: float
     y: float
     z: float
-    yaw: float
-    """Radians, counter-clockwise from above, 0 faces +x."""
-    pitch: float = 0.0
-    """Radians, positive with the nose down."""
-    roll: float = 0.0
-    """Radians, positive with the left side up."""
+    yaw: float  # radians, counter-clockwise from above, 0 faces +x
+    pitch: float = 0.0  # radians, positive with the nose down
+    roll: float = 0.0  # radians, positive with the left side up
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -87,8 +116,7 @@ class Shape(Protocol):
 class Actor:
     """Road user: class, size, shape and motion."""
 
-    class_name: str
-    """KITTI class: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc."""
+    class_name: str  # KITTI class: Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc
     size_lwh: tuple[float, float, float]
     """Size of the upright box [m] around `shape` without roof loads, aerials and tow bars, to 1
     cm."""
@@ -107,32 +135,24 @@ class Actor:
 class Light:
     """Sun and sky."""
 
-    sun_direction: tuple[float, float, float]
-    """Unit vector towards the sun, world frame."""
+    sun_direction: tuple[float, float, float]  # unit vector towards the sun, world frame
     sun_color: tuple[float, float, float]
     """Linear RGB irradiance of the unoccluded sun; zero when overcast."""
-    sun_softness: float
-    """Angular radius [rad] of the disc over which shadow rays are spread."""
+    sun_softness: float  # angular radius [rad] of the disc over which shadow rays are spread
     sky_zenith: tuple[float, float, float]
-    sky_horizon: tuple[float, float, float]
-    """Linear RGB radiance of the sky at the horizon."""
-    cloud_cover: float
-    """0 clear to 1 overcast."""
-    haze_m: float
-    """Distance over which contrast falls to 1/e."""
-    exposure: float
-    """Factor on `SensorConfig.sensitivity` suitable for this light."""
+    sky_horizon: tuple[float, float, float]  # linear RGB radiance of the sky at the horizon
+    cloud_cover: float  # 0 clear to 1 overcast
+    haze_m: float  # distance over which contrast falls to 1/e
+    exposure: float  # factor on `SensorConfig.sensitivity` suitable for this light
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Street:
     """Place with its traffic over time; world frame: z up, the ego starts near the origin."""
 
-    ground_and_buildings: Mesh
-    """All static meshes."""
+    ground_and_buildings: Mesh  # all static meshes
     actors: tuple[Actor, ...]
-    ego: Motion
-    """Motion of the point on the road below the LiDAR."""
+    ego: Motion  # motion of the point on the road below the LiDAR
     light: Light
 
     def snapshot(self, time_s: float = 0.0) -> "Scene":
@@ -160,10 +180,8 @@ class Scene:
     owners: Int32[np.ndarray, " num_faces"]
     """Index into `actors` of each face; -1 for the street itself."""
     actors: tuple[Actor, ...]
-    poses: tuple[Pose, ...]
-    """Poses of `actors`."""
-    ego: Pose
-    """Pose of the point on the road below the LiDAR."""
+    poses: tuple[Pose, ...]  # poses of `actors`
+    ego: Pose  # pose of the point on the road below the LiDAR
     light: Light
 
 

@@ -10,16 +10,15 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
-from sightline.simulation.camera import CameraConfig, CameraFrame, render_camera
+from sightline.simulation.camera.camera import CameraConfig, render_camera
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
-from sightline.simulation.raycast import Raycaster
-from sightline.simulation.scene import Scene, Street, world_from_footprint
+from sightline.simulation.rays.raycast import Raycaster
+from sightline.simulation.scene import Street, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.street import make_street
 
-FRAME_S = 0.1
-"""Interval between two frames of a sequence: KITTI's 10 Hz."""
+FRAME_S = 0.1  # interval between two frames of a sequence: KITTI's 10 Hz
 
 _IMAGE_FROM_CAMERA = (
     (KITTI_FOCAL_PX, 0.0, 609.5593, 44.85728),
@@ -28,11 +27,8 @@ _IMAGE_FROM_CAMERA = (
 )
 # KITTI's mount: camera 0 is 0.27 m ahead of the LiDAR and 0.08 m below it.
 _CAMERA_FROM_LIDAR = (
-    (0.0, -1.0, 0.0, 0.0),
-    (0.0, 0.0, -1.0, -0.08),
-    (1.0, 0.0, 0.0, -0.27),
-    (0.0, 0.0, 0.0, 1.0),
-)
+    (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, -0.08), (1.0, 0.0, 0.0, -0.27), (0.0, 0.0, 0.0, 1.0),
+)  # fmt: skip
 _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
@@ -59,8 +55,7 @@ class SimulatedFrame:
 
     sample_id: str
     calibration: CalibrationMatrices
-    image: UInt8[np.ndarray, "height width 3"] | None
-    """RGB; None without a camera."""
+    image: UInt8[np.ndarray, "height width 3"] | None  # RGB; None without a camera
     points: Float32[np.ndarray, "num_points 4"]
     """A whole turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 1]."""
     objects: KittiObjects
@@ -72,8 +67,7 @@ class SimulatedFrame:
     instances: Int32[np.ndarray, "height width"]
     """1 + the label row of each pixel's object; 0 for all other pixels."""
     world_from_lidar: Float64[np.ndarray, "4 4"]
-    time_s: float
-    """Time since the drive's first frame."""
+    time_s: float  # time since the drive's first frame
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -136,34 +130,20 @@ def simulate_frame(
     points = take_sweep(
         scene, raycaster, rng=lidar_rng, config=lidar, ego=street.ego, time_s=time_s
     )
-    name = f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}"
-    return _assemble(name, config, scene, picture, points, time_s)
-
-
-def _assemble(
-    name: str,
-    config: SimulationConfig,
-    scene: Scene,
-    picture: CameraFrame,
-    points: Float32[np.ndarray, "num_points 4"],
-    time_s: float,
-) -> SimulatedFrame:
-    lidar_height_m = lidar_of(config).height_m
-    labels = label_frame(scene, picture.owners, calibration_of(config), lidar_height_m)
+    labels = label_frame(scene, picture.owners, calibration_of(config), lidar.height_m)
     rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY index the last two
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
-    depth = np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0))
     return SimulatedFrame(
-        sample_id=name,
+        sample_id=f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}",
         calibration=calibration_of(config),
         image=picture.image,
         points=points,
         objects=labels.objects,
         visible_boxes=labels.visible_boxes,
-        depth_m=depth,
+        depth_m=np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0)),
         instances=rows[picture.owners],
-        world_from_lidar=world_from_footprint(scene.ego, lidar_height_m),
+        world_from_lidar=world_from_footprint(scene.ego, lidar.height_m),
         time_s=time_s,
     )
 

@@ -1,8 +1,9 @@
 """Conversion of users' pictures and point clouds to the tensors of a sample."""
 
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import SupportsFloat
+from typing import Final, SupportsFloat
 
 import numpy as np
 import torch
@@ -12,6 +13,7 @@ from torch import Tensor
 from sightline.geometry.arguments import shown
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import (
+    USUAL_LOSS,
     cloud_fault,
     echoes,
     reflectances,
@@ -23,6 +25,11 @@ from sightline.geometry.cloud_checks import (
 from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
+
+_BRIGHTNESS: Final = ("intensity", "reflectivity", "reflectance", "i")  # names of fields
+
+
+_MOST_FIELDS: Final = 12  # in an error
 
 
 def plain_number(name: str, value: SupportsFloat) -> float:
@@ -45,6 +52,8 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
         image: 8 bits, colour or grey; an array of height, width (, 3 or 1), or a tensor of
             3, height, width.
 
+    Warns of grey.
+
     Raises:
         ValueError: The picture has another type or shape.
     """
@@ -52,7 +61,13 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
     planes = plain
     if not isinstance(image, Tensor) and plain.ndim in (2, 3):
         planes = plain[None] if plain.ndim == 2 else plain.transpose(2, 0, 1)
-        planes = np.broadcast_to(planes, (3, *planes.shape[1:])) if len(planes) == 1 else planes
+        if len(planes) == 1 and plain.dtype == np.uint8:
+            planes = np.broadcast_to(planes, (3, *planes.shape[1:]))
+            warnings.warn(
+                "images are grey: their level is taken for red, green and blue; the shipped "
+                "networks are trained on colours, so give those where there are any",
+                stacklevel=3,
+            )
     if planes.dtype != np.uint8 or planes.ndim != 3 or len(planes) != 3 or not planes.size:
         raise ValueError(
             f"the image is {plain.dtype} of shape {plain.shape}, expected uint8, an array of "
@@ -88,9 +103,9 @@ def sweep_points(
     """Convert a point cloud to x, y, z [m] and reflectance in [0, 1].
 
     Rows without an echo are left out: x, y, z are not finite or all zero. Non-finite intensities
-    become 0. A warning counts such intensities, and the left-out rows if they are most of the
-    cloud. Intensities above max_intensity, such as of retroreflectors, become 1; a warning is given
-    if all intensities are far below it.
+    become 0. A warning counts such intensities, and the left-out rows, of an organised cloud (rows
+    of rows) only if they are most of it. Intensities above max_intensity, such as of
+    retroreflectors, become 1; a warning is given if all intensities are far below it.
 
     Args:
         points: x, y, z and intensity first, as rows or rows of rows. A missing intensity becomes 0
@@ -102,7 +117,8 @@ def sweep_points(
             is negative, more than one in a hundred lies above max_intensity, or the intensities are
             ring numbers.
     """
-    columns = cloud_columns(given_array("the points", without_masked(points)))
+    given = given_array("the points", without_masked(points))
+    columns = cloud_columns(given)
     max_intensity = plain_number("max_intensity", max_intensity)
     if not 0 < max_intensity < np.inf:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
@@ -112,7 +128,9 @@ def sweep_points(
             "None where there is no LiDAR",
             stacklevel=3,
         )
-    warn_of_losses(columns, "the points")
+    # Rays into the sky of an organised cloud have no echo, and masks are known to their maker.
+    is_usual = given.ndim > 2 or isinstance(points, np.ma.MaskedArray)
+    warn_of_losses(columns, "the points", usual_share=USUAL_LOSS if is_usual else 0.0)
     columns = echoes(columns)
     fault = cloud_fault(columns, max_intensity)
     if fault is not None:
@@ -133,6 +151,8 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
     """
     plain = points.detach().cpu().numpy() if isinstance(points, Tensor) else np.asarray(points)
     rows = rows_of(plain)
+    if plain.dtype.names is not None:
+        raise ValueError(_of_fields(plain.dtype.names))
     if rows is None:
         raise ValueError(
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
@@ -141,6 +161,17 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
     warn_of_columns(rows.shape[1], len(rows))
     columns = rows[:, :4].astype(np.float64)
     return np.pad(columns, ((0, 0), (0, 4 - columns.shape[1])))
+
+
+def _of_fields(names: Sequence[str]) -> str:
+    """Message for a structured array: its fields, and the stack of them that is expected."""
+    places = [name for name in names if name.lower() in ("x", "y", "z")]
+    bright = [name for name in names if name.lower() in _BRIGHTNESS][:1]
+    wanted = ", ".join(map(repr, (places if len(places) == 3 else ["x", "y", "z"]) + bright))
+    return (
+        f"the points are a structured array of fields {', '.join(names[:_MOST_FIELDS])}, expected "
+        f"numbers in rows; stack them: np.stack([points[name] for name in ({wanted})], axis=-1)"
+    )
 
 
 def warn_of_view(

@@ -116,10 +116,11 @@ class CameraLidarSample:
         Args:
             calibration: Calibration, such as from `Calibration.from_matrices`.
             image: RGB or grey of 8 bits: an array of height, width (, 3), or a tensor of
-                3, height, width. OpenCV reads BGR: give image[..., ::-1]. None: there is no
-                camera.
+                3, height, width. OpenCV reads BGR: give image[..., ::-1]. Grey is repeated for the
+                three channels, with a warning. None: there is no camera.
             points: x, y, z [m] and intensity first; numbers of any type. Rows without an echo (not
-                finite, at the origin, or masked in a masked array) are left out. A missing
+                finite, at the origin, or masked in a masked array) are left out, counted by a
+                warning (of an organised or masked array only if they are most of it). A missing
                 intensity becomes 0 and further columns are left out, both with a warning. None:
                 no LiDAR.
             image_size: Height, width [px]; needed only without an image.

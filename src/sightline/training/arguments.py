@@ -1,11 +1,12 @@
 """Arguments of the training commands, parsed before PyTorch is imported."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 Subcommand = Literal["fit", "validate", "test"]
 
@@ -32,6 +33,16 @@ CHECKPOINT_EVERY_N_STEPS = RunOption(
     default=500,
     help="How often last.ckpt is written, besides at validations and the end of each epoch.",
 )
+
+LEAST_OF_DATA: Final = {
+    "batch_size": 1,
+    "validation_batch_size": 1,
+    "samples_per_epoch": 1,
+    "workers": 0,
+    "seed": 0,
+}
+"""Smallest values of the numbers among the settings of `data`."""
+_DATA: Final = "--data.init_args."
 
 _HELP = """usage: sightline {subcommand} --config NAME|FILE [--SETTING VALUE ...]
 
@@ -135,6 +146,34 @@ def _without_recipe(arguments: Sequence[str], recipes: Path) -> str:
         if flag == RUN_FOLDER.flag and settings.is_file():
             return f"the run's own is {settings}: add --config={settings}"
     return f"name one with --config: {_choice(recipes)}"
+
+
+def check_data_numbers(arguments: Sequence[str]) -> None:
+    """Refuses too small numbers among the flags of `data`, before PyTorch is imported.
+
+    Raises:
+        ValueError: See `check_data_number`.
+    """
+    words = [word for argument in arguments for word in argument.split("=", 1)]
+    for flag, value in pairwise(words):
+        name = flag.removeprefix("--data.").removeprefix("init_args.")
+        if flag.startswith("--data.") and re.fullmatch(r"[+-]?\d+", value):
+            check_data_number(name, int(value))
+
+
+def check_data_number(name: str, value: int | None) -> None:
+    """Refuses a number that is too small for a setting of `data`.
+
+    Args:
+        name: Name of the setting; others than those of `LEAST_OF_DATA` are not checked.
+        value: Its value; None: the default.
+
+    Raises:
+        ValueError: It is below the smallest one; the message contains the flag.
+    """
+    least = LEAST_OF_DATA.get(name)
+    if least is not None and value is not None and value < least:
+        raise ValueError(f"{name} must be at least {least}, got {value}: set {_DATA}{name}")
 
 
 def nulls_as_configs(arguments: Sequence[str]) -> list[str]:

@@ -1,17 +1,22 @@
 """Commands fit, validate and test, before PyTorch is needed: its import takes seconds."""
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from sightline.training.arguments import (
     Subcommand,
     asks_for_help,
+    check_data_numbers,
     help_text,
     nulls_as_configs,
     resolve_recipes,
 )
 from sightline.training.interruption import ending_like_ctrl_c
+
+_WAIT_POLICY: Final = "OMP_WAIT_POLICY"
 
 
 def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path) -> int:
@@ -37,10 +42,32 @@ def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path
     if asks_for_help(arguments):
         print(help_text(subcommand, recipes))
         return 0
+    check_data_numbers(arguments)
     resolved, name = resolve_recipes(arguments, recipes)
     print(f"sightline {subcommand}: {name}", file=sys.stderr, flush=True)  # the rest takes a while
+    _let_threads_wait_passively()
     from sightline.training.lightning_cli import run_lightning
 
     with ending_like_ctrl_c():
         run_lightning(subcommand, nulls_as_configs(resolved), Path("runs") / name)
     return 0
+
+
+def _let_threads_wait_passively() -> None:
+    """Set OpenMP's waiting policy, unless the user has, before PyTorch reads it.
+
+    By default, threads wait for each other in busy loops. Beside other jobs, these take the
+    processor from the thread that is waited for.
+    """
+    if "torch" in sys.modules or {_WAIT_POLICY, "GOMP_SPINCOUNT", "KMP_BLOCKTIME"} & set(
+        os.environ
+    ):
+        return
+    os.environ[_WAIT_POLICY] = "passive"
+    if os.environ.get("OMP_NUM_THREADS") != "1":
+        print(
+            "PyTorch's threads wait passively; on a machine without other jobs "
+            f"{_WAIT_POLICY}=active may be faster",
+            file=sys.stderr,
+            flush=True,
+        )

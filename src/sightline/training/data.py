@@ -17,6 +17,7 @@ from sightline.data.object_tree import Part
 from sightline.data.open import SampleDataset
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
+from sightline.training.arguments import check_data_number
 from sightline.training.loader import BatchLoader, ResumableLoader, Unusable
 from sightline.training.sampling import (
     EpochPosition,
@@ -182,11 +183,10 @@ class CameraLidarData(lightning.LightningDataModule):
             ("batch_size", batch_size),
             ("validation_batch_size", validation_batch_size),
             ("samples_per_epoch", samples_per_epoch),
+            ("workers", workers),
+            ("seed", seed),
         ):
-            if value is not None and value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}")
-        if workers < 0 or seed < 0:
-            raise ValueError(f"workers and seed must not be negative, got {workers} and {seed}")
+            check_data_number(name, value)
         self.preparation = preparation
         self.root = root
         self.sources = {"training": training, "validation": validation, "test": test}

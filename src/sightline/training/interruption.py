@@ -1,4 +1,4 @@
-"""Interruption by Ctrl-C or a batch system's SIGTERM; both end a run between two steps."""
+"""Interruption by Ctrl-C, SIGTERM (batch systems) or SIGHUP (closed terminals)."""
 
 import signal
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ class Interruption(KeyboardInterrupt):
         return 128 + self.number
 
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that end a run."""
+SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a command."""
 
 
 _LONGEST_STEP_S: Final = 25.0
@@ -37,9 +37,14 @@ def interrupt(number: int, frame: FrameType | None = None) -> None:
 
 @contextmanager
 def ending_like_ctrl_c() -> Iterator[None]:
-    """Lets SIGTERM end the block as Ctrl-C does; restores both handlers afterwards."""
+    """Lets SIGTERM and SIGHUP end the block as Ctrl-C does; restores all handlers afterwards.
+
+    Handlers of the caller stay, and so does SIGHUP being ignored.
+    """
     previous: dict[int, Any] = {number: signal.getsignal(number) for number in SIGNALS}
-    signal.signal(signal.SIGTERM, interrupt)
+    for number, handler in previous.items():
+        if handler == signal.SIG_DFL:
+            signal.signal(number, interrupt)
     try:
         yield
     finally:
@@ -61,7 +66,9 @@ class InterruptionNote:
     def listen(self) -> None:
         """Installs the signal handlers."""
         if not self._previous:
-            self._previous = {number: signal.signal(number, self._note) for number in SIGNALS}
+            is_kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN  # by nohup
+            numbers = [number for number in SIGNALS if number != signal.SIGHUP or not is_kept]
+            self._previous = {number: signal.signal(number, self._note) for number in numbers}
 
     def give_back(self) -> None:
         """Restores the previous signal handlers and the unlimited duration of steps."""
@@ -104,5 +111,6 @@ def leave_interruption_to_the_parent() -> None:
         del frame
         signal.signal(number, signal.SIG_DFL)
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, overhear)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import signal
 from argparse import ArgumentError
 from collections.abc import Sequence
@@ -18,11 +19,11 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI, SaveCon
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
-from sightline.data.atomic import atomic_write_text, disk_fault
-from sightline.data.jobs import check_outside_dataset
-from sightline.data.settings import told_by_parser
-from sightline.data.weights import read_checkpoint_weights
-from sightline.data.weights_header import has_weights
+from sightline.files.atomic import atomic_write_text, disk_fault
+from sightline.files.settings import told_by_parser
+from sightline.files.weights import read_checkpoint_weights
+from sightline.files.weights_header import has_weights
+from sightline.jobs.output_dirs import check_outside_dataset
 from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
 from sightline.training.callbacks import LogShortRuns, LogSteps, checkpoint_callbacks
 from sightline.training.data import CameraLidarData
@@ -57,7 +58,7 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         try:
             _TrainingCLI(subcommand, arguments, run)
         except _RefusedError as error:
-            said = told_by_parser(str(error))
+            said = _named_by_flag(told_by_parser(str(error)), arguments)
             raise ValueError(f"{said}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
             raise ValueError(told_by_parser(str(error))) from error
@@ -73,6 +74,18 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
             raise
         except KeyboardInterrupt as interruption:
             raise _told(interruption, run, subcommand) from interruption
+
+
+def _named_by_flag(message: str, arguments: Sequence[str]) -> str:
+    """Replace the parser's keys, which leave parts out, by the given flag, or else by one path."""
+    keys = re.match(r'(Parser key "[\w.]+": +)+', message)
+    if keys is None:
+        return message
+    names = re.findall('"(.*?)"', keys[0])
+    flags = [word.partition("=")[0] for word in arguments if word.startswith("--")]
+    given = [flag for flag in flags if f".{flag.removeprefix('--')}".endswith(f".{names[-1]}")]
+    rest = message[keys.end() :]
+    return f"{given[-1] if given else '.'.join(names)}: {rest[:1].lower()}{rest[1:]}"
 
 
 @dataclass

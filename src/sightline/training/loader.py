@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from sightline.data.parallel import holding_signals, one_blas_thread
+from sightline.jobs.pool import holding_signals, one_blas_thread
 from sightline.training.interruption import leave_interruption_to_the_parent
 from sightline.training.sampling import EpochPosition, TrainingBatches
 
@@ -178,7 +178,7 @@ def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
     if "DataLoader worker" in str(error) or "Pin memory thread" in str(error):
         return ChildProcessError(
             "a worker process was ended from outside or could not hand a batch on; where memory "
-            f"or /dev/shm ran out, set fewer data.workers or {_NO_WORKERS}"
+            f"or /dev/shm ran out, set fewer --data.init_args.workers or {_NO_WORKERS}"
         )
     return None
 

@@ -17,8 +17,8 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torchmetrics import Metric
 
-from sightline.data.settings import NetworkConfig, config_to_dict
-from sightline.data.weights import CHECKPOINT_KEY
+from sightline.files.settings import NetworkConfig, config_to_dict
+from sightline.files.weights import CHECKPOINT_KEY
 from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, fill_from
 from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
@@ -182,15 +182,15 @@ class TrainingModule(lightning.LightningModule, ABC):
         if math.isinf(total_steps):
             raise ValueError(
                 "a schedule of the learning rate needs to know the number of steps; set "
-                "trainer.max_epochs or trainer.max_steps, or take optimizer.schedule: constant "
-                "and no warm-up"
+                "--trainer.max_epochs or --trainer.max_steps, or "
+                "--model.init_args.optimizer.schedule constant without a warm-up"
             )
         if self._num_steps not in (None, total_steps):
             raise ValueError(
                 f"the run was begun for {self._num_steps} steps, by which its learning rate goes, "
-                f"but now it would have {total_steps}; resume with the trainer.max_steps, "
-                "max_epochs and data that it was begun with, or begin another run from its weights "
-                "by model.init_args.initial_weights"
+                f"but now it would have {total_steps}; resume with the "
+                "--trainer.max_steps, --trainer.max_epochs and data that it was begun with, or "
+                "begin another run from its weights by --model.init_args.initial_weights"
             )
         self._num_steps = int(total_steps)
         scheduler = make_schedule(optimizer, self.optimizer, self._num_steps)
@@ -264,5 +264,5 @@ class TrainingModule(lightning.LightningModule, ABC):
 def _diverged(sign: str) -> ValueError:
     return ValueError(
         f"the training has diverged, {sign}; begin it again in another --run_folder with a lower "
-        "optimizer.learning_rate, or with trainer.gradient_clip_val"
+        "--model.init_args.optimizer.learning_rate, or with --trainer.gradient_clip_val"
     )

@@ -9,11 +9,11 @@ from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
-from sightline.data.plain_text import shortened
 from sightline.data.recording import RecordingDataset
 from sightline.data.sample_list import read_sample_list
+from sightline.files.plain_text import shortened
+from sightline.jobs.output_dirs import KITTI_SPLITS
 
-_SPLITS = ("training", "testing")
 _VALIDATION_SHARE = 10  # one frame in ten is for validation if there is no list
 
 
@@ -63,7 +63,7 @@ def open_source(
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
     """
     path = root / source.path
-    lists = path.parent if path.name in _SPLITS else path
+    lists = path.parent if path.name in KITTI_SPLITS else path
     has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
     is_listed = (has_val and has_train) or (has_train and not divides)
     frames: str | tuple[str, ...] | None = source.sample_list

@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32, Int64, UInt8
 from torch import Tensor
 
 from sightline.geometry.projection import sparse_depth_map
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_view
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
@@ -73,6 +74,7 @@ class _Frame:
         return self.told.detections2d is not None or self.told.detections3d is not None
 
 
+@named_arguments
 def frame_sheet(
     sample: CameraLidarSample,
     dense_depth: DepthMap | None = None,

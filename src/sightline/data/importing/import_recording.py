@@ -9,8 +9,10 @@ from sightline.data.importing.import_bag import import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
 from sightline.data.importing.writer import ImportReport
+from sightline.geometry.wrong_types import named_arguments
 
 
+@named_arguments
 def import_recording(
     source: Path | str,
     out: Path | str,

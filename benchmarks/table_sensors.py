@@ -1,0 +1,104 @@
+"""Rows of the tables on broken and other sensors, and on simulated against real ones."""
+
+from typing import Any
+
+from benchmarks.own_sensor_rigs import RIGS
+
+Record = dict[str, Any]
+Rows = list[list[str]]
+
+
+def depth_faults(record: Record) -> Rows:
+    """Give the rows of depth completion with faults."""
+    cases = list(record["results"][0]["rmse_mae_mm"])
+    rows: Rows = [["method", *cases]]
+    for row in record["results"]:
+        pairs = (row["rmse_mae_mm"][case] for case in cases)
+        rows.append([row["method"], *(f"{rmse:.0f} / {mae:.0f}" for rmse, mae in pairs)])
+    return rows
+
+
+def sensor_health(simulated: Record, real: Record) -> Rows:
+    """Give the rows of the health monitor: AUROC by severity, alarms and delays."""
+    rows: Rows = [
+        ["kind", "simulated, severity 1 to 5", "real, severity 1 to 5", "alarms", "delay, frames"]
+    ]
+    kinds = dict.fromkeys(case["case"].rpartition("-")[0] for case in simulated["cases"])
+    for kind in kinds:
+        cases = [
+            [each for each in record["cases"] if each["case"].rpartition("-")[0] == kind]
+            for record in (simulated, real)
+        ]
+        alarms = [
+            next(f"{100 * each['alarms']:.0f} %" for each in side if each["severity"] == 3)
+            for side in cases
+        ]
+        delays = [_delay(record, kind) for record in (simulated, real)]
+        older = simulated.get("superseded", {}).get(kind)
+        rows.append(
+            [
+                f"{kind} ({older})" if older else kind,
+                *(" ".join(_share(each["own"]) for each in side) for side in cases),
+                ", ".join(alarms),
+                ", ".join(delays),
+            ]
+        )
+        if cases[0][0]["together"] is not None:
+            together = [" ".join(_share(each["together"]) for each in side) for side in cases]
+            rows.append([f"{kind}, five frames together", *together, "", ""])
+    return rows
+
+
+def _share(value: float) -> str:
+    return f"{value:.0f}" if value in (0.0, 1.0) else f"{value:.2f}"
+
+
+def _delay(record: Record, kind: str) -> str:
+    for row in record["delays"]:
+        if row["case"].rpartition("-")[0] == kind:
+            return "not raised" if row["delay_frames"] is None else f"{row['delay_frames']}"
+    return "-"
+
+
+def yaw(record: Record) -> Rows:
+    """Give the rows of the yaw estimate on simulated frames."""
+    rows: Rows = [["frames together", "estimates", "median error, degrees", "90 %"]]
+    for row in record["results"]:
+        cells = [f"{row['frames']}", f"{row['estimates']}"]
+        rows.append([*cells, f"{row['median_deg']:.3f}", f"{row['p90_deg']:.3f}"])
+    return rows
+
+
+def own_sensor(record: Record) -> Rows:
+    """Give the rows of other sensors than KITTI's."""
+    shown = [("bbox", "Car"), ("bbox", "Pedestrian"), ("3d", "Car"), ("3d", "Pedestrian")]
+    names = {"bbox": "2D", "3d": "3D"}
+    head = ["sensors", "pixels", *(f"{names[metric]}: {name}" for metric, name in shown)]
+    rows: Rows = [[*head, "depth: RMSE", "MAE", "median"]]
+    for row in record["results"]:
+        for pixels, key in (("own", "objects"), ("KITTI's", "objects_in_kitti_pixels")):
+            if pixels != "own" and row[key] == row["objects"]:
+                continue
+            cells = [
+                f"{each['ap_r40']:.1f} ({each['num_objects']}; {_range(each['ap_all_points_95'])})"
+                for metric, name in shown
+                for each in row[key]
+                if (each["metric"], each["class_name"]) == (metric, name)
+            ]
+            depth = [f"{row['depth'][each]:.0f}" for each in ("rmse_mm", "mae_mm", "median_mm")]
+            title = RIGS[row["rig"]].title if pixels == "own" else ""
+            rows.append([title, pixels, *cells, *(depth if pixels == "own" else [""] * 3)])
+    return rows
+
+
+def _range(ends: list[float]) -> str:
+    return f"[{ends[0]:.0f}, {ends[1]:.0f}]"
+
+
+def sim_or_real(record: Record) -> Rows:
+    """Give the rows of judges that tell simulated frames from real ones."""
+    rows: Rows = [["judge", "balanced accuracy"]]
+    for row in record["results"]:
+        limits = f"[{row['low']:.2f}, {row['high']:.2f}]"
+        rows.append([row["judge"], f"{row['balanced_accuracy']:.2f} {limits}"])
+    return rows

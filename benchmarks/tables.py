@@ -1,0 +1,164 @@
+"""Tables of the results' pages, written from `benchmarks/results`: `python -m benchmarks.tables`.
+
+A page holds `<!-- table: NAME -->`, the table with a line on its origin, and `<!-- end -->`. The
+command writes everything between the two marks anew; `--check` compares only, and fails where a
+page and its record differ.
+"""
+
+import argparse
+import hashlib
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from benchmarks import table_accuracy, table_board, table_sensors, table_speed
+
+ROOT: Final = Path(__file__).parents[1]
+RESULTS: Final = ROOT / "benchmarks" / "results"
+WEIGHTS: Final = ROOT / "src" / "sightline" / "weights"
+_BLOCK: Final = re.compile(r"<!-- table: ([\w-]+) -->\n.*?<!-- end -->", re.DOTALL)
+
+Record = dict[str, Any]
+Rows = list[list[str]]
+
+
+class Table(NamedTuple):
+    """One generated table."""
+
+    records: tuple[str, ...]
+    """Names of its files in `benchmarks/results`."""
+    rows: Callable[..., Rows]
+    """Function from the files' contents to rows, headings first."""
+
+
+TABLES: Final = {
+    "scoreboard": Table(
+        (
+            "real_depth_truth", "detection3d", "detection_accuracy", "detection2d",
+            "held_out_rings", "depth_completion", "sensor_health", "kitti_evaluation", "quoted",
+        ),
+        table_board.scoreboard,
+    ),
+    "detection2d-best": Table(("detection_accuracy",), table_accuracy.detection2d_best),
+    "detection2d-fast-cpu": Table(("detection_accuracy",), table_accuracy.detection2d_fast_cpu),
+    "detection3d-best": Table(("detection_accuracy",), table_accuracy.detection3d_best),
+    "detection3d-fast-cpu": Table(("detection_accuracy",), table_accuracy.detection3d_fast_cpu),
+    "real-truth": Table(("real_depth_truth",), table_accuracy.real_truth),
+    "real-truth-fewer-beams": Table(("real_depth_truth",), table_accuracy.real_truth_fewer_beams),
+    "held-out-rings": Table(("held_out_rings",), table_accuracy.held_out_rings),
+    "valid-depth": Table(("valid_depth",), table_accuracy.valid_depth),
+    "depth-faults": Table(("depth_robustness",), table_sensors.depth_faults),
+    "sensor-health": Table(("sensor_health",), table_sensors.sensor_health),
+    "yaw": Table(("yaw_error",), table_sensors.yaw),
+    "own-sensor": Table(("own_sensor",), table_sensors.own_sensor),
+    "sim-or-real": Table(("sim_or_real",), table_sensors.sim_or_real),
+    "time-depth": Table(("depth_completion",), table_speed.depth),
+    "time-detection2d": Table(("detection2d",), table_speed.detection2d),
+    "time-detection3d": Table(("detection3d",), table_speed.detection3d),
+    "kitti-evaluation": Table(("kitti_evaluation",), table_speed.kitti_evaluation),
+    "rotated-iou": Table(("rotated_iou",), table_speed.rotated_iou),
+    "corruptions": Table(("corruptions",), table_speed.corruptions),
+    "point-ops": Table(("point_ops",), table_speed.point_ops),
+    "raycast": Table(("raycast",), table_speed.raycast),
+    "simulate": Table(("simulate",), table_speed.simulate),
+    "memory": Table(("flat_memory",), table_speed.flat_memory),
+}  # fmt: skip
+
+
+def main(*, check: bool = False) -> None:
+    """Write all tables of the results' pages anew.
+
+    Args:
+        check: Compare only; exit with status 1 where a page differs from its records.
+    """
+    stale = []
+    for page in pages():
+        text = page.read_text()
+        fresh = rendered(text)
+        if fresh != text:
+            stale.append(page.relative_to(ROOT).as_posix())
+            if not check:
+                page.write_text(fresh)
+    if check and stale:
+        sys.exit(f"{', '.join(stale)} differ from benchmarks/results; run `make results`")
+    print(f"{'stale' if check else 'written'}: {', '.join(stale) or 'none'}")
+
+
+def pages() -> list[Path]:
+    """List the pages that may hold tables."""
+    docs = ROOT / "docs"
+    return [docs / "results.md", *sorted((docs / "results").glob("*.md"))]
+
+
+def rendered(text: str) -> str:
+    """Give a page's text with its tables written anew.
+
+    Raises:
+        ValueError: The page names a table that is not in `TABLES`.
+    """
+    return _BLOCK.sub(lambda block: _block(block[1]), text)
+
+
+def load(name: str) -> list[Record]:
+    """Read the records of a result file; most files hold one."""
+    content = json.loads((RESULTS / f"{name}.json").read_text())
+    return content if isinstance(content, list) else [content]
+
+
+def table(name: str) -> Rows:
+    """Compute a table's rows, headings first."""
+    records, rows = TABLES[name]
+    return rows(*(record for each in records for record in load(each)))
+
+
+def origin(name: str, record: Record) -> str:
+    """Say in one line where a record comes from."""
+    commit = record["commit"] if record.get("commit_kept", True) else "not kept"
+    parts = [
+        f"`benchmarks/results/{name}.json`: `{record['command']}`",
+        f"commit {commit}{', with changes' if record['dirty'] else ''}",
+        record["date"],
+        "no seed" if record["seed"] is None else f"seed {record['seed']}",
+        *weights_of(record),
+        f"{record['machine']['processor']}, {record['machine']['cores']} cores",
+    ]
+    return "; ".join(parts) + "."
+
+
+def weights_of(record: Record) -> Iterator[str]:
+    """Say which weights of a record are those that ship, and which are earlier."""
+    shipped: list[str] = []
+    earlier: list[str] = []
+    for name, digest in record["weights"].items():
+        path = WEIGHTS / f"{name}.safetensors"
+        is_shipped = path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == digest
+        (shipped if is_shipped else earlier).append(name)
+    if shipped:
+        yield f"weights as shipped: {', '.join(shipped)}"
+    if earlier:
+        yield f"**earlier weights**: {', '.join(earlier)}"
+
+
+def _block(name: str) -> str:
+    if name not in TABLES:
+        raise ValueError(f"there is no table {name}; name one of {', '.join(TABLES)}")
+    head, *body = table(name)
+    lines = [_line(head), "|---" * len(head) + "|", *map(_line, body)]
+    text = f"<!-- table: {name} -->\n\n" + "\n".join(lines) + "\n\n"
+    if name != "scoreboard":
+        origins = [origin(each, record) for each in TABLES[name].records for record in load(each)]
+        text += "\n".join(origins) + "\n\n"
+    return text + "<!-- end -->"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="compare only")
+    main(check=parser.parse_args().check)

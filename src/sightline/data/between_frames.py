@@ -1,0 +1,221 @@
+"""Checks between the frames of a tree: equal files, empty clouds, image sizes of one camera."""
+
+import hashlib
+import math
+import stat
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+from sightline.data.calibration_text import read_object_matrices
+from sightline.data.depth_tree import DepthFrame
+from sightline.data.drive_tree import DriveFrame
+from sightline.data.frame_checks import read_or_note, shows_nothing
+from sightline.data.image_file import read_rgb
+from sightline.data.image_header import read_image_size
+from sightline.data.kitti_labels import read_labels
+from sightline.data.label_yaw import LabelledSweep, check_label_yaw
+from sightline.data.object_tree import CORRUPTED, ObjectFrame, describe_absent
+from sightline.data.point_files import read_cloud
+from sightline.data.recording_calibration import read_recording_calibration
+from sightline.data.velodyne import read_sweep
+from sightline.files.problem import Problem
+
+_MAX_BYTES: Final = 2**28  # larger files are refused by their readers
+_GLIMPSE_BYTES: Final = 4096
+_NAMED: Final = 5  # groups of equal files with a line of their own
+
+
+def check_object_frames(frames: Sequence[ObjectFrame], folder: Path) -> list[Problem]:
+    """Check frames of an object tree against each other; none of a corrupted one."""
+    if (folder / CORRUPTED).is_dir():
+        return []
+    return [
+        *_check_sensors(frames),
+        *_check_image_sizes(frames),
+        *check_label_yaw(frames, _read_object_frame),
+    ]
+
+
+def check_drive_frames(frames: Sequence[DriveFrame]) -> list[Problem]:
+    """Check frames of a raw drive, of one calibration, against each other."""
+    images = [frame.image for frame in frames if frame.image is not None]
+    return [*_check_sensors(frames), *_check_sizes_of_camera(images)]
+
+
+def check_depth_frames(frames: Sequence[DepthFrame]) -> list[Problem]:
+    """Check frames of a depth tree against each other."""
+    return check_repeats(
+        [frame.image for frame in frames if frame.image is not None],
+        [frame.sparse for frame in frames if frame.sparse is not None],
+    )
+
+
+def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
+    """Check frames of a recording against each other; sizes of images are checked by frame."""
+    return [*_check_sensors(frames), *check_label_yaw(frames, _read_recording_frame)]
+
+
+def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:
+    images = [frame.image for frame in frames if frame.image is not None]
+    clouds = [frame.points for frame in frames if frame.points is not None]
+    return [*check_repeats(images, clouds), *_check_emptiness(clouds)]
+
+
+def _read_object_frame(frame: ObjectFrame) -> LabelledSweep | None:
+    objects = read_or_note(read_labels, frame.objects, [])
+    matrices = read_or_note(read_object_matrices, frame.calibration, [])
+    points = read_or_note(read_sweep, frame.points, [])
+    if objects is None or matrices is None or points is None:
+        return None
+    return LabelledSweep(objects=objects, matrices=matrices, points=points)
+
+
+def _read_recording_frame(frame: ObjectFrame) -> LabelledSweep | None:
+    objects = read_or_note(read_labels, frame.objects, [])
+    said = read_or_note(read_recording_calibration, frame.calibration, [])
+    points = read_or_note(partial(read_cloud, max_intensity=math.inf), frame.points, [])
+    if objects is None or said is None or points is None:
+        return None
+    return LabelledSweep(objects=objects, matrices=said.matrices, points=points)
+
+
+def check_repeats(pictures: Sequence[Path], clouds: Sequence[Path]) -> list[Problem]:
+    """Find frames with equal pictures or clouds: noise makes two of a sensor differ.
+
+    Images of one colour and empty files are left out, as of a sensor that delivered nothing.
+
+    Args:
+        pictures: Images of all frames.
+        clouds: Clouds of all frames, in files.
+    """
+    alike = [group for group in _equal_files(pictures) if not _shows_nothing(group[0])]
+    return [*_describe_repeats(alike, "picture"), *_describe_repeats(_equal_files(clouds), "cloud")]
+
+
+def _check_emptiness(clouds: Sequence[Path]) -> list[Problem]:
+    """Find a folder in which each file of a cloud is empty; single empty ones are no problem."""
+    if not clouds or any(_size(path) != 0 for path in clouds):
+        return []
+    return [
+        Problem(
+            path=clouds[0].parent,
+            problem=f"holds {len(clouds)} clouds, and no point in any of them",
+            remedy="look whether the LiDAR delivered anything, and how it was converted",
+        )
+    ]
+
+
+def _check_image_sizes(frames: Sequence[ObjectFrame]) -> list[Problem]:
+    """Find images of other sizes than most with the same camera matrix (P2).
+
+    Each of the four camera matrices of KITTI's 7,481 training frames has one size of image.
+    """
+    by_camera: dict[Hashable, list[Path]] = defaultdict(list)
+    for frame in frames:
+        matrices = read_or_note(read_object_matrices, frame.calibration, [])
+        if matrices is not None and frame.image is not None:
+            by_camera[matrices.image_from_camera.tobytes()].append(frame.image)
+    return [each for images in by_camera.values() for each in _check_sizes_of_camera(images)]
+
+
+def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
+    """Find images of other sizes than most images of their camera, one problem a size."""
+    by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
+    for image in images:
+        size = read_or_note(read_image_size, image, [])
+        if size is not None:
+            by_size[size].append(image)
+    if len(by_size) < 2:
+        return []
+    usual, alike = max(by_size.items(), key=lambda each: len(each[1]))
+    return [
+        Problem(
+            path=strange[0],
+            problem=f"is {size[0]}x{size[1]} (height x width){_more(strange)}, expected "
+            f"{usual[0]}x{usual[1]} as {len(alike)} images of the same calibration",
+            remedy="give the image that was calibrated, or a calibration of its own",
+        )
+        for size, strange in by_size.items()
+        if size != usual
+    ]
+
+
+def _describe_repeats(groups: Sequence[Sequence[Path]], what: str) -> list[Problem]:
+    remedy = f"give each frame the {what} that was taken for it"
+    problems = [
+        Problem(
+            path=first,
+            problem=f"is the same {what}, byte for byte, as of {len(others)} other frames "
+            f"({describe_absent([path.stem for path in others])})",
+            remedy=remedy,
+        )
+        for first, *others in groups[:_NAMED]
+    ]
+    if len(groups) > _NAMED:
+        first = groups[_NAMED][0]
+        more = f"and {len(groups) - _NAMED - 1} more have the same {what} as other frames"
+        problems.append(Problem(path=first, problem=more, remedy=remedy))
+    return problems
+
+
+def _more(paths: Sequence[Path]) -> str:
+    return f", like {len(paths) - 1} more" if len(paths) > 1 else ""
+
+
+def _shows_nothing(path: Path) -> bool:
+    """Whether an image is unreadable, which its reader reports, or has a single colour."""
+    image = read_or_note(read_rgb, path, [])
+    return image is None or shows_nothing(image)
+
+
+def _equal_files(paths: Sequence[Path]) -> list[list[Path]]:
+    """Group equal files that are not empty; most are told apart without reading them."""
+    groups = [list(paths)]
+    for key in (_size_to_compare, _glimpse, _digest):
+        groups = [equal for group in groups for equal in _grouped(group, key)]
+    return groups
+
+
+def _grouped(paths: Iterable[Path], key: Callable[[Path], Hashable | None]) -> list[list[Path]]:
+    """Group files by a key, leaving out those without one, and those alone with theirs."""
+    by_key: dict[Hashable, list[Path]] = defaultdict(list)
+    for path in paths:
+        value = key(path)
+        if value is not None:
+            by_key[value].append(path)
+    return [group for group in by_key.values() if len(group) > 1]
+
+
+def _size(path: Path) -> int | None:
+    """Length of a regular file; None: it is none, or absent."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_size if stat.S_ISREG(status.st_mode) else None
+
+
+def _size_to_compare(path: Path) -> int | None:
+    size = _size(path)
+    return size if size is not None and 0 < size <= _MAX_BYTES else None
+
+
+def _glimpse(path: Path) -> bytes | None:
+    """Some bytes from the middle, which differ between clouds of one length."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - _GLIMPSE_BYTES, 0) // 2)
+            return file.read(_GLIMPSE_BYTES)
+    except OSError:
+        return None
+
+
+def _digest(path: Path) -> bytes | None:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "blake2b").digest()
+    except OSError:
+        return None

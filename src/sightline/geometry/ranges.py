@@ -1,0 +1,72 @@
+"""Ranges of settings, declared on the fields of a dataclass and checked by one function."""
+
+import math
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+Number = float | int
+
+
+class Within(NamedTuple):
+    """Limits of a number, or of the two numbers of a range, the lower first.
+
+    It annotates a field: `share: Annotated[float, Within(0, 1)] = 0.5`. Of more than two numbers,
+    such as a colour, each must be within the limits.
+    """
+
+    lowest: Number
+    highest: Number = math.inf
+
+
+def check_ranges(settings: object) -> None:
+    """Check every field of a dataclass that is annotated with `Within`; for its `__post_init__`.
+
+    Raises:
+        ValueError: A number is not finite, or not within its limits, or a range is empty.
+    """
+    kind: Any = type(settings)  # of no protocol, as mypy denies that classes can be hashed
+    for name, limits in _limits_of(kind).items():
+        value = getattr(settings, name)
+        if not isinstance(value, tuple):
+            check_number(name, value, *limits)
+        elif len(value) == 2:
+            check_range(name, value, *limits)
+        else:
+            check_range(name, (min(value), max(value)), *limits)
+
+
+@cache
+def _limits_of(kind: type[Any]) -> Mapping[str, Within]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {
+        name: limits
+        for name, hint in hints.items()
+        if get_origin(hint) is Annotated
+        for limits in get_args(hint)[1:]
+        if isinstance(limits, Within)
+    }
+
+
+def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
+    """Check a range for random draws: it must not be empty or exceed the limits.
+
+    Raises:
+        ValueError: The range is invalid.
+    """
+    if not (lowest <= bounds[0] <= bounds[1] <= highest and bounds[1] < math.inf):
+        raise ValueError(
+            f"{name} must be two numbers from {lowest:g} to {highest:g}, the lower first; got "
+            f"{bounds[0]:g} and {bounds[1]:g}"
+        )
+
+
+def check_number(name: str, value: Number, lowest: Number, highest: Number = math.inf) -> None:
+    """Check that a setting is finite and within the limits.
+
+    Raises:
+        ValueError: The setting is invalid.
+    """
+    if not (lowest <= value <= highest and value < math.inf):
+        limits = f"from {lowest:g} to {highest:g}" if highest < math.inf else f"at least {lowest:g}"
+        raise ValueError(f"{name} must be finite and {limits}, got {value:g}")

@@ -1,0 +1,1 @@
+"""Camera image of a scene."""

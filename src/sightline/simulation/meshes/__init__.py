@@ -1,1 +1,0 @@
-"""Procedural geometry of the simulated streets, generated without any asset files."""

@@ -1,0 +1,1 @@
+"""Ray casting, and surfaces hit by rays."""

@@ -1,0 +1,1 @@
+"""Plan and ground of a street, and where objects stand."""

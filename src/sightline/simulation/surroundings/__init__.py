@@ -1,0 +1,1 @@
+"""Meshes of buildings, plants and objects beside a street."""

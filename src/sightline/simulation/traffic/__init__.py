@@ -1,0 +1,1 @@
+"""Road users and their motion."""

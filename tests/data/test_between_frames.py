@@ -1,0 +1,123 @@
+"""Frames of one tree against each other: equal files, no point anywhere, sizes of one camera."""
+
+import shutil
+import warnings
+
+import numpy as np
+import pytest
+
+from sightline.data.check import check_tree
+from sightline.data.image_file import write_rgb
+from sightline.data.object_tree import CORRUPTED
+from sightline.data.open import open_dataset
+from tests.data.recordings import write_recording
+from tests.data.trees import picture, write_drive, write_object_tree, write_selection
+
+NAMES = ("000001", "000002", "000003")
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return write_object_tree(tmp_path, *NAMES) / "training"
+
+
+def problems(root):
+    return [(each.path, each.problem) for each in check_tree(root)]
+
+
+def told_on_opening(root):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        open_dataset(root)
+    return [str(each.message) for each in caught]
+
+
+@pytest.mark.parametrize(
+    ("folder", "suffix", "what"), [("image_2", ".png", "picture"), ("velodyne", ".bin", "cloud")]
+)
+def test_files_that_are_equal_between_frames_are_told_by_check_and_on_opening(
+    tree, folder, suffix, what
+):
+    assert problems(tree.parent) == []
+    for name in NAMES[1:]:
+        shutil.copy(tree / folder / f"{NAMES[0]}{suffix}", tree / folder / f"{name}{suffix}")
+    ((path, said),) = problems(tree.parent)
+    assert path == tree / folder / f"{NAMES[0]}{suffix}"
+    assert f"is the same {what}, byte for byte, as of 2 other frames (000002, 000003)" in said
+    (warned,) = told_on_opening(tree)
+    assert said in warned
+
+
+def test_frames_of_a_length_that_differ_in_a_byte_are_no_repeats(tree):
+    for place, name in enumerate(NAMES):
+        cloud = np.random.default_rng(0).uniform(0, 1, (500, 4)).astype("<f4")
+        cloud[:, 0] += 5
+        cloud[0, 3] = place / 10
+        cloud.tofile(tree / "velodyne" / f"{name}.bin")
+    assert problems(tree.parent) == []
+
+
+def test_many_repeats_are_told_in_a_few_lines(tmp_path):
+    tree = write_object_tree(tmp_path, *(f"{number:06}" for number in range(18))) / "training"
+    for number in range(0, 18, 2):
+        shutil.copy(
+            tree / "image_2" / f"{number:06}.png", tree / "image_2" / f"{number + 1:06}.png"
+        )
+    told = problems(tmp_path)
+    assert len(told) == 6
+    assert "and 3 more have the same picture as other frames" in told[-1][1]
+
+
+def test_sensors_that_delivered_nothing_and_corrupted_trees_have_no_repeats(tree):
+    for name in NAMES:
+        write_rgb(tree / "image_2" / f"{name}.png", np.zeros((12, 40, 3), np.uint8))
+        (tree / "velodyne" / f"{name}.bin").write_bytes(b"")
+    ((path, said),) = problems(tree.parent)
+    assert (path, said) == (tree / "velodyne", "holds 3 clouds, and no point in any of them")
+    (tree / CORRUPTED).mkdir()
+    assert problems(tree.parent) == []
+
+
+def test_one_cloud_with_points_is_enough(tree):
+    for name in NAMES[1:]:
+        (tree / "velodyne" / f"{name}.bin").write_bytes(b"")
+    assert problems(tree.parent) == []
+
+
+def test_equal_pictures_are_told_in_drives_recordings_and_depth_trees(tmp_path):
+    drive = write_drive(tmp_path / "drive", official=False)
+    recording = write_recording(tmp_path / "recording", ("a", "b"), picture=".png")
+    for folder, first, second in (
+        (drive / "image_02", "0000000001", "0000000002"),
+        (recording / "images", "a", "b"),
+    ):
+        shutil.copy(folder / f"{first}.png", folder / f"{second}.png")
+    for number in ("0000000005", "0000000006"):
+        write_selection(tmp_path / "depth", number)
+    for root, expected in (("drive", 1), ("recording", 1), ("depth", 2)):
+        told = [said for _, said in problems(tmp_path / root)]
+        assert len(told) == expected
+        assert all("byte for byte" in said for said in told)
+
+
+def test_an_image_of_another_size_than_others_of_its_calibration_is_told(tree):
+    write_rgb(tree / "image_2" / "000002.png", picture(1, (12, 44)))
+    shutil.rmtree(tree / "label_2")
+    ((path, said),) = problems(tree.parent)
+    assert path == tree / "image_2" / "000002.png"
+    assert "is 12x44 (height x width), expected 12x40 as 2 images of the same calib" in said
+
+
+def test_images_of_other_sizes_have_their_own_calibrations(tree):
+    write_rgb(tree / "image_2" / "000002.png", picture(1, (12, 44)))
+    calibration = tree / "calib" / "000002.txt"
+    calibration.write_text(calibration.read_text().replace("1.9500000000000000e+01", "21.5"))
+    assert problems(tree.parent) == []
+
+
+def test_an_image_of_another_size_in_a_drive_is_told(tmp_path):
+    drive = write_drive(tmp_path, official=False)
+    write_rgb(drive / "image_02" / "0000000002.png", picture(2, (14, 40)))
+    ((path, said),) = problems(drive)
+    assert path.name == "0000000002.png"
+    assert "is 14x40 (height x width), expected 12x40 as 2 images" in said

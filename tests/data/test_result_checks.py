@@ -1,0 +1,151 @@
+"""Results of another convention than KITTI's are recognised without labels."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sightline.data.kitti_labels import KittiObjects, read_labels, write_objects
+from sightline.data.result_checks import doubts_about_results
+from sightline.data.submission import write_submission
+from sightline.simulation.packaged import PACKAGED_FRAMES
+
+RNG = np.random.default_rng(7)
+FOCAL_PX, ROW_PX = 707.0, 180.0  # of another drive than the one whose camera is taken
+
+
+def frame(num=6):
+    """Cars and pedestrians on the road, in the conventions of KITTI's files."""
+    names = tuple(RNG.choice(("Car", "Pedestrian"), size=num).tolist())
+    sizes = np.where(
+        np.array(names)[:, None] == "Car", (1.52, 1.63, 3.88), (1.76, 0.66, 0.84)
+    ) * RNG.uniform(0.9, 1.1, size=(num, 3))
+    z = RNG.uniform(9, 45, size=num)
+    locations = np.stack((RNG.uniform(-8, 8, num), RNG.normal(1.65, 0.1, num), z), axis=1)
+    bottom = ROW_PX + FOCAL_PX * locations[:, 1] / (z - 1)
+    top = ROW_PX + FOCAL_PX * (locations[:, 1] - sizes[:, 0]) / z
+    left = 600 + FOCAL_PX * locations[:, 0] / z
+    return KittiObjects(
+        class_names=names,
+        truncation=np.full(num, -1.0),
+        occlusion=np.full(num, -1.0),
+        alpha=np.zeros(num),
+        boxes2d=np.stack((left, top, left + 40, bottom), axis=1),
+        dimensions_hwl=sizes,
+        locations=locations,
+        rotation_y=RNG.uniform(-3, 3, num),
+        scores=RNG.uniform(0.01, 1, num),
+    )
+
+
+FRAMES = [frame() for _ in range(12)]
+
+
+def centred(objects):
+    up = objects.dimensions_hwl[:, 0] / 2
+    return replace(objects, locations=objects.locations - np.outer(up, (0, 1, 0)))
+
+
+def projected_wrongly(objects):
+    """Centres for bottoms, and 2D boxes computed from them."""
+    made = centred(objects)
+    bottom = ROW_PX + FOCAL_PX * made.locations[:, 1] / (made.locations[:, 2] - 1)
+    boxes = made.boxes2d.copy()
+    boxes[:, 3], boxes[:, 1] = bottom, bottom - np.ptp(boxes[:, 1::2], axis=1)
+    return replace(made, boxes2d=boxes)
+
+
+CHANGES = {
+    "centres": (centred, "their y is probably that of the centre"),
+    "centres in both": (projected_wrongly, "their y is probably that of the centre"),
+    "l w h": (
+        lambda each: replace(each, dimensions_hwl=each.dimensions_hwl[:, ::-1]),
+        "in the order length, width, height: KITTI's files have height, width, length",
+    ),
+    "w l h": (
+        lambda each: replace(each, dimensions_hwl=each.dimensions_hwl[:, [1, 2, 0]]),
+        "in the order width, length, height",
+    ),
+    "LiDAR's frame": (
+        lambda each: replace(each, locations=each.locations[:, [2, 0, 1]] * (1, -1, -1)),
+        "3D boxes of results lie behind the camera",
+    ),
+    "shares": (
+        lambda each: replace(each, boxes2d=each.boxes2d / 1e4),
+        "2D boxes of results lie within the first pixel",
+    ),
+    "degrees": (
+        lambda each: replace(each, rotation_y=np.degrees(each.rotation_y)),
+        "angles beyond two pi, probably degrees",
+    ),
+    "percent": (
+        lambda each: replace(each, scores=100 * each.scores),
+        "are probably percent",
+    ),
+    "equal scores": (
+        lambda each: replace(each, scores=np.ones(len(each))),
+        "all 72 scores of results are 1: nothing ranks them",
+    ),
+}
+
+
+def test_sound_results_raise_no_doubt():
+    assert list(doubts_about_results(FRAMES)) == []
+
+
+@pytest.mark.parametrize("scores", [np.linspace(-4, 9, 6), np.linspace(0, 300, 6)])
+def test_scores_on_other_scales_than_shares_and_percent_raise_no_doubt(scores):
+    assert list(doubts_about_results([replace(each, scores=scores) for each in FRAMES])) == []
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_one_doubt_names_the_other_convention(change):
+    changed, said = CHANGES[change]
+    doubts = list(doubts_about_results([changed(each) for each in FRAMES]))
+    assert len(doubts) == 1
+    assert said in doubts[0]
+
+
+def test_centres_are_found_in_few_frames_by_their_2d_boxes():
+    (doubt,) = doubts_about_results([centred(each) for each in FRAMES[:2]])
+    assert "end half an object above their 2D boxes" in doubt
+
+
+def test_frames_of_a_percent_detector_that_are_shares_are_counted():
+    frames = [replace(each, scores=100 * each.scores) for each in FRAMES[:-2]] + FRAMES[-2:]
+    (doubt,) = doubts_about_results(frames)
+    assert "in 2 of 12 frames none is above 1" in doubt
+
+
+def test_results_that_are_twice_in_a_frame_are_counted():
+    one = FRAMES[0]
+    twice = {
+        name: np.concatenate([getattr(one, name)] * 2)
+        for name in ("truncation", "occlusion", "alpha", "boxes2d", "dimensions_hwl", "locations")
+    } | {name: np.concatenate([getattr(one, name)] * 2) for name in ("rotation_y", "scores")}
+    doubled = replace(one, class_names=2 * one.class_names, **twice)
+    (doubt,) = doubts_about_results([*FRAMES[1:], doubled])
+    assert "6 of 78 results of scored classes are there twice in their frame" in doubt
+
+
+def test_packaged_labels_as_results_raise_no_doubt():
+    frames = [
+        read_labels(path) for path in sorted((PACKAGED_FRAMES / "training/label_2").glob("*.txt"))
+    ]
+    scored = [replace(each, scores=np.linspace(0.1, 0.9, len(each))) for each in frames]
+    assert list(doubts_about_results(scored)) == []
+
+
+def test_a_submission_is_packed_with_a_warning_for_each_doubt(tmp_path):
+    results = tmp_path / "results"
+    results.mkdir()
+    for number, each in enumerate(FRAMES):
+        write_objects(results / f"{number:06}.txt", centred(each))
+    with pytest.warns(UserWarning, match="results: 3D boxes of results .* that of the centre"):
+        assert write_submission(results, tmp_path / "a.zip") == 12
+    for number, each in enumerate(FRAMES):
+        write_objects(results / f"{number:06}.txt", each)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert write_submission(results, tmp_path / "a.zip") == 12
