@@ -27,7 +27,8 @@ def test_the_surest_stay_and_what_overlaps_them_from_above_goes(entries):
             for entry in waiting
             if upright_iou(boxes[best], boxes[entry[1]]) < 0.1  # all are of one height
         ]
-    assert suppress_boxes(rows(boxes), torch.tensor(scores).double()).tolist() == kept
+    given_scores, config = torch.tensor(scores).double(), SuppressionConfig(min_score=0.3)
+    assert suppress_boxes(rows(boxes), given_scores, config).tolist() == kept
 
 
 def test_an_overlap_that_equals_the_limit_goes():

@@ -47,4 +47,6 @@ def test_recall_is_of_all_objects_and_a_mean_of_frames_in_which_one_without_obje
 
 
 def test_without_frames_recall_is_0():
-    assert set(map(float, ProposalRecallMetric().compute().values())) == {0.0}
+    metric = ProposalRecallMetric()
+    metric.update([], [])
+    assert set(map(float, metric.compute().values())) == {0.0}

@@ -115,7 +115,7 @@ class Neighbourhood(nn.Module):
         largest = values.new_zeros(batch * num_centers, values.shape[1])
         places = center[:, None].expand_as(values)
         largest = largest.scatter_reduce(0, places, values, "amax", include_self=False)
-        return largest.view(batch, num_centers, -1)
+        return largest.reshape(batch, num_centers, values.shape[1])
 
     def find(
         self,
