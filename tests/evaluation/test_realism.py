@@ -19,7 +19,7 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.simulation.generate import simulate
 from sightline.simulation.settings import SimulationConfig
 from sightline.structures.labels import ObjectLabels
-from tests.simulation.streets import make_tiny_street
+from tests.simulation.small_streets import make_tiny_street
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from pathlib import Path
 from sightline.jobs.run import JobResult
 from sightline.simulation.generate import simulate
 from sightline.simulation.settings import SimulationConfig
-from tests.simulation.streets import make_tiny_street
+from tests.simulation.small_streets import make_tiny_street
 
 TINY = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0)
 DRIVES = SimulationConfig(seed=3, image_size=(94, 310), focal_px=180.0, sequence_length=3)

@@ -5,7 +5,7 @@ import torch
 
 from sightline.simulation.dataset import SimulatedDataset
 from tests.simulation.data_sets import TINY
-from tests.simulation.streets import make_tiny_street
+from tests.simulation.small_streets import make_tiny_street
 
 
 def test_a_data_set_without_files_gives_reduced_samples():

@@ -29,7 +29,7 @@ from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION, Obj
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
 from tests.simulation.data_sets import DRIVES, TINY, content, make
-from tests.simulation.streets import make_tiny_street
+from tests.simulation.small_streets import make_tiny_street
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ def test_the_manifest_records_revision_seed_and_settings(frames: Path):
     assert manifest["seed"] == 3
     assert manifest["image_size"] == [94, 310]
     assert manifest["revision"] == SIMULATOR_REVISION
-    assert manifest["streets"] == "tests.simulation.streets.make_tiny_street"
+    assert manifest["streets"] == "tests.simulation.small_streets.make_tiny_street"
 
 
 def test_reduced_sweeps_hold_what_the_camera_sees(frames: Path, tmp_path: Path):

@@ -8,7 +8,7 @@ from sightline.simulation.labels import labelled_ends
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.primitives import Finish, grid
-from tests.simulation.streets import block
+from tests.simulation.small_streets import block
 
 SIZE = (4.0, 1.6, 1.5)
 

@@ -12,7 +12,7 @@ from sightline.simulation.labels import FrameLabels, label_frame
 from sightline.simulation.scene import Mesh, Pose, Street, world_from_footprint
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import calibration_of, simulate_frame
-from tests.simulation.streets import Straight, block, box_actor, ground, street
+from tests.simulation.small_streets import Straight, block, box_actor, ground, street
 
 SIZE = (188, 621)
 CALIBRATION = calibration_of(SimulationConfig(image_size=SIZE, focal_px=360.0))

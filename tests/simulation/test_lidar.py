@@ -9,7 +9,7 @@ from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig, 
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import SURFACES, Material, Mesh, Pose, Street
 from sightline.simulation.shapes.primitives import Finish, quads
-from tests.simulation.streets import GREY, Straight, Turning, block, courtyard, ground, street
+from tests.simulation.small_streets import GREY, Straight, Turning, block, courtyard, ground, street
 
 UNBIASED = replace(
     LIDARS["hdl-64e"],

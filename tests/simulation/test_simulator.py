@@ -5,7 +5,7 @@ import numpy as np
 from sightline.simulation.scene import Street
 from sightline.simulation.simulator import simulate_street
 from tests.simulation.data_sets import TINY
-from tests.simulation.streets import make_tiny_street
+from tests.simulation.small_streets import make_tiny_street
 
 
 def test_other_makers_of_streets_are_asked_for_special_ones_only_where_that_is_set():
