@@ -1,21 +1,25 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import lightning
 import numpy as np
 import pytest
 import torch
+import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
 from sightline.data.settings import config_to_dict
 from sightline.data.weights import write_weights
-from sightline.detection2d.config import Detection2DConfig, InputConfig
+from sightline.detection2d.config import Detection2DConfig, DgfnConfig, InputConfig
 from sightline.detection2d.examples import DetectionExamples, ExampleConfig
+from sightline.detection2d.loss import detection_loss
 from sightline.detection2d.task import Detection2D
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
-from sightline.training.optimizer import OptimizerConfig
+from sightline.tasks import PACKAGE_RECIPES
+from sightline.training.optimizer import OptimizerConfig, make_optimizer
 from sightline.training.quiet import LIGHTNING_NOISE
 from tests.detection2d.frames import SIZE, TINY, painted_frame, write_network
 
@@ -63,6 +67,32 @@ def test_the_papers_network_learns_four_frames_by_heart(batch):
     task = Detection2D(Detection2DConfig(width=0.0625, input=InputConfig(size=SIZE)))
     train(task, batch, steps=60, learning_rate=1e-3)
     assert scores_of(task, batch, times=15)["Car/bbox/moderate"] > 90
+
+
+@pytest.mark.parametrize("num_updates", [20, pytest.param(200, marks=pytest.mark.slow)])
+def test_gates_of_the_quarter_recipe_stay_open_over_the_first_updates(num_updates):
+    recipe = yaml.safe_load((PACKAGE_RECIPES / "detection2d-dgfn-quarter.yaml").read_text())
+    optimizer = OptimizerConfig(**recipe["model"]["init_args"]["optimizer"])
+    two = batch_of(
+        [painted_frame(0), painted_frame(1)], ExampleConfig(input=InputConfig(size=SIZE))
+    )
+    torch.manual_seed(0)
+    dgfn = DgfnConfig(batch_norm=True)  # features of length 20, so that gates move faster
+    task = Detection2D(replace(TINY, dgfn=dgfn), optimizer=optimizer)
+    stepper = make_optimizer(task.network.named_parameters(), optimizer)
+    lowest, costs = [], []
+    for _ in range(num_updates):
+        stepper.zero_grad()
+        outputs = task.network.read(two.image, two.lidar)
+        losses = detection_loss(outputs, two, task.loss, compact=False)
+        losses.total.backward()
+        torch.nn.utils.clip_grad_norm_(task.network.parameters(), 10.0)
+        stepper.step()
+        costs.append(float(losses.total.detach()))
+        lowest.append(min(float(each.detach().sigmoid().mean()) for each in outputs.gates[0]))
+    assert lowest[0] == pytest.approx(0.5, abs=0.05)
+    assert min(lowest) > 0.2  # at the full rate 0.01 after six updates
+    assert costs[-1] < 0.7 * costs[0]
 
 
 def test_only_the_images_scores_are_logged(batch):

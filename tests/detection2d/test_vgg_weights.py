@@ -1,12 +1,21 @@
+import dataclasses
+import itertools
+import math
+
 import pytest
 import torch
 from safetensors.torch import save_file
 
-from sightline.detection2d.config import Detection2DConfig, DgfnConfig
+import sightline
+from sightline.detection2d.config import Detection2DConfig, DgfnConfig, InputConfig
 from sightline.detection2d.model import Detector
+from sightline.detection2d.placement import camera_image, lidar_image, place
 from sightline.detection2d.vgg_stream import VGG_CONVS
 from sightline.detection2d.vgg_weights import load_vgg_weights
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection2d.frames import TINY
+
+SMALL_FRAMES = Detection2DConfig(input=InputConfig(size=(48, 96)))
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +25,9 @@ def tensors():
     made, place, channels = {}, 0, 3
     for group in VGG_CONVS:
         for count in group:
-            made[f"features.{place}.weight"] = torch.randn(count, channels, 3, 3)
+            made[f"features.{place}.weight"] = torch.randn(count, channels, 3, 3) / math.sqrt(
+                4 * channels
+            )
             made[f"features.{place}.bias"] = torch.randn(count)
             place, channels = place + 2, count
         place += 1
@@ -42,16 +53,49 @@ def test_the_places_are_those_of_torchvisions_vgg16(tensors):
 
 @pytest.mark.parametrize("suffix", ["pth", "safetensors"])
 def test_every_stream_starts_from_the_file(tensors, files, suffix):
-    network = Detector(Detection2DConfig())
+    network = Detector(SMALL_FRAMES)
     load_vgg_weights(network, str(files / f"vgg16.{suffix}"))
     for stream in network.streams.values():
-        for conv, name in zip(stream.vgg_convs, list(tensors)[::2], strict=True):
+        *before, last = zip(stream.vgg_convs, list(tensors)[::2], strict=True)
+        for conv, name in before:
             assert torch.equal(conv.weight, tensors[name])
             assert torch.equal(conv.bias, tensors[name.replace("weight", "bias")])
+        conv, name = last
+        factor = conv.weight.flatten()[0] / tensors[name].flatten()[0]
+        assert 0 < factor < 1
+        torch.testing.assert_close(conv.weight, tensors[name] * factor)
+        torch.testing.assert_close(conv.bias, tensors[name.replace("weight", "bias")] * factor)
+
+
+@torch.no_grad()
+@pytest.mark.parametrize("fusion", ["gated", "early"])
+def test_features_of_conv5_3_get_the_length_of_conv4_3s(files, fusion):
+    network = Detector(dataclasses.replace(SMALL_FRAMES, fusion=fusion))
+    load_vgg_weights(network, str(files / "vgg16.pth"))
+    lengths = {sensor: [] for sensor in network.streams}
+    frames = sightline.open_dataset(PACKAGED_FRAMES)
+    for index in range(2):
+        placed, _ = place(frames[index], SMALL_FRAMES.input)
+        given = {"image": camera_image(placed), "lidar": lidar_image(placed, SMALL_FRAMES.input)}
+        planes = network.planes({name: image[None] for name, image in given.items()})
+        for sensor, each in planes.items():
+            maps = each
+            stream = network.streams[sensor]
+            convs = 0
+            for layer in (*itertools.chain(*stream.to_conv4_3), *stream.to_fc7):
+                maps = layer(maps)
+                convs += isinstance(layer, torch.nn.Conv2d)
+                if convs == 13 and isinstance(layer, torch.nn.ReLU):
+                    break
+            lengths[sensor].append(float(maps.square().sum(dim=1).sqrt().mean()))
+    for found in lengths.values():
+        assert sum(found) / 2 == pytest.approx(20.0, rel=1e-3)
 
 
 def test_a_stream_of_both_sensors_answers_equal_images_as_one_sensor_would(files):
-    both, one = (Detector(Detection2DConfig(fusion=fusion)) for fusion in ("early", "camera"))
+    both, one = (
+        Detector(dataclasses.replace(SMALL_FRAMES, fusion=fusion)) for fusion in ("early", "camera")
+    )
     for network in (both, one):
         load_vgg_weights(network, str(files / "vgg16.pth"))
     image = torch.rand(1, 3, 16, 16)

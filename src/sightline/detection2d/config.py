@@ -102,8 +102,8 @@ class DgfnConfig:
     l2_norm_scale: float = 20.0
     """Initial scale of the features of conv4_3 (Liu et al. 2016, section 3.1)."""
     batch_norm: bool = False
-    """Whether the streams' convolutions have batch normalisation. Without VGG16's weights, the
-    paper's own layers hardly improve in a short training."""
+    """Whether the streams' convolutions have batch normalisation, which a training from scratch
+    needs. It is folded into them in the weights that a training leaves: those are the paper's."""
 
     def __post_init__(self) -> None:
         """Checks the numbers of the priors."""

@@ -152,7 +152,8 @@ def training_example(
     assert view.objects is not None, "checked when it was prepared"
     targets = make_targets(view.objects, config.targets)
     camera_mask = lidar_mask = torch.zeros(view.image_size, dtype=torch.bool)
-    if corrupted.camera_mask.any() or corrupted.lidar_mask.any():
+    are_masks_used = config.health or config.camera is not None
+    if are_masks_used and (corrupted.camera_mask.any() or corrupted.lidar_mask.any()):
         camera_mask, lidar_mask = _seen_masks(corrupted, config, np.random.default_rng(seed))
     if config.camera is not None:
         view = _through_camera(view, camera_mask, config.camera, rng)

@@ -4,7 +4,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sightline.detection2d.initialization import start_small
 from sightline.detection2d.readings import GateReading
 
 _KERNEL_PX = 3
@@ -40,8 +39,13 @@ class GatedFusion(nn.Module):
 
     @staticmethod
     def _gate(in_channels: int, groups: int) -> nn.Conv2d:
-        # With a bias of 0, both gates start at one half.
-        return start_small(nn.Conv2d(in_channels, groups, _KERNEL_PX, padding=_KERNEL_PX // 2))
+        # Both gates start at one half everywhere. The maps are long and positive, so that a common
+        # step of all weights moves every gate: recipes lower the gates' rate (`rate_factors`).
+        conv = nn.Conv2d(in_channels, groups, _KERNEL_PX, padding=_KERNEL_PX // 2)
+        nn.init.zeros_(conv.weight)
+        assert conv.bias is not None, "it has one by default"
+        nn.init.zeros_(conv.bias)
+        return conv
 
     def forward(
         self,

@@ -106,7 +106,7 @@ class Detector(nn.Module):
         """
         given = {"image": image, "lidar": lidar}
         size = self._checked_size({name: given[name] for name in self.input_names})
-        maps = {sensor: self.streams[sensor](each) for sensor, each in self._planes(given).items()}
+        maps = {sensor: self.streams[sensor](each) for sensor, each in self.planes(given).items()}
         is_asked = auxiliary or self.mixes_heads
         own = {
             sensor: head(maps[sensor], size) for sensor, head in self.auxiliary.items() if is_asked
@@ -158,8 +158,8 @@ class Detector(nn.Module):
                 "enlarge the frames (network.input.size)"
             )
 
-    def _planes(self, given: dict[str, Image | None]) -> dict[str, Tensor]:
-        """Select the input planes of each stream."""
+    def planes(self, given: dict[str, Image | None]) -> dict[str, Tensor]:
+        """Prepare the input planes of each stream from the given images, by name."""
         image, lidar = given["image"], given["lidar"]
         planes = {}
         if image is not None:

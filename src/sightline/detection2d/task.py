@@ -10,7 +10,9 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from sightline.data.object_results import kitti_from_detections2d
+from sightline.data.weights import Weights
 from sightline.detection2d.batch import DetectionBatch
+from sightline.detection2d.batch_norm_folding import fold_batch_norm
 from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.examples import DetectionExamples
 from sightline.detection2d.loss import DetectionLossConfig, DetectionLosses, detection_loss
@@ -80,6 +82,10 @@ class Detection2D(TrainingModule):
         """Return the network's settings."""
         config: Detection2DConfig = self.network.config
         return config
+
+    def final_weights(self, weights: Weights) -> Weights:
+        """Fold batch normalisation into the convolutions of the paper's network."""
+        return fold_batch_norm(weights)
 
     def setup(self, stage: str) -> None:
         """Load VGG16's weights, and other networks' streams, when a training starts.

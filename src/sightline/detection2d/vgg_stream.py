@@ -71,11 +71,11 @@ class VggStream(nn.Module):
                 channels = scaled(wanted, width)
             stages.append(nn.Sequential(*layers))
         fc = scaled(_FC_CHANNELS, width)
+        self.num_to_conv5_3 = len(stages[4])  # of the layers to fc7
         self.to_conv4_3 = nn.Sequential(*stages[:4])
         self.norm = L2Norm(channels, l2_norm_scale)
         self.to_fc7 = nn.Sequential(
-            nn.MaxPool2d(2, ceil_mode=True),
-            *stages[4][1:],
+            *stages[4],
             nn.MaxPool2d(3, stride=1, padding=1),
             *then(nn.Conv2d(channels, fc, 3, padding=_FC6_DILATION, dilation=_FC6_DILATION)),
             *then(nn.Conv2d(fc, fc, 1)),
@@ -105,6 +105,15 @@ class VggStream(nn.Module):
         parts = (*self.to_conv4_3.modules(), *self.to_fc7.modules())
         convs = [part for part in parts if isinstance(part, nn.Conv2d)]
         return tuple(convs[: sum(map(len, VGG_CONVS))])
+
+    def to_conv5_3(
+        self, planes: Float[Tensor, "batch in_channels height width"]
+    ) -> Float[Tensor, "batch channels rows columns"]:
+        """Compute the features of VGG16's last convolution."""
+        maps: Tensor = self.to_conv4_3(planes)
+        for layer in self.to_fc7[: self.num_to_conv5_3]:
+            maps = layer(maps)
+        return maps
 
     def forward(
         self, planes: Float[Tensor, "batch in_channels height width"]

@@ -9,9 +9,12 @@ import torch
 from safetensors.torch import load_file
 from torch import Tensor
 
+from sightline.data.open import open_dataset
 from sightline.data.problem import install_command
 from sightline.detection2d.model import Detector
+from sightline.detection2d.placement import camera_image, lidar_image, place
 from sightline.detection2d.vgg_stream import VGG_CONVS, VggStream
+from sightline.simulation.packaged import PACKAGED_FRAMES
 
 IMAGENET: Final = "imagenet"
 """Name of the weights that torchvision downloads."""
@@ -28,6 +31,11 @@ def load_vgg_weights(network: Detector, source: str) -> None:
 
     A stream of both sensors' images gets the first convolution's kernels for each, halved. SSD also
     takes fc6 and fc7 from VGG16, by leaving out kernels; here they are random.
+
+    The features of conv5_3 are scaled to the mean length that L2Norm gives those of conv4_3
+    (`l2_norm_scale`), measured on the package's frames. Left at their own length, up to twenty
+    times that, they saturate all that is random after them, the gates of fc7 too. The scaling is
+    exact: ReLU and pooling commute with it.
 
     Args:
         network: Network of width 1.
@@ -53,14 +61,40 @@ def load_vgg_weights(network: Detector, source: str) -> None:
         )
     tensors = _downloaded() if source == IMAGENET else _read(Path(source))
     convs = _convolutions(tensors, source)
-    for stream in network.streams.values():
-        assert isinstance(stream, VggStream), "of a network with VGG16's layout"
+    for sensor in network.streams:
+        stream = _vgg_stream(network, sensor)
         for ours, (weight, bias) in zip(stream.vgg_convs, convs, strict=True):
             assert ours.bias is not None, "VGG16's convolutions have one"
             copies = ours.weight.shape[1] // weight.shape[1]
             with torch.no_grad():
                 ours.weight.copy_(weight.repeat(1, copies, 1, 1) / copies)
                 ours.bias.copy_(bias)
+    _scale_conv5_3(network, network.config.dgfn.l2_norm_scale)
+
+
+@torch.no_grad()
+def _scale_conv5_3(network: Detector, length: float) -> None:
+    """Scale each stream's conv5_3 so that its features' mean length over a frame's pixels is so."""
+    lengths: dict[str, list[float]] = {sensor: [] for sensor in network.streams}
+    frames = open_dataset(PACKAGED_FRAMES, parts={"image", "points"})
+    for index in range(len(frames)):
+        placed, _ = place(frames[index], network.config.input)
+        image, lidar = camera_image(placed)[None], lidar_image(placed, network.config.input)[None]
+        for sensor, planes in network.planes({"image": image, "lidar": lidar}).items():
+            stream = _vgg_stream(network, sensor)
+            features = stream.to_conv5_3(planes).norm(dim=1)
+            lengths[sensor].append(float(features.mean()))
+    for sensor, found in lengths.items():
+        conv5_3 = _vgg_stream(network, sensor).vgg_convs[-1]
+        factor = length * len(found) / sum(found)
+        for parameter in conv5_3.parameters():
+            parameter.mul_(factor)
+
+
+def _vgg_stream(network: Detector, sensor: str) -> VggStream:
+    stream = network.streams[sensor]
+    assert isinstance(stream, VggStream), "of a network with VGG16's layout"
+    return stream
 
 
 def _downloaded() -> Mapping[str, Any]:
