@@ -11,9 +11,9 @@ import jsonargparse
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.progress import track
+from sightline.files.atomic import atomic_write_bytes
 from sightline.geometry.boxes2d import Boxes2D
+from sightline.jobs.progress import track
 from sightline.simulation.dataset import sample_of
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame

@@ -11,11 +11,11 @@ import jsonargparse
 import numpy as np
 from jaxtyping import UInt8
 
+from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.corruption import Corrupted, Sensor
 from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.faults import fault_rng
 from sightline.data.kitti_object import KittiObjectDataset
+from sightline.files.atomic import atomic_write_bytes
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.colors import RGB

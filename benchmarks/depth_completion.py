@@ -21,7 +21,6 @@ import torch
 from benchmarks.latency import count_cost, measure_latency
 from benchmarks.machine import describe_machine
 from sightline.data.open import open_dataset
-from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.export_graph import example_inputs
 from sightline.depth_completion.method_names import Method
@@ -30,6 +29,7 @@ from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.registration import TASK
 from sightline.export.names import EngineName
+from sightline.files.weights import write_weights
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 
 from benchmarks.machine import describe_machine
+from sightline.augmentation.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption, Record
 from sightline.corruptions.suites import CLEAN, Case, Suite
-from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.data.open import open_dataset
 from sightline.depth_completion.registration import TASK
 from sightline.evaluation.held_out import evaluate_held_out

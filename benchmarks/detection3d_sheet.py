@@ -11,9 +11,9 @@ import numpy as np
 
 from benchmarks.sheet_file import write_sheet
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
 from sightline.detection3d.answer_picture import answer_picture
 from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.jobs.progress import track
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 _MAX_BYTES = 600_000

@@ -21,8 +21,6 @@ from benchmarks.machine import describe_machine
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
-from sightline.data.weights import fill_network
 from sightline.detection3d.detector_config import Detection3DConfig
 from sightline.detection3d.files import write_results
 from sightline.detection3d.model import Detector3D
@@ -35,7 +33,9 @@ from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 from sightline.evaluation.kitti_object_rules import LOOSE, STRICT
 from sightline.evaluation.object_report import ObjectReport
 from sightline.export.names import EngineName
+from sightline.files.weights import fill_network
 from sightline.inference.network import LoadedNetwork, load_network
+from sightline.jobs.progress import track
 from sightline.structures.precision_recall import PrecisionRecall
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample

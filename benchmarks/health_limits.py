@@ -17,12 +17,12 @@ import torch
 from sightline.corruptions.optics import CameraJpeg
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
-from sightline.data.progress import track
 from sightline.health import camera_checks, lidar_checks
 from sightline.health.fitting import fit_on_samples
 from sightline.health.limits import write_limits
 from sightline.health.ring_order import number_rings
 from sightline.health.sphere import to_sphere
+from sightline.jobs.progress import track
 from sightline.structures.sample import CameraLidarSample
 
 _QUALITIES = (75, 95)  # lowest and highest, drawn evenly

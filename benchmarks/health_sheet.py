@@ -10,9 +10,9 @@ import jsonargparse
 import numpy as np
 import torch
 
+from sightline.augmentation.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.corruptions.occlusion import CameraOcclusion
 from sightline.corruptions.pixel_box import BoxDrawing
-from sightline.data.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset

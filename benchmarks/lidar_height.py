@@ -17,11 +17,11 @@ import torch
 from benchmarks.machine import describe_machine
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.export.names import EngineName
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.road_height import drive_height_m
+from sightline.jobs.progress import track
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import choose_task
 

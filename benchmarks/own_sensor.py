@@ -28,12 +28,12 @@ from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import read_depth_png
 from sightline.data.kitti_labels import read_labels, read_results, write_objects
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
 from sightline.evaluation.held_out_frame import dense_truth_in_reach
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import Metric
 from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineName
+from sightline.jobs.progress import track
 from sightline.perception.perceive import TIMINGS_NAME, perceive
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.settings import KITTI_FOCAL_PX

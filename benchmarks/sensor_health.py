@@ -35,12 +35,13 @@ from benchmarks.sensor_health_scores import (
 )
 from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import CLEAN, Case, find_suite
-from sightline.data.jobs import acquire_output_dir, shard
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.evaluation.auroc import auroc_of_values
 from sightline.health.limits import SHIPPED, HealthLimits, read_limits
 from sightline.health.monitor import HealthMonitor
+from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.run import shard
 from sightline.structures.health import ALARM_SCORE, Health
 
 _PARTS: frozenset[Part] = frozenset({"image", "points", "objects"})

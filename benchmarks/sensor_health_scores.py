@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from sightline.augmentation.sample_changes import rotate_extrinsics
 from sightline.corruptions.suites import Case
-from sightline.data.atomic import atomic_write_text
-from sightline.data.augmentation import rotate_extrinsics
 from sightline.data.open import SampleDataset
+from sightline.files.atomic import atomic_write_text
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
 from sightline.health.camera_checks import CameraChecks, check_camera
 from sightline.health.lidar_checks import LidarChecks, check_lidar

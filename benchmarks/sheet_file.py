@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.atomic import atomic_write_bytes
+from sightline.files.atomic import atomic_write_bytes
 
 _QUALITIES = range(90, 10, -5)
 

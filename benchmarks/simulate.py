@@ -28,7 +28,7 @@ import jsonargparse
 import numpy as np
 
 from benchmarks.machine import describe_machine
-from sightline.data.parallel import one_blas_thread
+from sightline.jobs.pool import one_blas_thread
 from sightline.simulation.camera import CameraConfig, render_camera
 from sightline.simulation.generate import simulate
 from sightline.simulation.labels import label_frame

@@ -14,8 +14,8 @@ from jaxtyping import Float, Float32, UInt8
 
 from benchmarks.sheet_file import write_sheet
 from sightline.data.open import open_dataset
-from sightline.data.weights import read_weights, write_weights
 from sightline.depth_completion.predictor import DepthPredictor
+from sightline.files.weights import read_weights, write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 _MOST_BYTES = 500_000

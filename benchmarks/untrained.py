@@ -9,9 +9,9 @@ import torch
 import yaml
 from torch import nn
 
-from sightline.data.settings import parse_settings
-from sightline.data.weights import write_weights
-from sightline.data.weights_header import shipped_names
+from sightline.files.settings import parse_settings
+from sightline.files.weights import write_weights
+from sightline.files.weights_header import shipped_names
 from sightline.inference.network import NetworkTask
 from sightline.tasks import PACKAGE_RECIPES
 

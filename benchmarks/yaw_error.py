@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from benchmarks.machine import describe_machine
-from sightline.data.augmentation import rotate_extrinsics
+from sightline.augmentation.sample_changes import rotate_extrinsics
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
 from sightline.health.yaw_error import LARGEST_DEG, EdgeMatch, estimate_yaw, match_edges

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sightline
-from sightline.data.scene_changes import resize
-from sightline.data.settings import config_to_dict, parse_settings
-from sightline.data.weights import Weights, read_weights, write_weights
-from sightline.data.weights_header import shipped_names
+from sightline.augmentation.scene_changes import resize
+from sightline.files.settings import config_to_dict, parse_settings
+from sightline.files.weights import Weights, read_weights, write_weights
+from sightline.files.weights_header import shipped_names
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import DepthMap
 from sightline.tasks import find_task

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from sightline.cli import main as cli
-from sightline.data.problem import memory_fault
+from sightline.files.problem import memory_fault
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.training import command
 from tests.depth_completion.networks import write_tiny_weights

@@ -10,8 +10,8 @@ import yaml
 from sightline.cli.main import main
 from sightline.data.depth_png import write_depth_png
 from sightline.data.open import open_dataset
-from sightline.data.weights import read_weights
-from sightline.data.weights_header import find_weights, shipped_names
+from sightline.files.weights import read_weights
+from sightline.files.weights_header import find_weights, shipped_names
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import PACKAGE_RECIPES, find_task, recipes_of, task_names

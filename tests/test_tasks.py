@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from sightline import tasks
-from sightline.data.weights_header import shipped_names
+from sightline.files.weights_header import shipped_names
 from sightline.tasks import Task, choose_task, find_task, task_names, weights_of
 from tests.depth_completion.networks import write_tiny_weights
 

@@ -17,8 +17,8 @@ from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_results
 from sightline.data.open import open_dataset
-from sightline.data.weights import read_weights
 from sightline.export.engines import open_engine
+from sightline.files.weights import read_weights
 from sightline.structures.batch import concatenate
 from sightline.training.data import CameraLidarData, SourceConfig
 from sightline.training.quiet import LIGHTNING_NOISE

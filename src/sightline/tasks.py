@@ -8,8 +8,8 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
-from sightline.data.plain_text import shortened
-from sightline.data.weights_header import find_weights, read_description, shipped_names
+from sightline.files.plain_text import shortened
+from sightline.files.weights_header import find_weights, read_description, shipped_names
 
 if TYPE_CHECKING:
     from sightline.depth_completion import registration as depth_completion
@@ -152,7 +152,7 @@ def choose_task(name: str | None, weights: str | Path | None) -> Task:
         return find_task(name)
     if weights is None:
         return find_task(task_names()[0])
-    from sightline.data.weights import read_weights
+    from sightline.files.weights import read_weights
 
     path = find_weights(weights)
     told = read_weights(path).task

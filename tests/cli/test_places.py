@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sightline.cli.main import _commands
-from sightline.data.problem import plain_line
+from sightline.files.problem import plain_line
 from sightline.tasks import REGISTRY, find_task
 
 FURTHER = {each.name for name in REGISTRY for each in find_task(name).outputs[1:]}

@@ -5,7 +5,7 @@ import pytest
 
 from sightline.cli import main as cli
 from sightline.data.image_header import read_image_size
-from sightline.data.jobs import JobResult
+from sightline.jobs.run import JobResult
 from sightline.simulation import generate
 from sightline.simulation.presets import PRESETS, SimulatedSet
 from sightline.simulation.settings import SimulationConfig

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.arrays import corrupt_arrays
 from sightline.corruptions.kinds import KINDS, plain_severity
-from sightline.data.faults import fault_rng
 from tests.data.scenes import sample_of
 
 SAMPLE = sample_of(depth=None, objects=None)

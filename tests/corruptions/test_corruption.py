@@ -9,12 +9,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sightline.augmentation.faults import Fault, fault_rng
 from sightline.corruptions.corruption import Corruption
 from sightline.corruptions.illumination import CameraIllumination
 from sightline.corruptions.kinds import KINDS
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.pixel_box import BoxDrawing
-from sightline.data.faults import Fault, fault_rng
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.geometry.projection import dhi_image, sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES

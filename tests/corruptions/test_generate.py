@@ -16,9 +16,9 @@ from sightline.corruptions.suites import SUITES
 from sightline.corruptions.tree import read_corrupted
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
-from sightline.data.jobs import JobResult
 from sightline.data.mask_png import read_mask_png
 from sightline.data.open import open_dataset
+from sightline.jobs.run import JobResult
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.corruptions.samples import same
 from tests.data.trees import picture, write_drive, write_object_frame, write_object_tree

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.augmentation.faults import fault_rng
+from sightline.augmentation.sample_changes import crop
 from sightline.corruptions.kinds import KINDS, SEVERITIES, find_kind
 from sightline.corruptions.sensor import HDL_32E
 from sightline.corruptions.suites import SUITES
-from sightline.data.augmentation import crop
-from sightline.data.faults import fault_rng
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.scenes import sample_of

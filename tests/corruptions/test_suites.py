@@ -7,12 +7,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sightline.augmentation.faults import Fault
 from sightline.corruptions.blank import CameraBlank
 from sightline.corruptions.corruption import NoCorruption
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.suites import CLEAN, SUITES, Case, Suite, find_suite
-from sightline.data.faults import Fault
 from tests.corruptions.samples import same
 from tests.data.scenes import few, sample_of, seeds
 

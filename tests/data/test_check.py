@@ -13,7 +13,7 @@ from sightline.data.frame_checks import Findings
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_files import write_points
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError, Problem
+from sightline.files.problem import FileError, Problem
 from tests.data.recordings import POINTS, write_cloud_file, write_recording
 from tests.data.trees import (
     LABELS,

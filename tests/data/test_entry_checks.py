@@ -9,7 +9,7 @@ from sightline.data.check import check_tree
 from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.recordings import write_recording
 from tests.data.trees import (

@@ -8,7 +8,7 @@ import pytest
 
 from sightline.data.image_file import read_rgb, write_rgb
 from sightline.data.image_header import MAX_PIXELS, parse_image_header, read_image_size
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from tests.data.trees import IMAGE_SIZE, depth_map, picture
 
 

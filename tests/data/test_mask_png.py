@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from sightline.data.image_file import write_rgb
 from sightline.data.mask_png import read_mask_png, write_mask_png
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from tests.data.scenes import few, seeds
 
 

@@ -2,7 +2,7 @@ import pytest
 
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from tests.data.recordings import write_recording
 from tests.data.trees import write_drive, write_object_tree
 

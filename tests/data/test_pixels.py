@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sightline.augmentation.sample_changes import points_in_view
 from sightline.data import pixels
-from sightline.data.augmentation import points_in_view
 from sightline.geometry import projection, transforms
 from sightline.geometry.calibration import Calibration
 from sightline.simulation.settings import SimulationConfig

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from pypcd4 import Encoding, PointCloud
 
 from sightline.data.point_files import read_cloud
-from sightline.data.problem import FileError
 from sightline.data.rings import ring_numbers
+from sightline.files.problem import FileError
 from tests.data.recordings import POINTS, write_cloud_file
 
 SCALED = POINTS * np.float32([1, 1, 1, 255])

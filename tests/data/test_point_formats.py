@@ -8,7 +8,7 @@ import pytest
 from pypcd4 import Encoding, PointCloud
 
 from sightline.data.point_files import read_cloud
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 
 PLACES = np.array([[5.5, -1.25, 0.5, 0.25], [12, 3, -1.5, 1], [40, -20.5, 2, 0]], np.float32)
 HEADER = {

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sightline.data.image_file import read_rgb
-from sightline.data.problem import FileError
 from sightline.data.quiet_decoder import decode_quietly
+from sightline.files.problem import FileError
 
 IMAGE = cv2.GaussianBlur(
     np.random.default_rng(0).integers(0, 255, (60, 80, 3), dtype=np.uint8), (9, 9), 3

@@ -16,13 +16,13 @@ from sightline.data.check import check_tree, summarize_tree
 from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     recording_calibration_text,
 )
+from sightline.files.problem import FileError
 from sightline.geometry.tilt import Tilt
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.level import level_sample

@@ -4,8 +4,8 @@ import threading
 import pytest
 
 from sightline.data import plain_file, plain_text
-from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
+from sightline.files.problem import FileError
 
 
 def test_the_published_lists_part_the_7481_training_frames(tmp_path):

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sightline.data.problem import FileError
 from sightline.data.velodyne import read_sweep, sweep_doubt, write_sweep
+from sightline.files.problem import FileError
 
 finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 sweeps = arrays.arrays(np.float32, st.tuples(st.integers(0, 9), st.just(4)), elements=finite)

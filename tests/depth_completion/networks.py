@@ -5,9 +5,9 @@ from pathlib import Path
 
 import torch
 
-from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig, ShiftConvConfig, TrunkConfig
 from sightline.depth_completion.model import DepthCompletionNet
+from sightline.files.weights import write_weights
 
 TINY = {
     "shift_conv": ShiftConvConfig(channels=9, layers=1),

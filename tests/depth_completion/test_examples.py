@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.augmentation import thin_rings
+from sightline.augmentation.sample_changes import thin_rings
 from sightline.data.open import open_dataset
 from sightline.depth_completion.examples import (
     AugmentationConfig,

@@ -4,7 +4,6 @@ import pytest
 import torch
 from torch import nn
 
-from sightline.data.weights import write_weights
 from sightline.depth_completion import export_graph
 from sightline.depth_completion.config import (
     DepthCompletionConfig,
@@ -16,6 +15,7 @@ from sightline.depth_completion.registration import TASK
 from sightline.export import write as module
 from sightline.export.engines import open_engine
 from sightline.export.write import export_graphs
+from sightline.files.weights import write_weights
 from sightline.inference.network import load_network
 
 FILLED = DepthCompletionConfig(

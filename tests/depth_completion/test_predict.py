@@ -6,12 +6,12 @@ import pytest
 import torch
 
 from sightline.data.depth_png import read_depth_png
-from sightline.data.jobs import JobResult
 from sightline.data.kitti_files import write_points
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.registration import TASK
 from sightline.inference.predict import predict
+from sightline.jobs.run import JobResult
 from tests.depth_completion.networks import write_tiny_weights
 from tests.inference.trees import contents_of, write_object_tree
 

@@ -10,13 +10,13 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
-from sightline.data.weights import write_weights
 from sightline.depth_completion.config import DepthCompletionConfig, TrunkConfig
 from sightline.depth_completion.examples import AugmentationConfig, ExampleConfig, make_example
 from sightline.depth_completion.loss import DepthLossConfig
 from sightline.depth_completion.pictures import training_picture
 from sightline.depth_completion.task import DepthCompletion
 from sightline.evaluation.depth_scores import score_depth
+from sightline.files.weights import write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.training.optimizer import OptimizerConfig
 from sightline.training.quiet import LIGHTNING_NOISE

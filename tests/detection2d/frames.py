@@ -5,10 +5,10 @@ from dataclasses import asdict
 import numpy as np
 import torch
 
-from sightline.data.weights import write_weights
 from sightline.detection2d.config import CompactConfig, Detection2DConfig, InputConfig, StreamConfig
 from sightline.detection2d.model import Detector
 from sightline.detection2d.targets import DetectionTargets
+from sightline.files.weights import write_weights
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.projection import unproject_pixels

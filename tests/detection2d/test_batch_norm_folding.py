@@ -6,11 +6,11 @@ import pytest
 import torch
 from torch import nn
 
-from sightline.data.settings import config_to_dict
-from sightline.data.weights import Weights, fill_network
 from sightline.detection2d.batch_norm_folding import fold_batch_norm
 from sightline.detection2d.config import Detection2DConfig, DgfnConfig
 from sightline.detection2d.model import Detector
+from sightline.files.settings import config_to_dict
+from sightline.files.weights import Weights, fill_network
 from tests.detection2d.frames import SIZE, TINY, TINY_COMPACT
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from sightline.data.augmentation import crop
+from sightline.augmentation.sample_changes import crop
 from sightline.data.open import open_dataset
 from sightline.detection2d.config import (
     CompactConfig,

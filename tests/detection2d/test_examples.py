@@ -5,10 +5,10 @@ import pytest
 import torch
 import torch.nn.functional as F
 
+from sightline.augmentation.camera_chain import CameraChainConfig
+from sightline.augmentation.faults import FewerRings, NoCamera
+from sightline.augmentation.sample_changes import ColorJitterConfig, mirror
 from sightline.corruptions.drawing import CorruptionSampler
-from sightline.data.augmentation import ColorJitterConfig, mirror
-from sightline.data.camera_chain import CameraChainConfig
-from sightline.data.faults import FewerRings, NoCamera
 from sightline.data.open import open_dataset
 from sightline.detection2d.augmentation import ViewConfig, min_iou_crop, scaled_crop
 from sightline.detection2d.config import InputConfig

@@ -3,11 +3,11 @@ from dataclasses import asdict, replace
 import pytest
 import torch
 
-from sightline.data.weights import write_weights
 from sightline.detection2d.export_graph import MAX_DIFFERENCE
 from sightline.detection2d.registration import TASK
 from sightline.export.engines import open_engine
 from sightline.export.write import export_graphs
+from sightline.files.weights import write_weights
 from sightline.inference.network import load_network
 from tests.detection2d.frames import TINY_COMPACT, write_network
 

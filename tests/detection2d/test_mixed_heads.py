@@ -7,12 +7,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.settings import config_to_dict
-from sightline.data.weights import write_weights
 from sightline.detection2d.mixed_heads import mix_heads
 from sightline.detection2d.model import Detector
 from sightline.detection2d.readings import GateReading, HeadReading
 from sightline.detection2d.stream_weights import load_stream_weights
+from sightline.files.settings import config_to_dict
+from sightline.files.weights import write_weights
 from tests.detection2d.frames import TINY_COMPACT
 from tests.reference.mixed_heads import mixed
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from sightline.data.scene_changes import resize
+from sightline.augmentation.scene_changes import resize
 from sightline.detection2d.config import InputConfig
 from sightline.detection2d.placement import place
 from tests.detection2d.frames import painted_frame

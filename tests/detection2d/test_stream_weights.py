@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from sightline.data.settings import config_to_dict
-from sightline.data.weights import write_weights
 from sightline.detection2d.model import Detector
 from sightline.detection2d.stream_weights import load_stream_weights
+from sightline.files.settings import config_to_dict
+from sightline.files.weights import write_weights
 from tests.detection2d.frames import TINY
 
 

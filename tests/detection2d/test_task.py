@@ -10,12 +10,12 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
-from sightline.data.settings import config_to_dict
-from sightline.data.weights import write_weights
 from sightline.detection2d.config import Detection2DConfig, DgfnConfig, InputConfig
 from sightline.detection2d.examples import DetectionExamples, ExampleConfig
 from sightline.detection2d.loss import detection_loss
 from sightline.detection2d.task import Detection2D
+from sightline.files.settings import config_to_dict
+from sightline.files.weights import write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
 from sightline.tasks import PACKAGE_RECIPES

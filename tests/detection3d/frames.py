@@ -5,7 +5,6 @@ from dataclasses import asdict, replace
 import torch
 
 from sightline.data.open import open_dataset
-from sightline.data.weights import write_weights
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN
 from sightline.detection3d.config import (
     AbstractionConfig,
@@ -22,6 +21,7 @@ from sightline.detection3d.proposals import ProposalConfig
 from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
+from sightline.files.weights import write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 NAMES = ("Car", "Pedestrian", "Cyclist")

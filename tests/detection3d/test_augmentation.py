@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.augmentation.sweep_changes import GroundShapeConfig
 from sightline.data.rings import ring_numbers
-from sightline.data.sweep_changes import GroundShapeConfig
 from sightline.detection3d.augmentation import SceneChangeConfig, change_scene
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.sweeps import cut_to_view

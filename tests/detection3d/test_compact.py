@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.augmentation.sweep_changes import GroundShapeConfig
 from sightline.cli.main import main
-from sightline.data.sweep_changes import GroundShapeConfig
 from sightline.detection3d.augmentation import SceneChangeConfig
 from sightline.detection3d.classes import CAR
 from sightline.detection3d.detect import propose, refine

@@ -4,10 +4,10 @@ import jsonargparse
 import pytest
 import yaml
 
-from sightline.data.settings import parse_settings
 from sightline.detection3d.config import RefinementConfig
 from sightline.detection3d.detector_config import Detection3DConfig
 from sightline.detection3d.examples import ExampleConfig
+from sightline.files.settings import parse_settings
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
 

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from sightline.data.weights import write_weights
 from sightline.detection3d.detect import refine
 from sightline.detection3d.export_graph import MAX_DIFFERENCE, REGIONS_A_RUN, region_portions
 from sightline.detection3d.predictor import Detection3DPredictor, network_sweep
@@ -12,6 +11,7 @@ from sightline.detection3d.runners import StageRunners
 from sightline.detection3d.stages import Proposed
 from sightline.export.engines import open_engine
 from sightline.export.write import export_graphs
+from sightline.files.weights import write_weights
 from sightline.inference.network import load_network
 from tests.detection3d.frames import COMPACT, TINY, simulated_frames, write_network
 

@@ -5,9 +5,9 @@ import torch
 import yaml
 
 from sightline.cli.main import main
-from sightline.data.settings import parse_settings
-from sightline.data.weights import read_weights
 from sightline.detection3d.detector_config import Detection3DConfig
+from sightline.files.settings import parse_settings
+from sightline.files.weights import read_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.quiet import LIGHTNING_NOISE

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.augmentation import points_in_view
+from sightline.augmentation.sample_changes import points_in_view
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.detection3d.sweeps import cut_to_view, draw_points, points_in_range
 from tests.detection3d.frames import simulated_frames

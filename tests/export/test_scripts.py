@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.augmentation.scene_changes import resize
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.open import open_dataset
-from sightline.data.scene_changes import resize
-from sightline.data.weights import write_weights
 from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.config import PlaneSmoothing, SignedThreshold
 from sightline.depth_completion.methods import filling_config
@@ -28,6 +27,7 @@ from sightline.detection2d.registration import TASK as DETECTION_2D
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.registration import TASK as DETECTION_3D
 from sightline.export.kept_files import onnx_file_of
+from sightline.files.weights import write_weights
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.faults import NoCamera, TurnedLidar
+from sightline.augmentation.faults import NoCamera, TurnedLidar
 from sightline.health.sequence import Alarm, DriveMonitor, HysteresisConfig
 from sightline.structures.health import Health
 from tests.health.frames import sound

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data.faults import TurnedLidar
+from sightline.augmentation.faults import TurnedLidar
 from sightline.health.tilt_error import _strength_by_part, estimate_tilt, find_top_edges
 from sightline.health.yaw_error import match_edges
 from tests.health.frames import sound, with_image

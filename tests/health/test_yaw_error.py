@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.faults import TurnedLidar
+from sightline.augmentation.faults import TurnedLidar
 from sightline.health.yaw_error import (
     _mean_strength,
     estimate_yaw,

@@ -6,16 +6,16 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data import weights_header
-from sightline.data.weights import (
+from sightline.depth_completion.export_graph import example_inputs
+from sightline.depth_completion.registration import TASK
+from sightline.files import weights_header
+from sightline.files.weights import (
     CHECKPOINT_KEY,
     NETWORK_PREFIX,
     read_weights,
     write_weights,
 )
-from sightline.data.weights_header import shipped_names
-from sightline.depth_completion.export_graph import example_inputs
-from sightline.depth_completion.registration import TASK
+from sightline.files.weights_header import shipped_names
 from sightline.inference.network import load_network
 from tests.depth_completion.networks import tiny_config, write_tiny_weights
 

@@ -15,13 +15,13 @@ import pytest
 import torch
 
 from sightline.data.depth_png import read_depth_png
-from sightline.data.jobs import JobResult
 from sightline.data.kitti_files import read_points, write_points
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.predict import predict
+from sightline.jobs.run import JobResult
 from sightline.structures.predictions import DepthMap
 from tests.inference.trees import IMAGE_SIZE, contents_of, write_object_tree
 
@@ -253,7 +253,7 @@ def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later
     write(data, out)
     (out / "000001.png").unlink()
     (out / "000004.png").unlink()
-    from sightline.data.atomic import atomic_path as original
+    from sightline.files.atomic import atomic_path as original
 
     with monkeypatch.context() as patched:
         patched.setattr(depth_png, "atomic_write_bytes", stop_while_writing)

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from sightline.data.jobs import MANIFEST_NAME
+from sightline.jobs.output_dirs import MANIFEST_NAME
 from sightline.perception.results import open_results
 
 RESULTS = {"task": "detection2d", "output": "boxes", "method": "a", "data": "b"}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sightline.data.atomic import atomic_write_text
+from sightline.files.atomic import atomic_write_text
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import Panel
 from sightline.simulation.packaged import PACKAGED_FRAMES

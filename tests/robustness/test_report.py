@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from sightline.cli.main import main
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from sightline.robustness.charts import heat_color, kept_share, nice_top
 from sightline.robustness.compare import compare_runs
 from sightline.robustness.record import read_record

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sightline.data.jobs import JobResult
+from sightline.jobs.run import JobResult
 from sightline.simulation.generate import simulate
 from sightline.simulation.settings import SimulationConfig
 from tests.simulation.streets import make_tiny_street

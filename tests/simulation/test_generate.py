@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 from sightline.data.check import check_tree
 from sightline.data.depth_png import read_depth_png
 from sightline.data.instance_png import read_instance_png
-from sightline.data.jobs import JobResult, shard
 from sightline.data.kitti_labels import read_labels
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
 from sightline.data.rings import ring_numbers
+from sightline.files.problem import FileError
 from sightline.geometry.projection import sparse_depth_map
+from sightline.jobs.run import JobResult, shard
 from sightline.simulation.dataset import sample_of
 from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION
 from sightline.simulation.settings import SimulationConfig

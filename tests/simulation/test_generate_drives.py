@@ -7,11 +7,11 @@ import torch
 
 from sightline.data.check import check_tree
 from sightline.data.instance_png import read_instance_png
-from sightline.data.jobs import JobResult
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from sightline.geometry.transforms import transform_points
+from sightline.jobs.run import JobResult
 from sightline.simulation.writer import DriveLayout
 from tests.simulation.data_sets import DRIVES, content, make
 

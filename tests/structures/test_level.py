@@ -9,8 +9,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data.augmentation import mirror
-from sightline.data.scene_changes import turn_scene
+from sightline.augmentation.sample_changes import mirror
+from sightline.augmentation.scene_changes import turn_scene
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.tilt import Tilt, level_ahead

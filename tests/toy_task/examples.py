@@ -8,7 +8,7 @@ from beartype import beartype
 from jaxtyping import Float32, jaxtyped
 from torch import Tensor
 
-from sightline.data.augmentation import crop, mirror
+from sightline.augmentation.sample_changes import crop, mirror
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.batch import FieldwiseBatch

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from sightline.data.weights import read_checkpoint_weights, read_weights, write_weights
+from sightline.files.weights import read_checkpoint_weights, read_weights, write_weights
 from sightline.training.callbacks import LastCheckpoint
 from tests.training import toy
 

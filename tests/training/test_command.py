@@ -12,7 +12,7 @@ import yaml
 from lightning.pytorch.callbacks import Callback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from sightline.data.weights import read_weights
+from sightline.files.weights import read_weights
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
 from tests.training import toy

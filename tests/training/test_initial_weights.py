@@ -3,8 +3,8 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from sightline.data.settings import config_to_dict, differing_settings, parse_settings
-from sightline.data.weights import write_weights
+from sightline.files.settings import config_to_dict, differing_settings, parse_settings
+from sightline.files.weights import write_weights
 from sightline.training.initial_weights import choose_settings
 from sightline.training.optimizer import OptimizerConfig
 from tests.training import toy

@@ -9,7 +9,7 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import Checkpoint
 
-from sightline.data.weights import read_weights
+from sightline.files.weights import read_weights
 from sightline.training.callbacks import checkpoint_callbacks
 from sightline.training.interruption import Interruption, ending_like_ctrl_c
 from tests.training import toy

@@ -11,7 +11,7 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import Callback
 
-from sightline.data.weights import read_weights
+from sightline.files.weights import read_weights
 from sightline.training.command import run_training
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
 from sightline.cli.report import check_places, check_writable_folder, deliver, named_file
-from sightline.data.jobs import check_outputs
+from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
     from sightline.evaluation.calibration_report import CalibrationReport

@@ -3,9 +3,9 @@
 import os
 
 from sightline.cli.output import warn
-from sightline.data.problem import install_command
 from sightline.export.choice import VARIABLE, has_openvino
 from sightline.export.names import EngineChoice
+from sightline.files.problem import install_command
 
 
 def tell_engine(choice: EngineChoice, taken: str | None, device: str) -> None:

@@ -54,11 +54,11 @@ def health(
     check_places({"--json": json, "--picture": picture}, data=only_read)
     from sightline.data.image_file import write_rgb
     from sightline.data.open import open_dataset
-    from sightline.data.progress import track
     from sightline.health.monitor import HealthMonitor
     from sightline.health.report import HealthReport, doubts
     from sightline.health.sequence import DriveMonitor
     from sightline.health.shipped import check_first
+    from sightline.jobs.progress import track
     from sightline.visualization.health_timeline import draw_health
 
     check_first(fit_first)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 from sightline.cli.output import say
-from sightline.data.jobs import check_outputs
+from sightline.jobs.output_dirs import check_outputs
 
 
 def import_command(

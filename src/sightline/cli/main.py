@@ -34,8 +34,8 @@ from sightline.cli.robustness import robustness
 from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
-from sightline.data.problem import memory_fault
 from sightline.export.names import Format
+from sightline.files.problem import memory_fault
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
 
@@ -82,8 +82,8 @@ def export(
             (.safetensors, .ckpt).
         format: Format of the file: onnx or openvino.
     """
-    from sightline.data.weights_header import find_weights
     from sightline.export.write import export_graphs
+    from sightline.files.weights_header import find_weights
     from sightline.inference.network import load_network
 
     check_places({"OUT": out}, data=[named_file(weights)])

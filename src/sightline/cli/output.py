@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from sightline.data.problem import escaped, plain_line
+from sightline.files.problem import escaped, plain_line
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType

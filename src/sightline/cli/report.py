@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sightline.cli.output import show_table
-from sightline.data.atomic import atomic_write_text, check_replaceable
-from sightline.data.jobs import check_outputs
+from sightline.files.atomic import atomic_write_text, check_replaceable
+from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

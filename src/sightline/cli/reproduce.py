@@ -7,10 +7,10 @@ from sightline.cli.engine import tell_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
-from sightline.data.jobs import check_outputs
 from sightline.data.object_tree import Velodyne
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
+from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
     from sightline.detection2d.config import Fusion

@@ -4,8 +4,8 @@ from importlib.util import find_spec
 from typing import get_args
 
 from sightline.cli.output import say
-from sightline.data.problem import install_command
 from sightline.export.names import EngineName
+from sightline.files.problem import install_command
 from sightline.tasks import find_task, recipes_of, task_names, weights_of
 
 

@@ -18,10 +18,10 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped, UInt8
 
+from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.combined import find_corruption, needs_calibration
 from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
-from sightline.data.faults import fault_rng
 from sightline.data.frame_checks import depth_range_doubt
 from sightline.geometry.arguments import plain_size, plain_text, shown, wrong_type
 from sightline.geometry.calibration import Calibration

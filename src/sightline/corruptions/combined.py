@@ -17,7 +17,7 @@ from sightline.corruptions.corruption import (
 )
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 from sightline.geometry.arguments import wrong_type
 from sightline.structures.sample import CameraLidarSample
 

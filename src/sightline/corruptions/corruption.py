@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float32, Int64, UInt8
 from torch import Tensor
 
-from sightline.data.faults import Fault
+from sightline.augmentation.faults import Fault
 from sightline.geometry.checked import checked
 from sightline.structures.sample import CameraLidarSample
 

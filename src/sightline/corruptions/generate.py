@@ -7,19 +7,16 @@ from pathlib import Path
 
 from sightline.corruptions.suites import Case, Suite, find_suite
 from sightline.corruptions.tree import PARTS, CaseTree
-from sightline.data.jobs import (
-    JobResult,
-    acquire_output_dir,
-    change_of_data,
-    check_outside_dataset,
-    check_workers,
-    data_name,
-    run_job,
-    shard,
-)
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import ObjectFrame, Part, Velodyne, list_object_frames
 from sightline.data.open import open_dataset
+from sightline.jobs.output_dirs import (
+    acquire_output_dir,
+    change_of_data,
+    check_outside_dataset,
+    data_name,
+)
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 
 
 def corrupt_dataset(

@@ -42,7 +42,7 @@ from sightline.corruptions.optics import CameraDefocus, CameraJpeg, CameraMotion
 from sightline.corruptions.pixel_box import AreaDrawing
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.corruptions.sun_glare import SunGlare
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
 SEVERITIES: Final = (1, 2, 3, 4, 5)
 

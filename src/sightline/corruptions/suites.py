@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.blank import CameraBlank, LidarBlank
 from sightline.corruptions.combined import JOINED, find_corruption
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption
@@ -12,7 +13,6 @@ from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, find_kind, unkn
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
-from sightline.data.faults import fault_rng
 from sightline.structures.sample import CameraLidarSample
 
 CLEAN: Final = "clean"

@@ -8,7 +8,6 @@ from typing import Final
 import torch
 
 from sightline.corruptions.corruption import Corrupted, Corruption, Record, everywhere
-from sightline.data.atomic import atomic_link, atomic_write_text
 from sightline.data.kitti_files import write_image, write_points
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.mask_png import read_mask_png, write_mask_png
@@ -21,6 +20,7 @@ from sightline.data.object_tree import (
     list_object_frames,
     part_folder,
 )
+from sightline.files.atomic import atomic_link, atomic_write_text
 
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")
 """Parts of a frame that a case's tree also contains, if the input does."""

@@ -1,1 +1,1 @@
-"""Readers and writers of files in KITTI's formats, and data sets."""
+"""Data sets and recordings: KITTI's formats, own recordings, imports, checks of all of them."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
-from sightline.data.problem import Problem
+from sightline.files.problem import Problem
 from sightline.geometry.mount import MAX_OFFSET_M, mount_doubt
 
 _REMEDY = "correct it or extract the calibration archive again"

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.plain_text import (
+from sightline.files.plain_text import (
     MAX_CALIBRATION_BYTES,
     parse_numbers,
     read_text,
     shortened,
 )
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from sightline.geometry.rotations import rotation_fault
 
 _LIMIT = 1e9  # far above any focal length, baseline or mounting; products stay finite

@@ -6,10 +6,10 @@ from functools import partial
 from pathlib import Path
 
 from sightline.data.other_layouts import no_data_set
-from sightline.data.problem import Problem
-from sightline.data.progress import track
-from sightline.data.threads import check_threads, map_ahead
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
+from sightline.files.problem import Problem
+from sightline.jobs.progress import track
+from sightline.jobs.read_ahead import check_threads, map_ahead
 
 
 def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 
-from sightline.data.atomic import atomic_write_bytes
 from sightline.data.image_file import read_png16
+from sightline.files.atomic import atomic_write_bytes
 
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE

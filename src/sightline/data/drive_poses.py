@@ -11,8 +11,8 @@ from jaxtyping import Float64
 
 from sightline.data.calibration_text import read_rigid_transform
 from sightline.data.drive_tree import DriveFiles
-from sightline.data.plain_text import REMEDY, parse_numbers, read_text, shortened
-from sightline.data.problem import FileError
+from sightline.files.plain_text import REMEDY, parse_numbers, read_text, shortened
+from sightline.files.problem import FileError
 from sightline.geometry.rotations import rotation_fault
 
 _EARTH_RADIUS_M = 6378137.0

@@ -9,9 +9,10 @@ from typing import Final, TypeVar
 from sightline.data.depth_tree import DepthFrame
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
-from sightline.data.object_tree import CORRUPTED, OBJECT_SPLITS, ObjectFrame, Part
-from sightline.data.problem import FileError, Problem
+from sightline.data.object_tree import CORRUPTED, ObjectFrame, Part
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
+from sightline.files.problem import FileError, Problem
+from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _DRAWN: Final = 3  # number of frames: the first, and others spread over the rest
 _STACK: Final = 4  # stack level of the caller that opens the data set
@@ -118,7 +119,7 @@ def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Find
 
     Corrupted data sets are exempt: they lack it on purpose.
     """
-    if any((root / split / CORRUPTED).is_dir() for split in ("", *OBJECT_SPLITS)):
+    if any((root / split / CORRUPTED).is_dir() for split in ("", *KITTI_SPLITS)):
         return
     images = [
         found.has_dark_image

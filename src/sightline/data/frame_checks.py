@@ -24,9 +24,9 @@ from sightline.data.kitti_labels import read_labels
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.object_tree import ObjectFrame
-from sightline.data.problem import FileError, Problem
 from sightline.data.velodyne import read_sweep, sweep_doubt
 from sightline.data.view import is_in_view
+from sightline.files.problem import FileError, Problem
 from sightline.geometry.mount import MAX_RANGE_M, is_hardly_shown
 from sightline.geometry.mount_axes import axes_doubt
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
 _LOOKED_AT = 50  # largest number of searched folders and frames
 _SUFFIX = ".txt"

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
-from sightline.data.atomic import atomic_write_bytes
 from sightline.data.image_header import (
     IMAGE_SUFFIXES,
     MAX_FILE_BYTES,
@@ -14,10 +13,11 @@ from sightline.data.image_header import (
     check_complete,
     parse_image_header,
 )
-from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
 from sightline.data.quiet_decoder import decode_quietly
+from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
 
 _JPEG_QUALITY = 95
 _REMEDY = "extract it again"

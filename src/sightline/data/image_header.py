@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sightline.data.plain_file import check_regular
-from sightline.data.problem import FileError
+from sightline.files.plain_file import check_regular
+from sightline.files.problem import FileError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Suffixes of picture files, the preferred one first."""

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Int32
 
-from sightline.data.atomic import atomic_write_bytes
 from sightline.data.image_file import read_png16
+from sightline.files.atomic import atomic_write_bytes
 
 
 def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:

@@ -20,11 +20,11 @@ from sightline.data.depth_tree import (
 )
 from sightline.data.kitti_files import read_depth, read_image
 from sightline.data.object_tree import describe_absent
-from sightline.data.problem import FileError
-from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import unproject_pixels
+from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.sample import CameraLidarSample
 
 _NOMINAL_CAMERA_FROM_LIDAR = (

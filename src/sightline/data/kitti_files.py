@@ -11,7 +11,6 @@ import torch
 from jaxtyping import Float32, UInt8
 from torch import Tensor
 
-from sightline.data.atomic import atomic_write_text
 from sightline.data.calibration_text import (
     CalibrationMatrices,
     object_calibration_text,
@@ -21,9 +20,10 @@ from sightline.data.calibration_text import (
 )
 from sightline.data.depth_png import read_depth_png
 from sightline.data.image_file import read_rgb, write_rgb
-from sightline.data.plain_text import REMEDY
-from sightline.data.problem import FileError
 from sightline.data.velodyne import read_sweep, write_sweep
+from sightline.files.atomic import atomic_write_text
+from sightline.files.plain_text import REMEDY
+from sightline.files.problem import FileError
 from sightline.geometry.calibration import Calibration
 
 

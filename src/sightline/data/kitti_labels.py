@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.atomic import atomic_write_text
-from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened, without_marks
-from sightline.data.problem import FileError
+from sightline.files.atomic import atomic_write_text
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened, without_marks
+from sightline.files.problem import FileError
 
 FIELDS = (
     "class",

@@ -19,12 +19,12 @@ from sightline.data.object_tree import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
 from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
-from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
+from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
 

@@ -11,11 +11,11 @@ from sightline.data.drive_tree import DriveFiles, list_drive
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.object_tree import describe_absent
-from sightline.data.problem import FileError
 from sightline.data.tree_mount import pose_of_tree, warn_of_tilt
-from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
+from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_from_mount
 from sightline.structures.sample import CameraLidarSample
 

@@ -15,8 +15,8 @@ from sightline.data.kitti_labels import (
     NO_ROTATION,
     KittiObjects,
 )
-from sightline.data.plain_text import shortened
-from sightline.data.problem import Problem
+from sightline.files.plain_text import shortened
+from sightline.files.problem import Problem
 from sightline.geometry.mount import MAX_RANGE_M
 
 _OUTSIDE_SHARE = 0.1  # share of the image's size by which a box may exceed it

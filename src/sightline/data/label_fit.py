@@ -10,7 +10,7 @@ from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.object_tree import CORRUPTED
-from sightline.data.problem import Problem
+from sightline.files.problem import Problem
 
 _LEAST_IOU: Final = 0.4
 """Lowest median IoU of a sound file; KITTI's, with two objects or more, have 0.49 or more."""

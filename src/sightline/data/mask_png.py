@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool
 
-from sightline.data.atomic import atomic_write_bytes
 from sightline.data.image_file import read_rgb
+from sightline.files.atomic import atomic_write_bytes
 
 _YES = 255
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Final, Literal
 
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
-OBJECT_SPLITS: Final = ("training", "testing")
 CORRUPTED: Final = "corruption"
 """The folder, in a split, of what was done to each frame of it; sound trees have none."""
 Velodyne = Literal["velodyne", "velodyne_reduced"]

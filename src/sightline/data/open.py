@@ -26,7 +26,6 @@ from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.object_tree import (
-    OBJECT_SPLITS,
     Part,
     Velodyne,
     describe_absent,
@@ -35,10 +34,8 @@ from sightline.data.object_tree import (
     suggest_frames,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
-from sightline.data.problem import FileError
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_tree import is_recording
-from sightline.data.safe_names import unprintable_names
 from sightline.data.sample_list import read_sample_list
 from sightline.data.unread_files import (
     depth_folders,
@@ -46,7 +43,10 @@ from sightline.data.unread_files import (
     object_folders,
     recording_folders,
 )
+from sightline.files.problem import FileError
+from sightline.files.safe_names import unprintable_names
 from sightline.geometry.arguments import plain_names, plain_path, sample_index
+from sightline.jobs.output_dirs import KITTI_SPLITS
 from sightline.structures.sample import CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
@@ -182,8 +182,8 @@ def _open_object_tree(
     parts: Collection[Part],
     needs: Collection[Part] | None,
 ) -> KittiObjectDataset | None:
-    root = path.parent if path.name in OBJECT_SPLITS else path
-    for split in OBJECT_SPLITS if root == path else (path.name,):
+    root = path.parent if path.name in KITTI_SPLITS else path
+    for split in KITTI_SPLITS if root == path else (path.name,):
         sweeps = velodyne or find_velodyne(root / split)
         if not list_object_frames(root / split, ("image", "points"), sweeps):
             continue
@@ -245,7 +245,7 @@ def _no_data_set(path: Path) -> FileError:
 
 def _by_its_name(path: Path) -> Path:
     """Resolve a path that does not show the name of the split, such as "." or a link."""
-    known = (*OBJECT_SPLITS, *_DRIVE_SPLITS)
+    known = (*KITTI_SPLITS, *_DRIVE_SPLITS)
     resolved = path.resolve()
     return resolved if path.name not in known and resolved.name in known else path
 

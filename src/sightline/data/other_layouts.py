@@ -4,9 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sightline.data.object_tree import OBJECT_SPLITS
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError, Problem
 from sightline.data.recording_tree import lacks_calibration
 from sightline.data.unread_files import (
     drive_folders,
@@ -14,6 +11,9 @@ from sightline.data.unread_files import (
     object_folders,
     recording_folders,
 )
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError, Problem
+from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _ARCHIVES: Final = (".zip", ".tar", ".gz", ".tgz", ".7z")
 _BAGS: Final = (".bag", ".mcap", ".db3")
@@ -89,7 +89,7 @@ def _odometry(path: Path) -> Problem | None:
 
 
 def _tracking(path: Path) -> Problem | None:
-    for folder in (path, *(path / split for split in OBJECT_SPLITS)):
+    for folder in (path, *(path / split for split in KITTI_SPLITS)):
         sequences = [each for each in _entries(folder / "image_02") if each.is_dir()]
         if any(each.name.isdecimal() for each in sequences) and (folder / "calib").is_dir():
             return Problem(
@@ -129,7 +129,7 @@ def _to_import(path: Path, problem: str) -> Problem:
 def _unread(path: Path) -> Problem | None:
     """Problem of sensors' folders with only files of other formats."""
     places = [*recording_folders(path), *drive_folders(path)]
-    for folder in (path, *(path / split for split in OBJECT_SPLITS)):
+    for folder in (path, *(path / split for split in KITTI_SPLITS)):
         places += object_folders(folder)
     unread = [each for each in find_unread(places) if each.is_all]
     return unread[0].problem if unread else None
@@ -141,7 +141,7 @@ def _apart(path: Path) -> Problem | None:
         each
         for each in _entries(path)
         if each.name.startswith("data_object_")
-        and any((each / name).is_dir() for name in OBJECT_SPLITS)
+        and any((each / name).is_dir() for name in KITTI_SPLITS)
     ]
     if not parts:
         return None
@@ -159,7 +159,7 @@ def _below(path: Path) -> Problem | None:
     for folder in _folders_below(path):
         names = {each.name for each in _entries(folder)}
         if any(marks <= names for marks in _MARKS):
-            found.append(folder.parent if folder.name in OBJECT_SPLITS else folder)
+            found.append(folder.parent if folder.name in KITTI_SPLITS else folder)
     found = [each for each in found if each != path]
     if not found:
         return None

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.plain_file import read_bytes
 from sightline.data.point_formats import read_pcd, read_ply
 from sightline.data.point_rows import (
     INTENSITY_NAMES,
@@ -19,9 +18,10 @@ from sightline.data.point_rows import (
     plain_name,
     warn_of_repeated,
 )
-from sightline.data.problem import FileError
 from sightline.data.rings import in_kitti_order
 from sightline.data.velodyne import sweep_rows
+from sightline.files.plain_file import read_bytes
+from sightline.files.problem import FileError
 from sightline.geometry.cloud_checks import (
     cloud_fault,
     echoes,

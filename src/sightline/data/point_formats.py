@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sightline.data.plain_file import read_bytes
 from sightline.data.point_rows import (
     MAX_BYTES,
     MAX_HEADER,
@@ -24,7 +23,8 @@ from sightline.data.point_rows import (
     warn_of_repeated,
     warn_of_rest,
 )
-from sightline.data.problem import FileError
+from sightline.files.plain_file import read_bytes
+from sightline.files.problem import FileError
 
 _NO_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position, then rotation as w, x, y, z
 _LZF_GAIN = 100  # above the format's largest ratio: 264 bytes in three

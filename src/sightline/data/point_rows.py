@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 
 MAX_BYTES: Final = 2**28
 """Largest file, and largest decompressed cloud: 4 million points of 64 bytes."""

@@ -21,7 +21,6 @@ from sightline.data.kitti_labels import read_labels
 from sightline.data.object_labels import labels_from_kitti
 from sightline.data.object_tree import ObjectFrame, Part, describe_absent, suggest_frames
 from sightline.data.point_files import read_cloud
-from sightline.data.problem import FileError
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
@@ -41,12 +40,13 @@ from sightline.data.recording_times import read_times, times_doubts
 from sightline.data.recording_tree import list_recording, unpaired
 from sightline.data.sample_list import read_sample_list
 from sightline.data.undistortion import undistort
-from sightline.data.worker import keep_opencv_to_one_thread_in_workers
+from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.road_height import LidarPose
 from sightline.geometry.tilt import Tilt
+from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
 

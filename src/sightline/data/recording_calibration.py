@@ -12,10 +12,10 @@ from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import MAX_PIXELS
-from sightline.data.plain_text import shortened
-from sightline.data.plain_yaml import read_yaml
-from sightline.data.problem import FileError
 from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, lens_fault
+from sightline.files.plain_text import shortened
+from sightline.files.plain_yaml import read_yaml
+from sightline.files.problem import FileError
 from sightline.geometry.road_height import (
     MAX_LIDAR_HEIGHT_M,
     MAX_TILT_DEG,

@@ -19,13 +19,13 @@ from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.point_files import cloud_rows, read_cloud
-from sightline.data.problem import FileError, Problem
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     require_usable,
 )
 from sightline.data.view import is_in_view
+from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (

@@ -8,8 +8,8 @@ from typing import Final
 
 from sightline.data.frame_checks import read_or_note
 from sightline.data.object_tree import describe_absent
-from sightline.data.plain_text import parse_numbers, read_text, shortened
-from sightline.data.problem import FileError, Problem
+from sightline.files.plain_text import parse_numbers, read_text, shortened
+from sightline.files.problem import FileError, Problem
 
 _FORM: Final = "write lines like `000001 0.1`"
 

@@ -8,7 +8,7 @@ from typing import Final
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.object_tree import ObjectFrame, list_files
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.problem import Problem
+from sightline.files.problem import Problem
 
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
 CALIBRATIONS: Final = "calibration"

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from sightline.data.plain_text import read_piped_text, read_text, shortened
-from sightline.data.safe_names import relative_parts
+from sightline.files.plain_text import read_piped_text, read_text, shortened
+from sightline.files.safe_names import relative_parts
 from sightline.geometry.arguments import wrong_type
 
 _PACKAGED = Path(__file__).with_name("sample_lists")

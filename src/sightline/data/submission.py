@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-from sightline.data.atomic import atomic_path
 from sightline.data.frame_files import require_frame_files
 from sightline.data.kitti_labels import (
     CLASS_NAMES,
@@ -12,10 +11,11 @@ from sightline.data.kitti_labels import (
     KittiObjects,
     parse_objects,
 )
-from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
 from sightline.data.sample_list import read_sample_list
+from sightline.files.atomic import atomic_path
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of a zip file
 _PLAIN_FILE = 0o100644 << 16

@@ -37,8 +37,6 @@ from sightline.data.object_tree import (
     part_folder,
 )
 from sightline.data.other_layouts import refuse_other_layouts
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError, Problem, plain_line
 from sightline.data.recording_checks import (
     check_recording_calibration,
     describe_mount,
@@ -58,7 +56,6 @@ from sightline.data.recording_tree import (
     list_recording,
     unpaired,
 )
-from sightline.data.safe_names import unprintable_names
 from sightline.data.tree_mount import pose_of_tree
 from sightline.data.unread_files import (
     PartFolder,
@@ -69,6 +66,9 @@ from sightline.data.unread_files import (
     object_folders,
     recording_folders,
 )
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError, Problem, plain_line
+from sightline.files.safe_names import unprintable_names
 
 TRACKLETS = "tracklet_labels.xml"
 """File with labels of a raw drive, in their own format."""

@@ -11,9 +11,7 @@ from sightline.data.depth_tree import DriveSplit, SelectedSplit, drive_bases, se
 from sightline.data.drive_tree import list_drive
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.object_tree import PART_SUFFIXES, Part, Velodyne, list_files, part_folder
-from sightline.data.plain_text import shortened
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.problem import Problem
 from sightline.data.recording_tree import (
     CALIBRATION_SUFFIXES,
     CALIBRATIONS,
@@ -22,6 +20,8 @@ from sightline.data.recording_tree import (
     LABELS,
     POINTS,
 )
+from sightline.files.plain_text import shortened
+from sightline.files.problem import Problem
 
 _BESIDE = frozenset(
     (".txt", ".json", ".csv", ".md", ".yaml", ".yml", ".xml", ".ini", ".db", ".html", ".log", "")

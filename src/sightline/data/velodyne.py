@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.plain_file import read_bytes
-from sightline.data.problem import FileError, Problem
+from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_file import read_bytes
+from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import cloud_fault, other_layout
 
 _POINT_BYTES = 16

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal, get_args, get_origin, get_type_hints
 
-from sightline.data.settings import IN_USE_ALONE
 from sightline.depth_completion.method_names import FillingEdition
+from sightline.files.settings import IN_USE_ALONE
 
 TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""

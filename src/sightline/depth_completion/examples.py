@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sightline.augmentation.faults import FalseEchoes, NoCamera, draw_turned_lidar
+from sightline.augmentation.sample_changes import crop, jitter_color, thin_rings
 from sightline.corruptions.occlusion import LidarOcclusion
-from sightline.data.augmentation import crop, jitter_color, thin_rings
-from sightline.data.faults import FalseEchoes, NoCamera, draw_turned_lidar
 from sightline.data.rings import NUM_RINGS
 from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.method_names import FillingEdition

@@ -14,7 +14,6 @@ from pathlib import Path
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
-from sightline.data.progress import track
 from sightline.depth_completion.predictor import (
     Completer,
     DepthCompleter,
@@ -30,6 +29,7 @@ from sightline.evaluation.depth_scores import score_depth
 from sightline.evaluation.held_out import evaluate_held_out
 from sightline.export.names import EngineChoice
 from sightline.geometry.projection import sparse_depth_map
+from sightline.jobs.progress import track
 
 _BENCHMARK_FRAMES = 1000
 _BEAMS = 64

@@ -10,13 +10,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final, Never
 
-from sightline.data.atomic import atomic_write_text
 from sightline.data.object_tree import Part
 from sightline.data.open import SampleDataset
-from sightline.data.plain_text import read_text
-from sightline.data.problem import FileError
 from sightline.evaluation.held_out_errors import held_out_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings
+from sightline.files.atomic import atomic_write_text
+from sightline.files.plain_text import read_text
+from sightline.files.problem import FileError
 from sightline.geometry.projection import sparse_depth_map
 from sightline.robustness.record import number_or_none
 from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores

@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sightline.data.augmentation import crop, mirror
-from sightline.data.scene_changes import resize
+from sightline.augmentation.sample_changes import crop, mirror
+from sightline.augmentation.scene_changes import resize
 from sightline.detection2d.config import CLASSES, check_range
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.structures.labels import ObjectLabels

@@ -7,10 +7,10 @@ import torch
 from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from sightline.data.settings import config_to_dict, parse_settings
-from sightline.data.weights import Weights, fill_network
 from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.model import Detector
+from sightline.files.settings import config_to_dict, parse_settings
+from sightline.files.weights import Weights, fill_network
 
 
 def fold_batch_norm(weights: Weights) -> Weights:

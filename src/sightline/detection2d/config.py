@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, SupportsFloat, get_args
 
-from sightline.data.settings import IN_TRAINING_ALONE
+from sightline.files.settings import IN_TRAINING_ALONE
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 CLASSES: Final = ("Car", "Pedestrian", "Cyclist")

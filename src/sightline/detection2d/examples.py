@@ -8,12 +8,12 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
+from sightline.augmentation.camera_chain import CameraChainConfig, change_camera
+from sightline.augmentation.faults import Fault
+from sightline.augmentation.sample_changes import ColorJitterConfig, jitter_color
 from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
-from sightline.data.augmentation import ColorJitterConfig, jitter_color
-from sightline.data.camera_chain import CameraChainConfig, change_camera
-from sightline.data.faults import Fault
 from sightline.data.object_labels import kitti_from_labels
 from sightline.detection2d.augmentation import (
     ViewConfig,

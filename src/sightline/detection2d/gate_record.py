@@ -13,10 +13,10 @@ from jaxtyping import Bool, Float32, Int64
 from torch import Tensor
 
 from sightline.corruptions.corruption import Corrupted
-from sightline.data.atomic import atomic_write_text
-from sightline.data.plain_text import read_text
-from sightline.data.problem import FileError
 from sightline.detection2d.predictor import DetectorAnswer
+from sightline.files.atomic import atomic_write_text
+from sightline.files.plain_text import read_text
+from sightline.files.problem import FileError
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample
 

@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from sightline.data.scene_changes import resize
+from sightline.augmentation.scene_changes import resize
 from sightline.detection2d.config import InputConfig
 from sightline.geometry.projection import dhi_image
 from sightline.structures.level import level_sample

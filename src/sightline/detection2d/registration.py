@@ -6,8 +6,8 @@ The command line imports it for `--help`, so heavy modules are imported where th
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from sightline.data.plain_text import shortened
 from sightline.detection2d.network_task import DetectionNetworkTask
+from sightline.files.plain_text import shortened
 from sightline.inference.predictor import Output, OutputFilter
 
 if TYPE_CHECKING:

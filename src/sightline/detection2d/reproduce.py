@@ -15,7 +15,6 @@ from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import Part, Velodyne, part_folder
 from sightline.data.open import open_dataset
-from sightline.data.progress import track
 from sightline.data.sample_list import read_sample_list
 from sightline.detection2d.config import Fusion
 from sightline.detection2d.gate_figures import (
@@ -39,6 +38,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.object_report import ObjectEntry, ObjectReport
 from sightline.export.names import EngineChoice
+from sightline.jobs.progress import track
 from sightline.simulation.generate import MANIFEST_NAME as SIMULATION_MANIFEST
 
 ONE_SENSOR: Final[tuple[Fusion, ...]] = ("camera", "lidar")

@@ -6,9 +6,7 @@ from pathlib import Path
 
 from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import Case, Suite
-from sightline.data.jobs import JobResult, acquire_output_dir
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.output_links import check_links
 from sightline.detection2d.config import Fusion
 from sightline.detection2d.files import write_results
 from sightline.detection2d.gate_record import (
@@ -18,6 +16,9 @@ from sightline.detection2d.gate_record import (
     write_gate_record,
 )
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.files.output_links import check_links
+from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.run import JobResult
 from sightline.robustness.answers import MethodRun, answer_in_cases, check_numbers
 from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.structures.sample import CameraLidarSample

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from torch import Tensor
 
-from sightline.data.weights import fill_network, read_weights
 from sightline.detection2d.model import Detector
+from sightline.files.weights import fill_network, read_weights
 
 
 def load_stream_weights(network: Detector, sources: Mapping[str, Path], *, task_name: str) -> None:

@@ -10,7 +10,6 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from sightline.data.object_results import kitti_from_detections2d
-from sightline.data.weights import Weights
 from sightline.detection2d.batch import DetectionBatch
 from sightline.detection2d.batch_norm_folding import fold_batch_norm
 from sightline.detection2d.config import Detection2DConfig
@@ -23,6 +22,7 @@ from sightline.detection2d.readings import DetectorOutput
 from sightline.detection2d.stream_weights import load_stream_weights
 from sightline.detection2d.vgg_weights import load_vgg_weights
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
+from sightline.files.weights import Weights
 from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
 from sightline.training.optimizer import OptimizerConfig

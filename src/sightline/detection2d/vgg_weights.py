@@ -10,10 +10,10 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from sightline.data.open import open_dataset
-from sightline.data.problem import install_command
 from sightline.detection2d.model import Detector
 from sightline.detection2d.placement import camera_image, lidar_image, place
 from sightline.detection2d.vgg_stream import VGG_CONVS, VggStream
+from sightline.files.problem import install_command
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 IMAGENET: Final = "imagenet"

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.scene_changes import resize
+from sightline.augmentation.scene_changes import resize
 from sightline.structures.level import level_detections, level_sample
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from sightline.data.augmentation import mirror, thin_rings
-from sightline.data.scene_changes import scale_scene, turn_scene
-from sightline.data.sweep_changes import (
+from sightline.augmentation.sample_changes import mirror, thin_rings
+from sightline.augmentation.scene_changes import scale_scene, turn_scene
+from sightline.augmentation.sweep_changes import (
     GroundShapeConfig,
     add_range_noise,
     bend_ground,

@@ -5,14 +5,6 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from sightline.data.jobs import (
-    JobResult,
-    acquire_output_dir,
-    check_outside_dataset,
-    check_workers,
-    run_job,
-    shard,
-)
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.detection3d.network_task import NETWORK_TASK
@@ -27,6 +19,8 @@ from sightline.detection3d.proposal_cache import (
 from sightline.detection3d.runners import StageRunners
 from sightline.detection3d.sweeps import at_kitti_height
 from sightline.inference.network import load_network
+from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 
 
 def cache_proposals(

@@ -7,7 +7,6 @@ plain second stage.
 import math
 from dataclasses import dataclass, field
 
-from sightline.data.settings import IN_USE_ALONE
 from sightline.detection3d.alignment import ClassAlignment
 from sightline.detection3d.axes_config import HeadingHypothesesConfig
 from sightline.detection3d.classes import RoadUserClass
@@ -19,6 +18,7 @@ from sightline.detection3d.proposals import ProposalConfig
 from sightline.detection3d.region_config import RegionConfig
 from sightline.detection3d.roi_pooling import RoiPoolingConfig
 from sightline.detection3d.suppression import SuppressionConfig
+from sightline.files.settings import IN_USE_ALONE
 
 # Bounds on settings that cost time or memory but add no weights: weights files may come from
 # anywhere.

@@ -22,13 +22,13 @@ from jaxtyping import Float, Float32
 from safetensors.torch import save
 from torch import Tensor
 
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
-from sightline.data.settings import config_to_dict
 from sightline.detection3d.batch import FirstStageRecord
 from sightline.detection3d.model import Detector3D
 from sightline.detection3d.stages import Proposed, Sweep
+from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
+from sightline.files.settings import config_to_dict
 from sightline.structures.sample import CameraLidarSample
 
 SUFFIX: Final = ".safetensors"

@@ -81,8 +81,8 @@ class Detection3DTask(DetectionNetworkTask):
         Raises:
             ValueError: A method is named, or as `Detection3DPredictor.load`.
         """
-        from sightline.data.plain_text import shortened
         from sightline.detection3d.predictor import Detection3DPredictor
+        from sightline.files.plain_text import shortened
 
         if method is not None:
             raise ValueError(

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
-from sightline.data.augmentation import points_in_view
+from sightline.augmentation.sample_changes import points_in_view
 from sightline.detection3d.detector_config import SweepConfig
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.level import level_sample, mounted_detections

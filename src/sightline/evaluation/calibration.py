@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.kitti_labels import KittiObjects, read_results, write_objects
-from sightline.data.problem import FileError
 from sightline.evaluation.calibration_errors import Outcomes, find_outcomes, find_reliability
 from sightline.evaluation.calibration_report import (
     CalibrationEntry,
@@ -41,6 +40,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.localization_recall_precision import optimal_lrp
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
+from sightline.files.problem import FileError
 
 Target = Literal["precision", "overlap"]
 

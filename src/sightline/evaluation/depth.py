@@ -19,8 +19,6 @@ import numpy as np
 
 from sightline.data.depth_png import read_depth_png
 from sightline.data.object_tree import describe_absent
-from sightline.data.progress import track
-from sightline.data.threads import map_ahead
 from sightline.evaluation.depth_breakdown import (
     DepthBand,
     ErrorSums,
@@ -40,6 +38,8 @@ from sightline.evaluation.depth_scores import (
     score_depth,
     score_predicted_pixels,
 )
+from sightline.jobs.progress import track
+from sightline.jobs.read_ahead import map_ahead
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

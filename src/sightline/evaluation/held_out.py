@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from sightline.data.progress import track
 from sightline.data.rings import NUM_RINGS
 from sightline.evaluation.held_out_errors import held_out_errors
 from sightline.evaluation.held_out_frame import (
@@ -21,6 +20,7 @@ from sightline.evaluation.held_out_frame import (
     densities,
     split_rings,
 )
+from sightline.jobs.progress import track
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 

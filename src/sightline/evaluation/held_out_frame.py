@@ -20,7 +20,7 @@ from beartype import beartype
 from jaxtyping import Bool, Float32, Int64, jaxtyped
 from torch import Tensor
 
-from sightline.data.augmentation import crop, keep_rings, points_in_view
+from sightline.augmentation.sample_changes import crop, keep_rings, points_in_view
 from sightline.data.rings import (
     NUM_RINGS,
     check_spacing,

@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 from sightline.data.frame_files import hold_the_same, require_frame_files, where_frame_files_are
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
-from sightline.data.problem import FileError
-from sightline.data.progress import track
 from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
 from sightline.evaluation.kitti_object_distance import check_edges, score_by_distance
@@ -20,6 +18,8 @@ from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
+from sightline.files.problem import FileError
+from sightline.jobs.progress import track
 
 _FRAMES_AT_A_TIME = 64
 _MAX_PAIRS = 2_000_000  # results times labels in one frame; KITTI's fullest has some thousands

@@ -5,8 +5,8 @@ import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from sightline.data.atomic import atomic_write_text
 from sightline.evaluation.object_report import ObjectEntry, ObjectReport
+from sightline.files.atomic import atomic_write_text
 
 _NAMES = ("class", "metric", "difficulty", "distance")
 _FIGURES = ("AP_R40", "AP_R11", "AOS_R40", "AOS_R11", "max_recall", "flipped_share")

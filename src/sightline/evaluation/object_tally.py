@@ -8,9 +8,9 @@ from typing import Final
 
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.label_checks import in_degrees
-from sightline.data.plain_text import shortened
 from sightline.evaluation.box_conventions import BoxConventions
 from sightline.evaluation.kitti_object_rules import CLASSES, class_code
+from sightline.files.plain_text import shortened
 
 _KNOWN: Final = frozenset(
     {"van", "truck", "person_sitting", "tram", "misc", "dontcare", *map(str.lower, CLASSES)}

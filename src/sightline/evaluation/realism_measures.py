@@ -21,9 +21,9 @@ from sightline.data.object_tree import (
     list_object_frames,
 )
 from sightline.data.pixels import seen_by_camera, sparse_depth_map
-from sightline.data.progress import track
 from sightline.data.velodyne import read_sweep
 from sightline.evaluation.realism_points import FreeCar, Ground, fit_ground, free_cars
+from sightline.jobs.progress import track
 
 GRADIENTS: Final = (4, 16, 64)
 """Borders of the bins of grey steps between neighbouring pixels."""

@@ -12,13 +12,13 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor, nn
 
-from sightline.data.worker import has_lost_threads
 from sightline.export.extra import import_extra
 from sightline.export.metadata import ExportMetadata
 from sightline.export.named_tensors import check_inputs, named_outputs
 from sightline.export.names import EngineName, Precision
 from sightline.export.onnx import export_onnx, read_onnx_metadata
 from sightline.export.openvino import read_openvino_metadata, shared_core
+from sightline.jobs.worker import has_lost_threads
 
 _SIZES_KEPT = 4  # a compiled network holds its weights and buffers
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Literal
 
-from sightline.data.problem import install_command
+from sightline.files.problem import install_command
 
 Library = Literal["onnx", "onnxruntime", "onnxscript", "openvino"]
 

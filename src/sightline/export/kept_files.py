@@ -16,10 +16,10 @@ from typing import Final
 
 import torch
 
-from sightline.data.atomic import atomic_write_bytes
-from sightline.data.progress import waiting
 from sightline.export.graph import ExportGraph
 from sightline.export.onnx import OPSET, export_onnx
+from sightline.files.atomic import atomic_write_bytes
+from sightline.jobs.progress import waiting
 from sightline.ops.cache_folder import cache_folder
 
 _MOST_FILES: Final = 24

@@ -12,10 +12,10 @@ import jaxtyping
 import torch
 from torch import Tensor, nn
 
-from sightline.data.atomic import atomic_path
 from sightline.export.extra import import_extra
 from sightline.export.metadata import ExportMetadata, parse_metadata
 from sightline.export.named_tensors import check_inputs, named_outputs
+from sightline.files.atomic import atomic_path
 
 OPSET = 20
 """Version of the ONNX operators; supported from ONNX Runtime 1.17 and OpenVINO 2024.0 on."""

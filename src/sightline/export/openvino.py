@@ -10,10 +10,10 @@ from typing import Any
 
 from torch import Tensor, nn
 
-from sightline.data.atomic import atomic_path
 from sightline.export.extra import import_extra
 from sightline.export.metadata import KEYS, ExportMetadata, parse_metadata
 from sightline.export.onnx import export_onnx, read_onnx_metadata
+from sightline.files.atomic import atomic_path
 
 
 def shared_core() -> Any:  # noqa: ANN401 - an extra's

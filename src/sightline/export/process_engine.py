@@ -9,13 +9,13 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from sightline.data.plain_text import shortened
 from sightline.export.choice import choose_engine
 from sightline.export.engines import Engine, build_engine, check_threads, open_engine
 from sightline.export.extra import import_extra
 from sightline.export.graph import ExportGraph
 from sightline.export.kept_files import onnx_file_of
 from sightline.export.names import EngineChoice, EngineName
+from sightline.files.plain_text import shortened
 
 _REASON_LENGTH = 160  # characters
 

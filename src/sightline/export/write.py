@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from sightline.data.atomic import atomic_path
 from sightline.export.engines import TorchEngine, open_engine
 from sightline.export.graph import ExportGraph
 from sightline.export.names import SUFFIXES, Format
 from sightline.export.onnx import export_onnx
 from sightline.export.openvino import export_openvino, ir_files
 from sightline.export.parity import ParityReport, check_parity
+from sightline.files.atomic import atomic_path
 
 
 def export_graphs(

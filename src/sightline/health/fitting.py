@@ -7,7 +7,6 @@ import numpy as np
 
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset, sweeps_folder
-from sightline.data.progress import track
 from sightline.health import alignment_checks, camera_checks, lidar_checks
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
 from sightline.health.camera_checks import CameraChecks, check_camera
@@ -15,6 +14,7 @@ from sightline.health.lidar_checks import LidarChecks, check_lidar
 from sightline.health.limits import HealthLimits, check_enough, fit_limits
 from sightline.health.monitor import rgb_of
 from sightline.health.yaw_error import match_edges
+from sightline.jobs.progress import track
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from sightline.data.atomic import atomic_write_text
-from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
+from sightline.files.atomic import atomic_write_text
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
 from sightline.health.alignment_checks import AlignmentChecks
 from sightline.health.camera_checks import CameraChecks
 from sightline.health.lidar_checks import LidarChecks

@@ -8,10 +8,10 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from torch import nn
 
-from sightline.data.plain_text import shortened
-from sightline.data.settings import parse_settings
-from sightline.data.weights import Weights, fill_network, plain_defaults, read_weights
-from sightline.data.weights_header import find_weights
+from sightline.files.plain_text import shortened
+from sightline.files.settings import parse_settings
+from sightline.files.weights import Weights, fill_network, plain_defaults, read_weights
+from sightline.files.weights_header import find_weights
 from sightline.inference.size_limit import size_limit
 
 _REASON_LENGTH = 240  # characters

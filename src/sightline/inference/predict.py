@@ -6,19 +6,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from sightline.data.jobs import (
-    Claim,
-    JobResult,
-    check_outside_dataset,
-    check_workers,
-    claim_folders,
-    data_name,
-    run_job,
-    shard,
-)
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.predictor import AnsweringTask, Output, Predictor
+from sightline.jobs.output_dirs import Claim, check_outside_dataset, claim_folders, data_name
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
 Places = tuple[tuple[Output, Path], ...]

@@ -3,9 +3,9 @@
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar, overload
 
-from sightline.data.weights import plain_defaults
-from sightline.data.worker import keep_pytorch_to_one_thread_in_forks
+from sightline.files.weights import plain_defaults
 from sightline.geometry.arguments import type_name
+from sightline.jobs.worker import keep_pytorch_to_one_thread_in_forks
 from sightline.structures.sample import CameraLidarSample
 
 Answer = TypeVar("Answer")

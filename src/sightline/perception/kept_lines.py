@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, get_args
 
 from sightline.data.object_tree import Part
-from sightline.data.plain_file import read_bytes
+from sightline.files.plain_file import read_bytes
 
 Lines = dict[str, tuple[str, dict[str, Any]]]
 """Lines by frame: text and parsed contents."""

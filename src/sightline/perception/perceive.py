@@ -7,19 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.atomic import atomic_write_text
-from sightline.data.jobs import (
-    Claim,
-    JobResult,
-    check_outputs,
-    check_workers,
-    claim_folders,
-    data_name,
-    run_job,
-    shard,
-)
 from sightline.data.object_tree import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
+from sightline.files.atomic import atomic_write_text
 from sightline.inference.predict import (
     Places,
     answered_samples,
@@ -27,6 +17,8 @@ from sightline.inference.predict import (
     output_places,
     write_answer,
 )
+from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.perception.kept_lines import Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.atomic import check_writable
 from sightline.data.open import SampleDataset
-from sightline.data.progress import track
+from sightline.files.atomic import check_writable
+from sightline.jobs.progress import track
 from sightline.perception.results import ResultFolder, open_results, read_perception
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample

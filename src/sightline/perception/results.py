@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.jobs import MANIFEST_NAME, read_claim
-from sightline.data.plain_text import shortened
-from sightline.data.safe_names import checked_name
+from sightline.files.plain_text import shortened
+from sightline.files.safe_names import checked_name
 from sightline.inference.predictor import Output
+from sightline.jobs.output_dirs import MANIFEST_NAME, read_claim
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names

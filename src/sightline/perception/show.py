@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sightline.data.image_file import write_rgb
-from sightline.data.jobs import data_name
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import open_dataset
 from sightline.inference.predictor import Predictor, lacking_parts
+from sightline.jobs.output_dirs import data_name
 from sightline.perception.results import ResultFolder, open_results, read_perception
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample

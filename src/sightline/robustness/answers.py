@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sightline.corruptions.suites import Case
-from sightline.data.jobs import JobResult, check_workers, run_job
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
+from sightline.jobs.run import JobResult, check_workers, run_job
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
 _CASES_AT_A_TIME = 8  # cases per read of a frame: few enough for many workers on few frames

@@ -13,13 +13,13 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.jobs import acquire_output_dir, check_outside_dataset
 from sightline.data.object_tree import Velodyne, suggest_frames
 from sightline.data.open import SampleDataset, sweeps_folder
-from sightline.data.plain_text import shortened
-from sightline.data.problem import plain_line
 from sightline.export.names import EngineChoice
+from sightline.files.plain_text import shortened
+from sightline.files.problem import plain_line
 from sightline.inference.predictor import Predictor
+from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
 from sightline.robustness.answers import MethodRun, answer_in_cases, check_numbers
 from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer

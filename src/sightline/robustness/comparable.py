@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Final
 
 from sightline.corruptions.suites import CLEAN
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 from sightline.robustness.record import CaseInfo, Record, Setting
 
 _LONGEST = 200  # maximum characters of a case's parameters in an error message

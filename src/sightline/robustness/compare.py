@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sightline.corruptions.suites import CLEAN
-from sightline.data.atomic import atomic_write_text
+from sightline.files.atomic import atomic_write_text
 from sightline.robustness.comparable import check_baseline, warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import compare_page

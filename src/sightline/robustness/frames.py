@@ -9,11 +9,11 @@ from typing import Any, Final
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import Case
-from sightline.data.jobs import data_name
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import Part, Velodyne, list_object_frames
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.data.recording import RecordingDataset
+from sightline.jobs.output_dirs import data_name
 
 _DELIVERED: Final[dict[Sensor, Part]] = {"camera": "image", "lidar": "points"}
 _SEEN_BY_KINDS: Final[tuple[Part, ...]] = ("image", "points", "objects")

@@ -9,8 +9,8 @@ from typing import Any, Final, get_args
 
 from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case
-from sightline.data.plain_text import read_text, shortened
-from sightline.data.problem import FileError, plain_line
+from sightline.files.plain_text import read_text, shortened
+from sightline.files.problem import FileError, plain_line
 from sightline.robustness.measures import ByKind
 from sightline.robustness.scoring import BenchMetric, Scores
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from sightline.corruptions.corruption import Sensor
-from sightline.data.atomic import atomic_write_text
+from sightline.files.atomic import atomic_write_text
 from sightline.robustness.comparable import warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page

@@ -10,11 +10,12 @@ from typing import Any, Final, get_args
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.corruptions.tree import read_corrupted
-from sightline.data.jobs import MANIFEST_NAME, acquire_output_dir, check_workers, data_name
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
-from sightline.data.plain_text import read_text, shortened
-from sightline.data.problem import plain_line
+from sightline.files.plain_text import read_text, shortened
+from sightline.files.problem import plain_line
+from sightline.jobs.output_dirs import MANIFEST_NAME, acquire_output_dir, data_name
+from sightline.jobs.run import check_workers
 from sightline.robustness.bench import (
     BenchSettings,
     BenchTask,

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.atomic import atomic_write_text
-from sightline.data.jobs import run_job
 from sightline.data.open import SampleDataset
-from sightline.data.plain_text import read_text
-from sightline.data.problem import FileError
+from sightline.files.atomic import atomic_write_text
+from sightline.files.plain_text import read_text
+from sightline.files.problem import FileError
+from sightline.jobs.run import run_job
 from sightline.robustness.record import number_or_none
 from sightline.robustness.scoring import Scores, Scoring
 

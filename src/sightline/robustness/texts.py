@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from sightline.corruptions.suites import CLEAN
-from sightline.data.problem import plain_line
+from sightline.files.problem import plain_line
 from sightline.robustness.measured import Measures
 from sightline.robustness.record import CaseInfo, Record
 from sightline.robustness.scoring import BenchMetric

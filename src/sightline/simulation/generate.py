@@ -5,8 +5,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.jobs import JobResult, acquire_output_dir, check_workers, run_job, shard
 from sightline.data.object_tree import Velodyne
+from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import (
     StreetMaker,

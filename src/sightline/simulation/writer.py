@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.atomic import atomic_write_text
 from sightline.data.calibration_text import (
     CalibrationMatrices,
     object_calibration_text,
@@ -20,8 +19,9 @@ from sightline.data.instance_png import write_instance_png
 from sightline.data.kitti_labels import write_objects
 from sightline.data.object_tree import Velodyne
 from sightline.data.pixels import seen_by_camera, sparse_depth_map
-from sightline.data.problem import FileError
 from sightline.data.velodyne import write_sweep
+from sightline.files.atomic import atomic_write_text
+from sightline.files.problem import FileError
 from sightline.simulation.simulator import FRAME_S, SimulatedFrame
 
 DATE = "2000_01_01"

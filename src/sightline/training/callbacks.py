@@ -12,7 +12,7 @@ from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, Checkpoint, ModelCheckpoint
 from torch.optim import Optimizer
 
-from sightline.data.weights import read_checkpoint_weights, write_weights
+from sightline.files.weights import read_checkpoint_weights, write_weights
 from sightline.training.last_checkpoint import LastCheckpoint
 from sightline.training.module import TrainingModule
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from lightning.pytorch.utilities import rank_zero_only
 from torch import Tensor, nn
 
-from sightline.data.settings import ConfigT, NetworkConfig, differing_settings, parse_settings
-from sightline.data.weights import Weights, fill_network, read_weights
+from sightline.files.settings import ConfigT, NetworkConfig, differing_settings, parse_settings
+from sightline.files.weights import Weights, fill_network, read_weights
 
 
 def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | None) -> ConfigT:

@@ -7,7 +7,7 @@ from typing import Any
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 
-from sightline.data.atomic import atomic_path
+from sightline.files.atomic import atomic_path
 from sightline.training.interruption import InterruptionNote
 
 _OWED_KEY = "sightline_owed_validation"

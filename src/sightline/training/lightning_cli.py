@@ -18,11 +18,11 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI, SaveCon
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
-from sightline.data.atomic import atomic_write_text, disk_fault
-from sightline.data.jobs import check_outside_dataset
-from sightline.data.settings import told_by_parser
-from sightline.data.weights import read_checkpoint_weights
-from sightline.data.weights_header import has_weights
+from sightline.files.atomic import atomic_write_text, disk_fault
+from sightline.files.settings import told_by_parser
+from sightline.files.weights import read_checkpoint_weights
+from sightline.files.weights_header import has_weights
+from sightline.jobs.output_dirs import check_outside_dataset
 from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
 from sightline.training.callbacks import LogShortRuns, LogSteps, checkpoint_callbacks
 from sightline.training.data import CameraLidarData

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from sightline.data.parallel import holding_signals, one_blas_thread
+from sightline.jobs.pool import holding_signals, one_blas_thread
 from sightline.training.interruption import leave_interruption_to_the_parent
 from sightline.training.sampling import EpochPosition, TrainingBatches
 

@@ -19,8 +19,8 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torchmetrics import Metric
 
-from sightline.data.settings import NetworkConfig, config_to_dict
-from sightline.data.weights import CHECKPOINT_KEY, Weights
+from sightline.files.settings import NetworkConfig, config_to_dict
+from sightline.files.weights import CHECKPOINT_KEY, Weights
 from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, fill_from
 from sightline.training.optimizer import (

@@ -9,7 +9,7 @@ from lightning.pytorch.callbacks import ProgressBar
 from rich.console import Console
 from rich.progress import TaskID
 
-from sightline.data.progress import ProgressLines, progress_bars
+from sightline.jobs.progress import ProgressLines, progress_bars
 from sightline.training.module import TrainingModule
 
 _LOOK_EVERY_S = 0.5  # interval of reading the loss, which synchronises an accelerator

@@ -9,9 +9,9 @@ from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import Part, Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
-from sightline.data.plain_text import shortened
 from sightline.data.recording import RecordingDataset
 from sightline.data.sample_list import read_sample_list
+from sightline.files.plain_text import shortened
 
 _SPLITS = ("training", "testing")
 _VALIDATION_SHARE = 10  # one frame in ten is for validation if there is no list

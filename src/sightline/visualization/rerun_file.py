@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from jaxtyping import Float64, UInt8
 
-from sightline.data.atomic import atomic_path
 from sightline.data.depth_png import MAX_DEPTH_M, STEPS_PER_METRE
-from sightline.data.problem import install_command
+from sightline.files.atomic import atomic_path
+from sightline.files.problem import install_command
 from sightline.geometry.calibration import Calibration
 from sightline.structures.level import level_view
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.atomic import atomic_path
-from sightline.data.problem import install_command
+from sightline.files.atomic import atomic_path
+from sightline.files.problem import install_command
 
 _QUALITY = "23"  # x264's constant rate factor: 0 is lossless, 51 the worst
 _LEAST_FPS, _MOST_FPS = 0.01, 240.0

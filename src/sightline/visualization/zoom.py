@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import torch
 
-from sightline.data.scene_changes import resize, resize_map
+from sightline.augmentation.scene_changes import resize, resize_map
 from sightline.structures.predictions import DepthMap, Perception
 from sightline.structures.sample import CameraLidarSample
 

@@ -8,7 +8,7 @@ from sightline.data.check import check_tree
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.importing.nuscenes import find_tables
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from tests.data.recordings import SAMPLE, write_nuscenes
 
 

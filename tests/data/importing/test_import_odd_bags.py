@@ -11,7 +11,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from sightline.data.importing import bag_files
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.open import open_dataset
-from sightline.data.problem import FileError
+from sightline.files.problem import FileError
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
     CAMERA_MATRIX,

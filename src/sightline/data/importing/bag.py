@@ -14,8 +14,8 @@ from sightline.data.importing.bag_files import (
     open_files,
     unpacked_zstd,
 )
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError, install_command
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError, install_command
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

@@ -21,7 +21,6 @@ from sightline.data.importing.frames import (
     rigid_from_quaternion,
 )
 from sightline.data.object_tree import describe_absent
-from sightline.data.plain_text import shortened
 from sightline.data.recording_calibration import (
     Lens,
     RecordingCalibration,
@@ -29,6 +28,7 @@ from sightline.data.recording_calibration import (
     require_usable,
 )
 from sightline.data.undistortion import LensModel, check_lens
+from sightline.files.plain_text import shortened
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.rotations import rotation_fault
 from sightline.geometry.tilt import Tilt

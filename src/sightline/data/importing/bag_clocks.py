@@ -7,7 +7,7 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
 Clock = Literal["header", "received"]
 """Time for pairing messages: time of measurement, or of receipt by the bag."""

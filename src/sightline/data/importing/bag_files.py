@@ -7,10 +7,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from sightline.data.plain_text import shortened
-from sightline.data.plain_yaml import read_yaml
-from sightline.data.problem import FileError
-from sightline.data.safe_names import path_below
+from sightline.files.plain_text import shortened
+from sightline.files.plain_yaml import read_yaml
+from sightline.files.problem import FileError
+from sightline.files.safe_names import path_below
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Ros1Reader

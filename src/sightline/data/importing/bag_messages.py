@@ -10,9 +10,9 @@ from jaxtyping import Float32, UInt8
 from sightline.data.frame_checks import shows_nothing
 from sightline.data.image_file import decode_pixels
 from sightline.data.image_header import parse_image_header
-from sightline.data.plain_text import shortened
 from sightline.data.point_files import columns_of
-from sightline.data.problem import FileError
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
 
 _COLOR: Final[dict[str, tuple[int, int | None]]] = {
     "rgb8": (3, None),

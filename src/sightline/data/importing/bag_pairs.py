@@ -11,7 +11,7 @@ from sightline.data.importing.bag import Bag, Message, plain_frame
 from sightline.data.importing.bag_clocks import Clock, MessageTimes, choose_clock
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.pairing import pair_nearest
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -5,7 +5,7 @@ from itertools import takewhile
 from typing import Final
 
 from sightline.data.importing.bag import CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMAGE, Bag, Topic
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 
 _COMPRESSED: Final = ("/compressed", "_compressed", "/jpeg", "/image_compressed")
 

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int64
 
-from sightline.data.atomic import atomic_write_bytes
 from sightline.data.frame_checks import shows_nothing
 from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
@@ -38,9 +37,6 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
-from sightline.data.jobs import acquire_output_dir, data_name
-from sightline.data.plain_text import shortened
-from sightline.data.progress import track
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
@@ -48,8 +44,12 @@ from sightline.data.recording_calibration import (
 )
 from sightline.data.recording_checks import describe_turn
 from sightline.data.recording_tree import IMAGES, POINTS
+from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_text import shortened
 from sightline.geometry.cloud_checks import cloud_fault, echoes
 from sightline.geometry.mount import turn_ahead
+from sightline.jobs.output_dirs import acquire_output_dir, data_name
+from sightline.jobs.progress import track
 
 _INTENSITIES: Final = (1.0, 255.0, 65535.0)
 """Usual intensities of a reflectance of 1."""

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.atomic import atomic_link
 from sightline.data.calibration_checks import check_intrinsics
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.nuscenes import Moment, Moments, Tables
@@ -30,16 +29,17 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
-from sightline.data.jobs import acquire_output_dir, data_name
 from sightline.data.kitti_labels import write_objects
-from sightline.data.plain_file import read_bytes
-from sightline.data.problem import FileError
-from sightline.data.progress import track
 from sightline.data.recording_calibration import RecordingCalibration, checked_matrices
 from sightline.data.recording_tree import CALIBRATIONS, IMAGES, LABELS, POINTS
 from sightline.data.velodyne import COLUMNS, other_format
+from sightline.files.atomic import atomic_link
+from sightline.files.plain_file import read_bytes
+from sightline.files.problem import FileError
 from sightline.geometry.cloud_checks import has_columns
 from sightline.geometry.mount import turn_ahead
+from sightline.jobs.output_dirs import acquire_output_dir, data_name
+from sightline.jobs.progress import track
 
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26

@@ -10,9 +10,9 @@ import numpy as np
 
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes_tables import Row, read_rows, read_table
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
-from sightline.data.safe_names import checked_name, path_below
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
+from sightline.files.safe_names import checked_name, path_below
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 
 _CYCLE: Final = "cycle."

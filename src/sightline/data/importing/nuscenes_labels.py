@@ -21,7 +21,7 @@ from sightline.data.kitti_labels import (
     UNKNOWN,
     KittiObjects,
 )
-from sightline.data.plain_text import shortened
+from sightline.files.plain_text import shortened
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 
 _CLASSES: Final = {

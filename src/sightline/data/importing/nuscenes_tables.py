@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.importing.frames import Rigid, rigid_from_quaternion
-from sightline.data.plain_file import read_bytes
-from sightline.data.plain_text import shortened
-from sightline.data.problem import FileError
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
 
 REMEDY: Final = "extract nuScenes' metadata archive again"
 

@@ -11,14 +11,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.atomic import atomic_write_text
 from sightline.data.calibration_checks import check_intrinsics
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
-from sightline.data.jobs import check_outside_dataset
 from sightline.data.point_files import checked_cloud
-from sightline.data.problem import FileError, plain_line
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
@@ -40,7 +37,10 @@ from sightline.data.recording_tree import (
 )
 from sightline.data.rings import turned_in_order
 from sightline.data.velodyne import write_sweep
+from sightline.files.atomic import atomic_write_text
+from sightline.files.problem import FileError, plain_line
 from sightline.geometry.tilt import Tilt
+from sightline.jobs.output_dirs import check_outside_dataset
 
 RESULTS = (f"{IMAGES}/*", f"{POINTS}/*", f"{LABELS}/*", f"{CALIBRATIONS}*", TIMES_NAME)
 """File patterns of an import."""

@@ -1,0 +1,1 @@
+"""Changes of samples for training: scenes, sweeps, cameras, faults."""

@@ -1,0 +1,1 @@
+"""Files: bounded readers, atomic writers, checked names, weights."""

@@ -1,0 +1,181 @@
+"""Atomic file writes."""
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from sightline.files.aside import final_place, folder_beside
+
+_DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
+_OTHER_DISK = errno.EXDEV
+
+
+@contextmanager
+def atomic_path(path: Path | str) -> Iterator[Path]:
+    """Yields a temporary path to write to; renames the file to its own name once it is complete.
+
+    The file is written to a hidden folder next to its target, under the same name (some libraries
+    depend on the suffix), and renamed if the block ends without an exception. After any exception,
+    Ctrl-C included, nothing is left behind and an existing file is unchanged. Missing parent
+    folders are created. A symbolic link at the target is replaced, never followed; links among the
+    parent folders are followed: see `check_links`. There is no protection against a crash of the
+    machine: nothing is flushed to the disk.
+
+    Args:
+        path: Target path of the file.
+
+    Raises:
+        ValueError: The folder cannot be written to, `path` is a folder or a device, or the disk is
+            full or broken.
+    """
+    target = _place(path)
+    check_replaceable(target)
+    with folder_beside(target) as aside, _naming_disk_faults(target):
+        yield aside / target.name
+        # Only now: the old file must survive everything up to here.
+        (aside / target.name).replace(target)
+
+
+def _place(path: Path | str) -> Path:
+    """Path of the file in its resolved folder."""
+    path = Path(path)
+    if path.name in ("", ".."):
+        return Path(os.path.realpath(path))
+    return Path(os.path.realpath(path.parent), path.name)
+
+
+@contextmanager
+def _naming_disk_faults(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        fault = disk_fault(error, target)
+        if fault is None:
+            raise
+        raise fault from error
+
+
+def disk_fault(error: OSError, target: Path) -> ValueError | None:
+    """Error that names the target of a write to a full or broken disk; None: another cause."""
+    if error.errno not in _DISK_FAULTS:
+        return None
+    reason = os.strerror(error.errno).lower()
+    return ValueError(
+        f"{final_place(target)} cannot be written: {reason}; make room or choose another output "
+        "folder"
+    )
+
+
+def check_replaceable(target: Path) -> None:
+    """Refuses a target that exists and is not a file.
+
+    Raises:
+        ValueError: The target is a folder, a device or a pipe, or a system link to standard
+            streams, such as /dev/stdout.
+    """
+    is_system_link = target.is_symlink() and target.parts[1:2] in (("dev",), ("proc",))
+    if is_system_link or (target.exists() and not target.is_file()):
+        raise ValueError(f"{target} cannot be written: it is no regular file; choose another name")
+
+
+def check_writable(path: Path | str) -> None:
+    """Refuses, before long work, a target that `atomic_path` could not write; creates nothing.
+
+    Raises:
+        ValueError: The target is not a file, or its nearest existing parent is not a folder or
+            cannot be written to.
+    """
+    target = _place(path)
+    check_replaceable(target)
+    folder = next(each for each in target.parents if each.exists())
+    if not folder.is_dir():
+        raise ValueError(f"{target} cannot be written: {folder} is no folder; choose another name")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(
+            f"{target} cannot be written: folder {folder} may not be written to; make it writable "
+            "or choose another name"
+        )
+
+
+def atomic_write_bytes(path: Path | str, content: bytes) -> None:
+    """Writes a file atomically; see `atomic_path`."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def atomic_write_text(path: Path | str, text: str) -> None:
+    """Writes a text file atomically; see `atomic_path`.
+
+    UTF-8, line ends as given. Bytes of another encoding, which folder names may contain, are
+    written as escapes.
+    """
+    atomic_write_bytes(path, text.encode(errors="backslashreplace"))
+
+
+def atomic_link(path: Path | str, source: Path | str) -> None:
+    """Creates a second name of a file by a hard link, or a copy if links are not possible.
+
+    Links are not possible to another disk, or on disks without hard links. An atomic rewrite of one
+    name leaves the other unchanged; a write in place changes both.
+
+    Args:
+        path: The new name; an existing file is replaced.
+        source: The file; a symbolic link is resolved.
+
+    Raises:
+        ValueError: See `atomic_path`.
+        OSError: The source cannot be read.
+    """
+    original = os.path.realpath(source)
+    with atomic_path(path) as temporary:
+        try:
+            os.link(original, temporary)
+        except OSError as error:
+            if error.errno not in (*_NO_HARD_LINKS, _OTHER_DISK):
+                raise
+            shutil.copyfile(original, temporary)
+
+
+def atomic_create_text(path: Path | str, text: str) -> bool:
+    """Writes a new text file (UTF-8) atomically, if it does not exist.
+
+    Of several concurrent processes, on one machine or on several, exactly one succeeds.
+
+    Returns:
+        Whether this call wrote the file; False: it already existed and is unchanged.
+
+    Raises:
+        ValueError: See `atomic_path`.
+    """
+    target = _place(path)
+    check_replaceable(target)
+    with folder_beside(target) as aside, _naming_disk_faults(target):
+        (aside / target.name).write_bytes(text.encode())
+        try:
+            os.link(aside / target.name, target)
+        except FileExistsError:
+            return False
+        except OSError as error:
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            return _create_exclusively(target, text)
+        return True
+
+
+def _create_exclusively(target: Path, text: str) -> bool:
+    """Create the file on a disk without hard links, such as exFAT; it is briefly visible empty."""
+    try:
+        file = target.open("xb")
+    except FileExistsError:
+        return False
+    try:
+        with file:
+            file.write(text.encode())
+    except BaseException:
+        target.unlink(missing_ok=True)  # a partial file would count as complete
+        raise
+    return True

@@ -1,0 +1,76 @@
+"""Reader of whole files that cannot exhaust the memory or wait for ever."""
+
+import os
+import select
+import stat
+from pathlib import Path
+from typing import Final
+
+from sightline.files.problem import FileError
+
+_GROWN_BYTES = 2**16  # allowed excess over the reported length: system files report 0
+_PATIENCE_S: Final = 60.0
+_BLOCK_BYTES: Final = 2**16
+
+
+def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
+    """Read the bytes of a regular file; arguments and errors as in `check_regular`."""
+    size = check_regular(path, max_bytes=max_bytes, remedy=remedy)
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(min(size + _GROWN_BYTES, max_bytes))  # allocated at once
+    except OSError as error:
+        raise _unreadable(path, error, remedy) from error
+
+
+def read_pipe(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
+    """Read a pipe until its writers close it, such as `<(sort names.txt)` in a shell.
+
+    Raises:
+        FileError: The pipe cannot be read, contains more bytes, or has no data for a minute.
+    """
+    content = b""
+    try:
+        # Otherwise a named pipe without a writer would block for ever.
+        pipe = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        try:
+            while len(content) <= max_bytes:
+                if not select.select([pipe], [], [], _PATIENCE_S)[0]:
+                    raise FileError(path, f"gives nothing for {_PATIENCE_S:g} s", remedy)
+                block = os.read(pipe, _BLOCK_BYTES)
+                if not block:
+                    return content
+                content += block
+        finally:
+            os.close(pipe)
+    except OSError as error:
+        raise _unreadable(path, error, remedy) from error
+    raise FileError(path, f"holds more than {max_bytes} bytes", remedy)
+
+
+def check_regular(path: Path | str, *, max_bytes: int, remedy: str) -> int:
+    """Check that a file can be read to its end; returns its length.
+
+    Args:
+        path: The file; links are followed.
+        max_bytes: Limit above the size of any valid file of its kind.
+        remedy: Remedy for errors.
+
+    Raises:
+        FileError: There is no such file, it cannot be read, is larger, or is no regular file:
+            reading from a pipe may block for ever, and some devices have no end.
+    """
+    try:
+        status = Path(path).stat()
+    except OSError as error:
+        raise _unreadable(path, error, remedy) from error
+    if not stat.S_ISREG(status.st_mode):
+        raise FileError(path, "is no regular file", f"put the file itself there or {remedy}")
+    if status.st_size > max_bytes:
+        problem = f"is {status.st_size} bytes long, expected up to {max_bytes}"
+        raise FileError(path, problem, remedy)
+    return status.st_size
+
+
+def _unreadable(path: Path | str, error: OSError, remedy: str) -> FileError:
+    return FileError(path, f"cannot be read: {(error.strerror or str(error)).lower()}", remedy)

@@ -1,0 +1,120 @@
+"""Checks of names from data before they become part of a path.
+
+A scene's name, a table's `filename` or a line of a list may contain `../`, an absolute path or
+control characters; none of them may lead out of the input or output folder.
+"""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError, Problem
+
+MAX_NAME_BYTES: Final = 200
+"""Longest name in UTF-8: file systems allow 255, and suffixes and numbers are added."""
+
+_MAX_PART_BYTES: Final = 255
+_REMEDY: Final = "get the data from a source that you trust"
+
+
+def checked_name(
+    name: object, source: Path | str, place: str, *, max_bytes: int = MAX_NAME_BYTES
+) -> str:
+    """Check the name of a file or folder, and return it.
+
+    Args:
+        name: Name in the data.
+        source: File with the name, for errors.
+        place: Position in the file, for errors: "row 3: the name".
+        max_bytes: Length limit.
+
+    Raises:
+        FileError: The name is no text, empty or too long, contains a separator or a control
+            character, begins with a dot or a space, or ends with a space.
+    """
+    fault = _name_fault(name, max_bytes)
+    if fault is None:
+        assert isinstance(name, str), "anything else is a fault"
+        return name
+    shown = shortened(ascii(name) if not isinstance(name, str) else repr(name))
+    raise FileError(source, f"{place} {shown} {fault}, expected a plain file name", _REMEDY)
+
+
+def unprintable_names(folder: Path, names: Iterable[str]) -> Problem | None:
+    """Problem of frames with names that are impossible for outputs; None: all are text."""
+    found = [name for name in names if not name.isprintable()]
+    if not found:
+        return None
+    said = f"has {len(found)} frames whose names are not UTF-8, or not to be seen, such as"
+    return Problem(
+        path=folder, problem=f"{said} {shortened(found[0])}", remedy="rename their files"
+    )
+
+
+def path_below(root: Path, relative: object, source: Path | str, place: str) -> Path:
+    """Resolve a relative path from data within a folder.
+
+    Parent folders may be links, for data on several disks. A file that is itself a link must lead
+    into the data set or into its own folder.
+
+    Args:
+        root: The data set's folder.
+        relative: Path in the data, with `/` between its parts.
+        source: File with the path, for errors.
+        place: Position in the file, for errors: "row 3: the filename".
+
+    Raises:
+        FileError: The path is no text or absolute, a part of it is no plain name (such as `..`), or
+            it is a link that leads out of the data set.
+    """
+    path = root.joinpath(*relative_parts(relative, source, place))
+    if path.is_symlink():
+        _check_link(path, root, source, place)
+    return path
+
+
+def relative_parts(relative: object, source: Path | str, place: str) -> list[str]:
+    """Check a path from data, and return its parts; arguments and errors as in `path_below`."""
+    parts = relative.split("/") if isinstance(relative, str) else [""]
+    if any(_name_fault(part, _MAX_PART_BYTES) is not None or _is_drive(part) for part in parts):
+        raise FileError(
+            source,
+            f"{place} is {shortened(ascii(relative))}, expected a relative path of plain names, "
+            "without '..', hidden or empty parts",
+            _REMEDY,
+        )
+    return parts
+
+
+def _check_link(path: Path, root: Path, source: Path | str, place: str) -> None:
+    real = Path(os.path.realpath(path))
+    if not any(real.is_relative_to(os.path.realpath(folder)) for folder in (root, path.parent)):
+        raise FileError(
+            source,
+            f"{place} names {path}, a link that leads out of the data set, to {real}",
+            "put the file itself there, or link its whole folder",
+        )
+
+
+def _name_fault(name: object, max_bytes: int) -> str | None:
+    """Return the fault of a name, as the rest of a sentence; None: the name is valid."""
+    if not isinstance(name, str):
+        return "is no text"
+    if not name:
+        return "is empty"
+    if "/" in name or "\\" in name:
+        return "holds a separator"
+    if not name.isprintable():  # also false for lone surrogates, which no file system accepts
+        return "holds a control character"
+    if name[0] in ". " or name[-1] == " ":
+        return "begins with a dot or a space, or ends with a space"
+    if len(name.encode()) > max_bytes:
+        return f"has more than {max_bytes} bytes"
+    return None
+
+
+def _is_drive(part: str) -> bool:
+    """Return whether a part is a drive letter, such as C:."""
+    return len(part) > 1 and part[1] == ":" and part[0].isalpha()

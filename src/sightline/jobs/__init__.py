@@ -1,0 +1,1 @@
+"""Jobs over many frames: output folders, workers, progress."""

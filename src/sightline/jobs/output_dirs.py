@@ -1,0 +1,272 @@
+"""Output folders: claimed by one configuration, apart from inputs."""
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from sightline.files.atomic import atomic_create_text
+from sightline.files.output_links import check_links
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
+from sightline.files.problem import escaped
+
+KITTI_SPLITS: Final = ("training", "testing")
+"""Folders of KITTI's object data set; an output in one lies inside the data set, too."""
+
+MANIFEST_NAME: Final = "sightline.json"
+"""Manifest in an output folder: describes the source of the other files."""
+
+RESULT_SUFFIXES: Final = (".txt", ".png")
+"""Suffixes of result files."""
+
+_WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
+# suffixes of files that commands write to folders: weights, for example, are never replaced
+_MAX_MANIFEST_BYTES = 2**22
+_MOST_DIFFERENCES = 12  # settings named in an error
+_LONGEST_VALUE = 60  # characters of a setting shown in an error
+
+
+def acquire_output_dir(
+    folder: Path,
+    settings: Mapping[str, object],
+    *,
+    results: Sequence[str],
+    manifest_name: str = MANIFEST_NAME,
+) -> None:
+    """Writes the settings of a job to its folder, or checks that the same settings are there.
+
+    Of several jobs that claim a folder concurrently, on one machine or on several, one writes the
+    manifest; jobs with the same settings share the folder and write identical files. The claim of a
+    stopped job remains, so that its results are completed and never mixed with others.
+
+    Args:
+        folder: Output folder; created if missing.
+        settings: Everything that the files' bytes depend on, except for the selection of files;
+            plain JSON values.
+        results: Patterns (`Path.glob`) of the files and folders that jobs write there.
+        manifest_name: Name of the file with the settings.
+
+    Raises:
+        ValueError: The folder contains other settings or results of unknown source; or it cannot be
+            written to, or contains links that lead outside (`check_links`).
+    """
+    if _is_claimed(folder, settings, results=results, manifest_name=manifest_name):
+        return
+    if not atomic_create_text(folder / manifest_name, _manifest(settings)):  # another was faster
+        _is_claimed(folder, settings, results=results, manifest_name=manifest_name)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Claim:
+    """Arguments of `acquire_output_dir`."""
+
+    folder: Path
+    settings: Mapping[str, object]
+    results: Sequence[str]
+
+
+def claim_folders(claims: Sequence[Claim]) -> None:
+    """Claims all folders of a job, or none if one of them would be refused.
+
+    Raises:
+        ValueError: See `acquire_output_dir`.
+    """
+    for claim in claims:
+        _is_claimed(claim.folder, claim.settings, results=claim.results)
+    for claim in claims:
+        acquire_output_dir(claim.folder, claim.settings, results=claim.results)
+
+
+def _is_claimed(
+    folder: Path,
+    settings: Mapping[str, object],
+    *,
+    results: Sequence[str],
+    manifest_name: str = MANIFEST_NAME,
+) -> bool:
+    """Whether the folder has the same settings; raises for others, and for unclaimed results."""
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is no folder; name another output folder")
+    check_links(folder)
+    path = folder / manifest_name
+    # In this order: a job writes its manifest before its first result.
+    has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
+    if not path.exists():
+        if has_results:
+            raise ValueError(_refusal(folder, f"data without a {manifest_name}", manifest_name))
+        return False
+    there = _manifest_text(path)
+    if there != _manifest(settings):
+        raise ValueError(_refusal(folder, _difference(there, settings), manifest_name))
+    return True
+
+
+def _manifest_text(path: Path) -> str:
+    remedy = "name another output folder, or remove the file"
+    return read_bytes(path, max_bytes=_MAX_MANIFEST_BYTES, remedy=remedy).decode(errors="replace")
+
+
+def _manifest(settings: Mapping[str, object]) -> str:
+    return json.dumps(dict(settings), indent=2) + "\n"
+
+
+def check_outputs(
+    outputs: Mapping[str, Path | None],
+    *,
+    data: Iterable[Path | None],
+    results: Iterable[Path | None] = (),
+) -> None:
+    """Refuses, before any work, outputs that would change the inputs or each other.
+
+    Args:
+        outputs: Files and folders by their option; None: not requested.
+        data: Inputs: data sets, folders in them or files; see `check_outside_dataset`.
+        results: Folders of result files, or such a file: a report may be beside them, but must not
+            replace one.
+
+    Raises:
+        ValueError: An output is in the data, is one of the results, is named twice, or is a folder
+            with an input file that reports or results might replace.
+    """
+    taken: dict[Path, str] = {}
+    places = {option: path for option, path in outputs.items() if path is not None}
+    for option, path in places.items():
+        other = taken.setdefault(path.resolve(), option)
+        if other != option:
+            raise ValueError(f"{other} and {option} both name {path}; name another place for one")
+    for each in data:
+        if each is not None:
+            check_outside_dataset(each, places.values())
+            _check_not_within(each, places)
+    for folder in filter(None, results):
+        for option, path in places.items():
+            place = path.resolve()
+            is_result = place.suffix in RESULT_SUFFIXES or place.name == MANIFEST_NAME
+            is_read = place == folder.resolve() or is_result
+            if is_read and place.exists() and place.is_relative_to(folder.resolve()):
+                raise ValueError(
+                    f"{option} {path} is among the results that are to be read, which it would "
+                    "replace; name another place"
+                )
+
+
+def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:
+    if file.suffix.lower() not in _WRITTEN_SUFFIXES or file.is_dir():
+        return
+    for option, place in places.items():
+        if not place.is_file() and file.resolve().is_relative_to(place.resolve()):
+            raise ValueError(
+                f"{file}, which is only read, lies in {option} {place}, whose files are written; "
+                "name a copy of it elsewhere, or another place"
+            )
+
+
+def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
+    """Refuses outputs inside a data set, where they would replace or become parts of it.
+
+    Links are followed, including those in the data set.
+
+    Args:
+        data: The data set, one of its splits or of their folders; or an input file.
+        outputs: Files and folders to write.
+
+    Raises:
+        ValueError: An output is the data set or file, or lies in the data set.
+    """
+    roots = {_root_of(data.absolute()), _root_of(data.resolve())}
+    folders = {folder for root in roots for folder in (root, *(root / s for s in KITTI_SPLITS))}
+    sources = roots | {path for folder in folders for path in _targets(folder)}
+    for output in outputs:
+        written = Path(os.path.normpath(output.absolute())), output.resolve()
+        if any(path.is_relative_to(source) for path in written for source in sources):
+            raise change_of_data(data, output)
+        if output.is_file() and any(_links_to(root, output.resolve()) for root in roots):
+            raise change_of_data(data, output)
+
+
+def _root_of(data: Path) -> Path:
+    """Root of a data set, from an object tree's split or a folder in it."""
+    split = next((each for each in (data, data.parent) if each.name in KITTI_SPLITS), None)
+    return data if split is None else split.parent
+
+
+def _targets(folder: Path) -> Iterator[Path]:
+    """Yield the targets of a folder and of the links in it."""
+    yield folder.resolve()
+    with suppress(OSError), os.scandir(folder) as entries:
+        yield from (Path(entry.path).resolve() for entry in entries if entry.is_symlink())
+
+
+def _links_to(root: Path, file: Path) -> bool:
+    """Whether a file of a data set is a link to this file."""
+    paths = (Path(folder, name) for folder, _, names in os.walk(root) for name in names)
+    return any(path.is_symlink() and path.resolve() == file for path in paths)
+
+
+def change_of_data(data: Path, output: Path) -> ValueError:
+    """Error for an output that would change the input."""
+    what = "file" if data.is_file() else "data set"
+    return ValueError(
+        f"{output} cannot be written to, as that would change the {what} {data}, which is only "
+        "read; name a place beside it"
+    )
+
+
+def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:
+    """Reads the manifest of a folder; None: there is none, or it is unreadable."""
+    try:
+        told = json.loads(_manifest_text(folder / manifest_name))
+    except (ValueError, RecursionError):
+        return None
+    return told if isinstance(told, dict) else None
+
+
+def data_name(data: Path) -> str:
+    """Name of the source data in a claim: the folder's name and its parent's.
+
+    This distinguishes trees with equal names, such as a case of two corrupted data sets, and allows
+    the same data at different paths on other machines.
+    """
+    return escaped("/".join(data.resolve().parts[-2:]))
+
+
+def _refusal(folder: Path, held: str, manifest_name: str) -> str:
+    return (
+        f"{folder} holds {held}, which would mix with this job; name another output folder or "
+        f"empty this one, its {manifest_name} too"
+    )
+
+
+def _difference(there: str, settings: Mapping[str, object]) -> str:
+    """Describe the differences between the folder's settings and this job's."""
+    before = None
+    with suppress(ValueError, RecursionError):
+        before = json.loads(there)
+    if not isinstance(before, dict):
+        return "a damaged manifest"
+    described = list(_differences(before, json.loads(json.dumps(dict(settings)))))
+    if not described:
+        return "files made with the same settings, written otherwise"
+    more = len(described) - _MOST_DIFFERENCES
+    beyond = [f"{more} more that differ"] if more > 0 else []
+    return f"files made with {', '.join(described[:_MOST_DIFFERENCES] + beyond)}"
+
+
+def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Iterator[str]:
+    """Yield the differences by name, recursively in nested settings such as a task's."""
+    for name in {**before, **now}:
+        held, asked = before.get(name), now.get(name)
+        if isinstance(held, dict) and isinstance(asked, dict):
+            yield from (f"{name} {inner}" for inner in _differences(held, asked))
+        elif held != asked:
+            yield f"{shortened(name)} {_shown(held)} instead of {_shown(asked)}"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, dict):
+        value = ", ".join(f"{name} {inner}" for name, inner in value.items())
+    return "none" if value is None else shortened(str(value), _LONGEST_VALUE)

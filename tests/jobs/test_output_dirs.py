@@ -1,0 +1,227 @@
+import json
+import multiprocessing
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from sightline.files import atomic
+from sightline.files.atomic import atomic_create_text
+from sightline.jobs.output_dirs import (
+    MANIFEST_NAME,
+    Claim,
+    acquire_output_dir,
+    claim_folders,
+    read_claim,
+)
+from sightline.jobs.run import run_job, shard
+
+SETTINGS = {"task": "toy", "seed": 3, "size": (2, 4)}
+
+
+@dataclass(frozen=True)
+class Note:
+    """Writes its number, unless it is 3."""
+
+    folder: Path
+    number: int
+
+    def __str__(self):
+        return f"note {self.number}"
+
+    def run(self):
+        if self.number == 3:
+            raise ValueError("is at fault; leave it out")
+        (self.folder / f"{self.number}.txt").write_text(str(self.number))
+
+
+def claim(folder, settings=SETTINGS, results=("*.txt",)):
+    acquire_output_dir(folder, settings, results=results)
+
+
+def claim_when_told(folder, settings, start, said):
+    start.wait()
+    try:
+        claim(folder, settings)
+        said.put("")
+    except ValueError as error:
+        said.put(str(error))
+
+
+def claims_at_once(folder, settings):
+    """What each of several processes is told, which claim a folder in the same moment."""
+    context = multiprocessing.get_context("spawn")
+    start, said = context.Barrier(len(settings)), context.Queue()
+    jobs = [
+        context.Process(target=claim_when_told, args=(folder, each, start, said))
+        for each in settings
+    ]
+    for job in jobs:
+        job.start()
+    answers = [said.get(timeout=60) for _ in jobs]
+    for job in jobs:
+        job.join()
+    return answers
+
+
+def test_a_claim_stands_in_the_folder_and_is_repeated_by_the_same_job(tmp_path):
+    folder = tmp_path / "deep" / "out"
+    claim(folder)
+    (folder / "0.txt").touch()
+    claim(folder)
+    assert json.loads((folder / "sightline.json").read_text()) == SETTINGS | {"size": [2, 4]}
+    assert sorted(path.name for path in folder.iterdir()) == ["0.txt", "sightline.json"]
+
+
+def test_of_jobs_that_claim_a_folder_at_once_those_of_one_kind_get_it(tmp_path):
+    folder = tmp_path / "out"
+    answers = claims_at_once(folder, [{"method": name} for name in ("a", "b", "a", "b")])
+    method = json.loads((folder / "sightline.json").read_text())["method"]
+    other = {"a": "b", "b": "a"}[method]
+    assert answers.count("") == 2
+    refused = [answer for answer in answers if answer]
+    assert all(f"made with method {method} instead of {other}" in answer for answer in refused)
+    assert [path.name for path in folder.iterdir()] == ["sightline.json"]
+
+
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        (SETTINGS | {"seed": 4}, "holds files made with seed 4 instead of 3, which would mix"),
+        ({"task": "toy", "size": [2, 4]}, "seed none instead of 3"),
+        (SETTINGS | {"more": "x" * 999}, r"more x{60}\.\.\. instead of none"),
+        (dict(reversed(SETTINGS.items())), "the same settings, written otherwise"),
+    ],
+)
+def test_a_job_of_other_settings_is_refused_by_name(tmp_path, there, said):
+    claim(tmp_path, there)
+    before = (tmp_path / "sightline.json").read_bytes()
+    with pytest.raises(ValueError, match=said):
+        claim(tmp_path)
+    assert (tmp_path / "sightline.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("there", "said"),
+    [
+        ({"engine": "openvino"}, r"files made with depth engine openvino instead of torch, which"),
+        ({}, "files made with depth engine none instead of torch, which"),
+        (None, "files made with depth none instead of method best, weights_sha256 ab"),
+    ],
+)
+def test_of_settings_inside_settings_those_that_differ_are_named(tmp_path, there, said):
+    task = {"method": "best", "weights_sha256": "ab" * 32, "engine": "torch"}
+    same = {name: task[name] for name in ("method", "weights_sha256")}
+    claim(tmp_path, {"depth": None if there is None else same | there})
+    with pytest.raises(ValueError, match=said):
+        claim(tmp_path, {"depth": task})
+
+
+@pytest.mark.parametrize("text", ["", "{", "[3]", "[" * 20_000, "\0"])
+def test_a_manifest_that_is_none_is_refused(tmp_path, text):
+    (tmp_path / "sightline.json").write_text(text)
+    with pytest.raises(ValueError, match="holds a damaged manifest, which would mix"):
+        claim(tmp_path)
+
+
+def test_of_several_folders_all_are_claimed_or_none(tmp_path):
+    acquire_output_dir(tmp_path / "second", {"by": "another"}, results=())
+    claims = [
+        Claim(folder=tmp_path / name, settings={"by": "me"}, results=())
+        for name in ("first", "second")
+    ]
+    with pytest.raises(ValueError, match="by another instead of me"):
+        claim_folders(claims)
+    assert not (tmp_path / "first").exists()
+    claim_folders(claims[:1])
+    assert (tmp_path / "first" / "sightline.json").is_file()
+
+
+def test_results_without_a_manifest_are_not_mixed_with(tmp_path):
+    (tmp_path / "other.md").touch()
+    claim(tmp_path)
+    (tmp_path / "sightline.json").unlink()
+    (tmp_path / "0.txt").touch()
+    with pytest.raises(ValueError, match=r"holds data without a sightline\.json, which would mix"):
+        claim(tmp_path)
+    assert not (tmp_path / "sightline.json").exists()
+
+
+@pytest.mark.parametrize("has_hard_links", [True, False])
+def test_a_file_is_created_once(tmp_path, monkeypatch, has_hard_links):
+    def refuse(*_):
+        raise OSError(atomic.errno.EPERM, "no hard links here")
+
+    if not has_hard_links:
+        monkeypatch.setattr(os, "link", refuse)
+    assert atomic_create_text(tmp_path / "a" / "note", "grün\n")
+    assert not atomic_create_text(tmp_path / "a" / "note", "blue\n")
+    assert (tmp_path / "a" / "note").read_bytes() == "grün\n".encode()
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["note"]
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_job_ends_at_the_first_piece_that_fails_by_its_name(tmp_path, workers):
+    with pytest.raises(ValueError, match=r"^note 3: is at fault; leave it out$"):
+        run_job([Note(tmp_path, number) for number in range(6)], workers, description="noting")
+    assert {"0.txt", "1.txt", "2.txt"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_shards_part_the_items_and_a_wrong_one_is_refused():
+    shards = [list(shard(range(10), index, 3)) for index in range(3)]
+    assert sorted(number for part in shards for number in part) == list(range(10))
+    for index, count in ((-1, 2), (2, 2), (0, 0)):
+        with pytest.raises(ValueError, match="shard_index must be between 0 and num_shards - 1"):
+            shard((), index, count)
+
+
+def test_a_job_without_a_worker_is_refused():
+    with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
+        run_job([], 0, description="nothing")
+
+
+def test_a_manifest_that_is_a_pipe_is_no_manifest_and_nobody_waits_for_it(tmp_path):
+    os.mkfifo(tmp_path / MANIFEST_NAME)
+    assert read_claim(tmp_path) is None
+    with pytest.raises(ValueError, match="is no regular file"):
+        acquire_output_dir(tmp_path, {"task": "a"}, results=("*.txt",))
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        "",
+        "null",
+        "[1]",
+        "[" * 100_000,
+        '{"task": NaN, "seed": Infinity, "size": [[[]]]}',
+        '{"task": "\\u001b[31m\\n# forged\\u202e"}',
+        json.dumps({"seed": 10**400, "task": "x" * 100_000}),
+        json.dumps({f"{number}" * 100: number for number in range(1_000)}),
+        json.dumps({"task": {"inner": {"deep": 1}}, "\x1b]0;title\x07" * 100: 1}),
+        "\x1b[2J\x00",
+    ],
+    ids=lambda text: text[:24].encode("unicode_escape").decode(),
+)
+def test_a_forged_manifest_is_refused_in_one_short_line(tmp_path, capsys, forged):
+    from sightline.cli.output import fail
+
+    (tmp_path / MANIFEST_NAME).write_text(forged)
+    with pytest.raises(ValueError, match="which would mix with this job; name another") as caught:
+        claim(tmp_path)
+    assert len(str(caught.value)) < 3_000
+    fail(str(caught.value), 2)
+    assert capsys.readouterr().err.removesuffix("\n").isprintable()
+    told = read_claim(tmp_path)
+    assert told is None or isinstance(told, dict)
+
+
+@pytest.mark.parametrize("kind", ["folder", "large"])
+def test_a_manifest_that_cannot_be_read_is_refused_in_one_line(tmp_path, kind):
+    path = tmp_path / MANIFEST_NAME
+    path.mkdir() if kind == "folder" else path.write_bytes(b" " * (2**22 + 1))
+    with pytest.raises(ValueError, match=r"sightline\.json:? is .*; .*name another output folder"):
+        claim(tmp_path)
+    assert read_claim(tmp_path) is None

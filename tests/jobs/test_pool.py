@@ -1,0 +1,230 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import cv2
+import pytest
+import torch
+from threadpoolctl import threadpool_info
+
+from sightline.jobs import pool as parallel
+from sightline.jobs.pool import holding_signals, run_pieces
+
+
+def later_first(position: int) -> str:
+    """The earlier the piece, the longer it takes."""
+    time.sleep(0.2 if position == 0 else 0.0)
+    return f"{position}"
+
+
+def one_piece_ends_its_process(position: int) -> str:
+    if position == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return ""
+
+
+def one_piece_raises(position: int) -> str:
+    if position == 1:
+        raise ZeroDivisionError("by chance")
+    return ""
+
+
+def who_and_with_how_many_threads(position: int) -> str:  # noqa: ARG001
+    return f"{os.getpid()} {torch.get_num_threads()} {cv2.getNumThreads()} {blas_threads()}"
+
+
+def blas_threads() -> int:
+    return max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+
+class PanicError(BaseException):
+    """As compiled libraries raise it."""
+
+
+def one_piece_panics(position: int) -> str:
+    if position == 1:
+        raise PanicError("overflow in a library")
+    return ""
+
+
+def hangs(position: int) -> str:
+    time.sleep(60)
+    return f"{position}"
+
+
+def hundred_megabytes(position: int) -> str:
+    return str(position) * 100_000_000
+
+
+def ends_soon(position: int) -> str:  # noqa: ARG001
+    print(os.getpid(), flush=True)
+    time.sleep(3)
+    return ""
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_results_come_in_order_whoever_is_done_first(workers: int):
+    assert list(run_pieces(later_first, 7, workers)) == [str(i) for i in range(7)]
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_job_without_pieces_is_done_at_once(workers: int):
+    assert list(run_pieces(later_first, 0, workers)) == []
+
+
+def test_workers_are_other_processes_with_a_thread_each():
+    found = {answer.split()[0] for answer in run_pieces(who_and_with_how_many_threads, 8, 2)}
+    assert str(os.getpid()) not in found
+    threads = {
+        tuple(answer.split()[1:]) for answer in run_pieces(who_and_with_how_many_threads, 8, 2)
+    }
+    assert threads == {("1", "1", "1")}
+
+
+def test_matrix_products_have_one_thread_while_a_job_runs_in_this_process():
+    before = blas_threads()
+    assert {answer.split()[3] for answer in run_pieces(who_and_with_how_many_threads, 2, 1)} == {
+        "1"
+    }
+    assert blas_threads() == before
+
+
+def test_a_worker_that_is_killed_ends_the_job_with_an_error():
+    with pytest.raises(ChildProcessError, match="use fewer workers"):
+        list(run_pieces(one_piece_ends_its_process, 4, 2))
+
+
+def test_what_a_piece_raises_is_shown_with_its_traceback():
+    with pytest.raises(RuntimeError, match=r"piece 1 (.|\n)*one_piece_raises(.|\n)*by chance"):
+        list(run_pieces(one_piece_raises, 4, 2))
+
+
+def test_a_job_that_is_not_finished_leaves_no_process():
+    pieces = run_pieces(who_and_with_how_many_threads, 50, 2)
+    worker = int(next(pieces).split()[0])
+    pieces.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+
+
+@pytest.mark.parametrize(("ending", "to_all"), [(signal.SIGINT, True), (signal.SIGKILL, False)])
+def test_workers_end_with_the_program_and_say_nothing(ending: signal.Signals, to_all: bool):
+    program = (
+        "from sightline.jobs.pool import holding_signals, run_pieces\n"
+        "from tests.jobs.test_pool import ends_soon\n"
+        "try:\n"
+        "    list(run_pieces(ends_soon, 2, 2))\n"
+        "except KeyboardInterrupt:\n"
+        "    pass\n"
+    )
+    command = [sys.executable, "-c", program]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes, start_new_session=True) as process:
+        for _ in range(2):
+            assert process.stdout.readline()
+        if to_all:
+            os.killpg(process.pid, ending)  # as a terminal does
+        else:
+            process.send_signal(ending)
+        # The pipe ends when the last of the workers has.
+        assert process.communicate(timeout=60)[1] == b""
+
+
+def test_what_is_no_exception_of_pythons_own_comes_back_with_its_traceback():
+    with pytest.raises(RuntimeError, match=r"piece 1 (.|\n)*overflow in a library"):
+        list(run_pieces(one_piece_panics, 4, 2))
+
+
+def test_a_result_of_any_length_comes_back():
+    assert [len(result) for result in run_pieces(hundred_megabytes, 2, 2)] == [100_000_000] * 2
+
+
+def test_workers_that_hang_end_the_job_with_an_error_that_names_the_pieces(monkeypatch):
+    monkeypatch.setattr(parallel, "_LONGEST_PIECE_S", 0.2)
+    monkeypatch.setattr(parallel, "_LOOK_EVERY_S", 0.1)
+    monkeypatch.setattr(parallel, "_PATIENCE_S", 0.1)
+    with pytest.raises(ChildProcessError, match=r"no worker .*at pieces 0, 1\); use 1 worker"):
+        list(run_pieces(hangs, 4, 2))
+
+
+def test_workers_that_cannot_be_started_end_the_job_with_an_error(monkeypatch):
+    def refuse(*_, **__):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(parallel.multiprocessing, "Process", refuse)
+    with pytest.raises(ChildProcessError, match=r"cannot be started: resource .*use fewer workers"):
+        list(run_pieces(later_first, 4, 2))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_held_until_the_block_ends_whoever_handles_it(number):
+    came = []
+    previous = signal.signal(number, lambda number, _: came.append(number))
+    try:
+        with holding_signals():
+            signal.raise_signal(number)
+            assert came == []
+        assert came == [number]
+    finally:
+        signal.signal(number, previous)
+
+
+def test_ctrl_c_ends_a_job_at_whichever_of_twenty_moments_of_its_start_it_comes():
+    def calls_until_the_first_result(struck: int | None) -> int:
+        """Strikes Ctrl-C at a call of a function, counted over the job's start."""
+        count = 0
+
+        def strike(*_):
+            nonlocal count
+            count += 1
+            if count == struck and os.getpid() == process:
+                sys.setprofile(None)
+                signal.raise_signal(signal.SIGINT)
+
+        pieces, process = run_pieces(later_first, 4, 2), os.getpid()
+        sys.setprofile(strike)
+        try:
+            next(pieces)
+        finally:
+            sys.setprofile(None)
+            pieces.close()
+        return count
+
+    total = min(calls_until_the_first_result(None) for _ in range(3))  # waiting takes calls, too
+    for moment in range(20):
+        with pytest.raises(KeyboardInterrupt):
+            calls_until_the_first_result(1 + moment * (total // 2) // 20)
+
+
+class Stubborn:
+    """A process that ends once it has been told to, and notes what is done to it."""
+
+    def __init__(self, number, said):
+        self.number, self.said, self.is_told = number, said, False
+
+    def join(self, timeout):
+        assert timeout >= 0
+        if self.is_told:
+            self.said.append(f"join {self.number}")
+
+    def terminate(self):
+        self.is_told = True
+        self.said.append(f"end {self.number}")
+
+    def is_alive(self):
+        return not self.is_told
+
+    def kill(self):
+        raise AssertionError("it has ended")
+
+
+def test_workers_that_do_not_finish_are_all_ended_before_one_is_waited_for(monkeypatch):
+    monkeypatch.setattr(parallel, "_PATIENCE_S", 0.0)
+    said = []
+    pool = parallel._Pool(str)
+    ends = [parallel.multiprocessing.Pipe()[0] for _ in range(3)]
+    pool._processes = {end: Stubborn(number, said) for number, end in enumerate(ends)}
+    pool.close()
+    assert said == ["end 0", "end 1", "end 2", "join 0", "join 1", "join 2"]
