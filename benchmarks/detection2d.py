@@ -31,9 +31,9 @@ from sightline.detection2d.placement import (
     lidar_image,
     padded,
     place,
+    to_detections,
     whole_strides,
 )
-from sightline.detection2d.postprocess import to_detections
 from sightline.export.engines import build_engine
 from sightline.export.names import EngineName, Precision
 from sightline.files.weights_header import shipped_names

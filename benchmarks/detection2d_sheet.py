@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from benchmarks.sheet_file import write_sheet
 from sightline.corruptions.suites import SUITES
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.detection2d.answer_picture import answer_row
+from sightline.detection2d.answers import answer_row
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.jobs.progress import track
 from sightline.simulation.packaged import PACKAGED_FRAMES

@@ -1,11 +1,18 @@
 """Frames, truths and networks for the tests of this folder."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import torch
 
-from sightline.detection2d.config import CompactConfig, Detection2DConfig, InputConfig, StreamConfig
+from sightline.detection2d.config import (
+    PAPER,
+    CompactConfig,
+    Detection2DConfig,
+    InputConfig,
+    StreamConfig,
+)
+from sightline.detection2d.examples import ExampleConfig
 from sightline.detection2d.model import Detector
 from sightline.detection2d.targets import DetectionTargets
 from sightline.files.weights import write_weights
@@ -17,10 +24,8 @@ from sightline.structures.sample import CameraLidarSample
 from tests.geometry.cameras import kitti_like_calibration
 
 SIZE = (264, 272)  # hardly more than what leaves something of the last of SSD's maps
-TINY = Detection2DConfig(width=0.03, input=InputConfig(size=SIZE))
+TINY = replace(PAPER, width=0.03, input=InputConfig(size=SIZE))
 TINY_COMPACT = Detection2DConfig(
-    dgfn=None,
-    input=InputConfig(size=None),
     compact=CompactConfig(
         camera=StreamConfig(channels=(4, 8, 12, 16, 24), blocks=(0, 1, 0, 0)),
         lidar=StreamConfig(channels=(4, 4, 8, 12, 16), blocks=(0, 0, 0, 0)),
@@ -28,6 +33,11 @@ TINY_COMPACT = Detection2DConfig(
         head_convs=1,
     ),
 )
+
+
+def whole_frames(size, **settings):
+    """Settings of examples that are whole frames of a size."""
+    return ExampleConfig(input=InputConfig(size=size), pad_to=1, crop_size=None, **settings)
 
 
 def labels(rows, **columns):

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -5,18 +6,17 @@ import pytest
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_results
 from sightline.detection2d import registration
-from sightline.detection2d.config import Detection2DConfig, InputConfig, PostprocessConfig
+from sightline.detection2d.config import PostprocessConfig
 from sightline.detection2d.registration import TASK
 from sightline.inference.demo import run_demo
-from tests.detection2d.frames import SIZE, TINY, write_network
+from tests.detection2d.frames import TINY, write_network
 
 
 @pytest.fixture
 def default_weights(tmp_path, monkeypatch):
     """Weights drawn at random, in the place of those that come with the package."""
-    config = Detection2DConfig(
-        width=TINY.width,
-        input=InputConfig(size=SIZE),
+    config = replace(
+        TINY,
         postprocess=PostprocessConfig(min_score=0.3, max_detections=7),
     )
     write_network(tmp_path / "small.safetensors", config)

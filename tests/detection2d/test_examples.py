@@ -10,17 +10,22 @@ from sightline.augmentation.faults import FewerRings, NoCamera
 from sightline.augmentation.sample_changes import ColorJitterConfig, mirror
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.data.open import open_dataset
-from sightline.detection2d.augmentation import ViewConfig, min_iou_crop, scaled_crop
 from sightline.detection2d.config import InputConfig
-from sightline.detection2d.examples import DetectionExamples, ExampleConfig
-from sightline.detection2d.health import CELL_PX
+from sightline.detection2d.examples import (
+    DetectionExamples,
+    ExampleConfig,
+    ViewConfig,
+    min_iou_crop,
+    scaled_crop,
+)
+from sightline.detection2d.loss import CELL_PX
 from sightline.detection2d.placement import lidar_image
 from sightline.detection2d.targets import TargetConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
-from tests.detection2d.frames import SIZE, painted_frame
+from tests.detection2d.frames import SIZE, painted_frame, whole_frames
 
 ANY_SIZE = InputConfig(size=None)
 CROPS = ExampleConfig(
@@ -62,7 +67,7 @@ def test_a_training_example_shows_objects_where_their_boxes_say(sample):
 
 def test_the_whole_frame_is_stretched_to_the_networks_input(sample):
     size = (200, 500)
-    settings = ExampleConfig(input=InputConfig(size=size), view=PLAIN, targets=TargetConfig())
+    settings = whole_frames(size, view=PLAIN, targets=TargetConfig())
     batch = example(sample, settings)
     assert batch.image.shape == (1, 3, *size)
     car = sample.objects.boxes2d.tensor[0].float()
@@ -70,7 +75,7 @@ def test_the_whole_frame_is_stretched_to_the_networks_input(sample):
     torch.testing.assert_close(batch.targets[0].boxes[0], (car + 0.5) * scales - 0.5)
 
 
-@pytest.mark.parametrize("settings", [CROPS, ExampleConfig(input=InputConfig(size=(64, 96)))])
+@pytest.mark.parametrize("settings", [CROPS, whole_frames((64, 96))])
 def test_an_example_depends_on_its_generator_alone(sample, settings):
     settings = replace(settings, cases=CorruptionSampler(), camera=CameraChainConfig())
     first, again, other = (example(sample, settings, seed=s) for s in (3, 3, 4))
@@ -81,7 +86,7 @@ def test_an_example_depends_on_its_generator_alone(sample, settings):
 
 
 def test_mirrored_views_come_as_often_as_not(sample):
-    settings = ExampleConfig(input=InputConfig(size=(64, 96)))
+    settings = whole_frames((64, 96))
     plain, turned = (lidar_image_of(each, settings) for each in (sample, mirror(sample)))
     found = [example(sample, settings, seed=seed).lidar[0] for seed in range(20)]
     mirrored = [torch.equal(each, turned) for each in found]
@@ -126,7 +131,7 @@ def test_cases_come_as_often_as_is_said(sample):
         assert bool(batch.image.any()) == bool(batch.camera_health.nansum() > 0)
 
 
-@pytest.mark.parametrize("settings", [CROPS, ExampleConfig(input=InputConfig(size=(96, 200)))])
+@pytest.mark.parametrize("settings", [CROPS, whole_frames((96, 200))])
 @pytest.mark.parametrize(("sensor", "image"), [("camera", "image"), ("lidar", "lidar")])
 def test_gates_are_told_where_a_box_is_in_each_view(sample, settings, sensor, image):
     cases = only(f"{sensor}_occlusion")
@@ -279,7 +284,7 @@ def test_the_lidars_image_shows_heights_above_the_road_wherever_the_lidar_sits(s
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"input": ANY_SIZE}, "frames of any size make no batches"),
+        ({"crop_size": None}, "frames of any size make no batches"),
         ({"crop_size": (64, 64), "view": ViewConfig(min_iou_crop=True)}, "set crop_size to null"),
         ({"fault_share": 1.5}, "fault_share must be from 0 to 1, got 1.5"),
     ],

@@ -9,20 +9,18 @@ from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_results
 from sightline.data.open import open_dataset
-from sightline.detection2d.config import Detection2DConfig, InputConfig, PostprocessConfig
+from sightline.detection2d.config import InputConfig, PostprocessConfig
 from sightline.detection2d.placement import camera_image, lidar_image
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection2d.registration import TASK
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from tests.detection2d.frames import SIZE, TINY, painted_frame, write_network
+from tests.detection2d.frames import TINY, painted_frame, write_network
 
 SURE = PostprocessConfig(min_score=0.2, max_detections=20)  # of random weights: 0.25 each
 
 
 def config(fusion="gated"):
-    return Detection2DConfig(
-        width=TINY.width, fusion=fusion, input=InputConfig(size=SIZE), postprocess=SURE
-    )
+    return replace(TINY, fusion=fusion, postprocess=SURE)
 
 
 @pytest.fixture(scope="module")

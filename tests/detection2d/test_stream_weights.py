@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from sightline.detection2d.model import Detector
-from sightline.detection2d.stream_weights import load_stream_weights
+from sightline.detection2d.task import load_stream_weights
 from sightline.files.settings import config_to_dict
 from sightline.files.weights import write_weights
 from tests.detection2d.frames import TINY

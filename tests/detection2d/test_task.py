@@ -1,23 +1,27 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import lightning
 import numpy as np
 import pytest
 import torch
+import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
-from sightline.detection2d.config import Detection2DConfig, InputConfig
-from sightline.detection2d.examples import DetectionExamples, ExampleConfig
+from sightline.detection2d.config import PAPER, DgfnConfig
+from sightline.detection2d.examples import DetectionExamples
+from sightline.detection2d.loss import detection_loss
 from sightline.detection2d.task import Detection2D
 from sightline.files.settings import config_to_dict
 from sightline.files.weights import write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.batch import concatenate
-from sightline.training.optimizer import OptimizerConfig
+from sightline.tasks import PACKAGE_RECIPES
+from sightline.training.optimizer import OptimizerConfig, make_optimizer
 from sightline.training.quiet import LIGHTNING_NOISE
-from tests.detection2d.frames import SIZE, TINY, painted_frame, write_network
+from tests.detection2d.frames import SIZE, TINY, painted_frame, whole_frames, write_network
 
 pytestmark = [pytest.mark.filterwarnings(f"ignore:{beginning}") for beginning in LIGHTNING_NOISE]
 
@@ -31,7 +35,7 @@ def batch_of(samples, settings):
 @pytest.fixture(scope="module")
 def batch():
     frames = [painted_frame(number) for number in range(4)]
-    return batch_of(frames, ExampleConfig(input=InputConfig(size=SIZE)))
+    return batch_of(frames, whole_frames(SIZE))
 
 
 def train(task, batch, steps, learning_rate):
@@ -60,9 +64,33 @@ def scores_of(task, batch, times=1):
 
 def test_the_papers_network_learns_four_frames_by_heart(batch):
     torch.manual_seed(0)
-    task = Detection2D(Detection2DConfig(width=0.0625, input=InputConfig(size=SIZE)))
+    task = Detection2D(replace(TINY, width=0.0625))
     train(task, batch, steps=60, learning_rate=1e-3)
     assert scores_of(task, batch, times=15)["Car/bbox/moderate"] > 90
+
+
+@pytest.mark.parametrize("num_updates", [20, pytest.param(200, marks=pytest.mark.slow)])
+def test_gates_of_the_quarter_recipe_stay_open_over_the_first_updates(num_updates):
+    recipe = yaml.safe_load((PACKAGE_RECIPES / "detection2d-dgfn-quarter.yaml").read_text())
+    optimizer = OptimizerConfig(**recipe["model"]["init_args"]["optimizer"])
+    two = batch_of([painted_frame(0), painted_frame(1)], whole_frames(SIZE))
+    torch.manual_seed(0)
+    dgfn = DgfnConfig(batch_norm=True)  # features of length 20, so that gates move faster
+    task = Detection2D(replace(TINY, dgfn=dgfn), optimizer=optimizer)
+    stepper = make_optimizer(task.network.named_parameters(), optimizer)
+    lowest, costs = [], []
+    for _ in range(num_updates):
+        stepper.zero_grad()
+        outputs = task.network.read(two.image, two.lidar)
+        losses = detection_loss(outputs, two, task.loss, compact=False)
+        losses.total.backward()
+        torch.nn.utils.clip_grad_norm_(task.network.parameters(), 10.0)
+        stepper.step()
+        costs.append(float(losses.total.detach()))
+        lowest.append(min(float(each.detach().sigmoid().mean()) for each in outputs.gates[0]))
+    assert lowest[0] == pytest.approx(0.5, abs=0.05)
+    assert min(lowest) > 0.2  # at the full rate 0.01 after six updates
+    assert costs[-1] < 0.7 * costs[0]
 
 
 def test_only_the_images_scores_are_logged(batch):
@@ -119,9 +147,9 @@ def attached(task, **data):
 
 
 def test_examples_that_show_frames_otherwise_than_the_network_sees_them_are_refused():
-    same = DetectionExamples(ExampleConfig(input=TINY.input))
+    same = DetectionExamples(whole_frames(SIZE))
     attached(Detection2D(TINY), preparation=same).setup("fit")
-    other = DetectionExamples(ExampleConfig(input=InputConfig(size=(64, 96))))
+    other = DetectionExamples(whole_frames((64, 96)))
     with pytest.raises(ValueError, match=r"examples' settings\.input is .*\(64, 96\).* set both"):
         attached(Detection2D(TINY), preparation=other).setup("validate")
 
@@ -163,7 +191,7 @@ def test_a_training_starts_from_the_weights_of_another(tmp_path):
     assert started.network_config() == TINY
     for name, tensor in started.network.state_dict().items():
         assert torch.equal(tensor, network.state_dict()[name])
-    other = Detection2DConfig(width=TINY.width, input=TINY.input, fusion="ones")
+    other = replace(TINY, fusion="ones")
     with pytest.raises(ValueError, match=r"other settings .*\(fusion gated .*network null"):
         Detection2D(other, initial_weights=tmp_path / "w.safetensors")
 
@@ -171,10 +199,10 @@ def test_a_training_starts_from_the_weights_of_another(tmp_path):
 @pytest.mark.slow
 def test_the_papers_network_takes_ten_steps_of_its_own_training():
     samples = open_dataset(PACKAGED_FRAMES, parts={"image", "points", "objects"})
-    batch = batch_of([samples[0]], ExampleConfig())
+    batch = batch_of([samples[0]], whole_frames(PAPER.input.size))
     torch.manual_seed(0)
     optimizer = OptimizerConfig(name="sgd", learning_rate=3e-4, weight_decay=5e-4)
-    task = Detection2D(Detection2DConfig(), optimizer=optimizer)
+    task = Detection2D(PAPER, optimizer=optimizer)
     update = task.configure_optimizers()
     costs = []
     for _ in range(10):

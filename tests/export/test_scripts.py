@@ -20,9 +20,9 @@ from sightline.depth_completion.methods import filling_config
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.processing import processing as depth_processing
 from sightline.depth_completion.registration import TASK as DEPTH
+from sightline.detection2d.export_graph import processing as detection2d_processing
 from sightline.detection2d.placement import lidar_image
 from sightline.detection2d.predictor import DetectionPredictor
-from sightline.detection2d.processing import processing as detection2d_processing
 from sightline.detection2d.registration import TASK as DETECTION_2D
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.registration import TASK as DETECTION_3D

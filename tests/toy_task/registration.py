@@ -15,7 +15,7 @@ def _write_results(path, sample, answer):
 
 
 def _read_results(path, sample, told):
-    from sightline.detection2d.files import read_results
+    from sightline.detection2d.answers import read_results
 
     del sample
     return read_results(path, told)

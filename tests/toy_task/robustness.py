@@ -1,6 +1,6 @@
 """How it is scored where sensors are broken."""
 
-from sightline.detection2d.files import read_answer
+from sightline.detection2d.answers import read_answer
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import Panel
 from sightline.visualization.canvas import scaled_to_width

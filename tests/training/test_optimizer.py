@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from sightline.training.optimizer import OptimizerConfig, make_schedule
+from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
 from tests.training import toy
 
 
@@ -81,6 +81,41 @@ def test_a_rate_in_steps_falls_to_a_tenth_at_each():
 def test_drops_that_make_no_sense_are_refused(settings):
     with pytest.raises(ValueError, match="drop_"):
         OptimizerConfig(**settings)
+
+
+@pytest.mark.parametrize("name", ["adam", "adamw", "sgd"])
+@pytest.mark.parametrize("schedule", ["constant", "one_cycle", "cosine"])
+def test_parts_with_a_factor_learn_at_that_share_of_the_rate_all_along(name, schedule):
+    config = OptimizerConfig(
+        name=name,
+        learning_rate=0.2,
+        schedule=schedule,
+        warm_up_share=0.2,
+        rate_factors={"gate.*": 0.05, "*.bias": 0.5},
+    )
+    layers = torch.nn.ModuleDict({"gate": torch.nn.Linear(1, 1), "mix": torch.nn.Linear(1, 1)})
+    optimizer = make_optimizer(layers.named_parameters(), config)
+    members = [group["params"] for group in optimizer.param_groups]
+    assert members == [[layers["mix"].weight], [*layers["gate"].parameters()], [layers["mix"].bias]]
+    plan = make_schedule(optimizer, config, 20)
+    for _ in range(20):
+        full, gate, bias = (group["lr"] for group in optimizer.param_groups)
+        assert gate == pytest.approx(0.05 * full)
+        assert bias == pytest.approx(0.5 * full)
+        optimizer.step()
+        plan.step()
+
+
+def test_a_factor_that_fits_nothing_is_told(frames, tmp_path, capsys):
+    module = toy.module(rate_factors={"*_gate.*": 0.05, "network.*": 0.5})
+    toy.trainer(tmp_path, max_epochs=1).fit(module, datamodule=toy.data(frames))
+    assert "rate_factors has *_gate.*, which fits no parameter" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.inf, math.nan])
+def test_factors_that_make_no_sense_are_refused(factor):
+    with pytest.raises(ValueError, match="rate_factors must be positive and finite, got"):
+        OptimizerConfig(rate_factors={"*": factor})
 
 
 def test_the_schedule_ends_with_the_training(frames, tmp_path):

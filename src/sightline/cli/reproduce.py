@@ -127,8 +127,8 @@ def reproduce_dgfn(
     files = [named_file(each) for each in (gated, ones, early, late, camera, lidar, sample_list)]
     check_outputs({"--json": json, "--out": out, "--figures": figures}, data=[data, *files])
     check_places({"--json": json})
-    from sightline.detection2d.gate_figures import GATE_MAPS, GATE_MEANS
-    from sightline.detection2d.reproduce import reproduce_dgfn as reproduce
+    from sightline.detection2d.dgfn.gates import GATE_MAPS, GATE_MEANS
+    from sightline.detection2d.dgfn.reproduce import reproduce_dgfn as reproduce
 
     given: dict[Fusion, str | None]
     given = {

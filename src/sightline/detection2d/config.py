@@ -1,4 +1,4 @@
-"""Settings of the 2D detectors; defaults as in Kim et al. 2018, by our reading."""
+"""Settings of the 2D detectors: defaults as shipped, and `PAPER`, those of Kim et al. 2018."""
 
 import math
 from collections.abc import Sequence
@@ -58,7 +58,7 @@ def scaled(channels: int, width: float) -> int:
 class InputConfig:
     """Preparation of frames for a network: the same for training, scoring and use."""
 
-    size: tuple[int, int] | None = (375, 1242)
+    size: tuple[int, int] | None = None
     """Height, width [px] that frames are resized to. None: they keep their proportions."""
     scale: float = 1.0
     """Factor on the sides of frames that keep their proportions."""
@@ -102,8 +102,8 @@ class DgfnConfig:
     l2_norm_scale: float = 20.0
     """Initial scale of the features of conv4_3 (Liu et al. 2016, section 3.1)."""
     batch_norm: bool = False
-    """Whether the streams' convolutions have batch normalisation. Without VGG16's weights, the
-    paper's own layers hardly improve in a short training."""
+    """Whether the streams' convolutions have batch normalisation, which a training from scratch
+    needs. It is folded into them in the weights that a training leaves: those are the paper's."""
 
     def __post_init__(self) -> None:
         """Checks the numbers of the priors."""
@@ -174,11 +174,11 @@ class CompactConfig:
 class PostprocessConfig:
     """Settings that turn boxes into detections."""
 
-    min_score: float = 0.01
+    min_score: float = 0.02
     """Score up to which boxes are removed."""
-    nms_iou: float = 0.45
+    nms_iou: float = 0.6
     """IoU of two boxes of a class beyond which the one with the lower score is removed."""
-    max_detections: int = 200
+    max_detections: int = 100
     """Largest number of detections in an image, by score."""
 
     def __post_init__(self) -> None:
@@ -198,10 +198,10 @@ class Detection2DConfig:
     """Factor on the channels of all layers."""
     input: InputConfig = InputConfig()
     """Preparation of frames."""
-    dgfn: DgfnConfig | None = DgfnConfig()
-    """Network of the paper; None: another network."""
-    compact: CompactConfig | None = None
-    """Light network; set dgfn to null with it."""
+    dgfn: DgfnConfig | None = None
+    """Network of the paper; set compact to null with it."""
+    compact: CompactConfig | None = CompactConfig()
+    """Light network; None: another network."""
     postprocess: PostprocessConfig = PostprocessConfig()
     """Settings that turn boxes into detections."""
 
@@ -214,3 +214,12 @@ class Detection2DConfig:
             raise ValueError(
                 "a detector is dgfn or compact: set one of them, and the other to null"
             )
+
+
+PAPER: Final = Detection2DConfig(
+    input=InputConfig(size=(375, 1242)),
+    dgfn=DgfnConfig(),
+    compact=None,
+    postprocess=PostprocessConfig(min_score=0.01, nms_iou=0.45, max_detections=200),
+)
+"""Settings of Kim et al. 2018, by our reading."""

@@ -8,7 +8,7 @@ import numpy as np
 from sightline.corruptions.suites import CLEAN, find_suite
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.detection2d.answer_picture import DRAWN_SCORE, answer_row
+from sightline.detection2d.answers import DRAWN_SCORE, answer_row
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.inference.demo import DemoPart, Headline
 from sightline.inference.predict import predict

@@ -1,23 +1,107 @@
-"""Training loss of a 2D detector."""
+"""Training loss of a 2D detector; health maps of the sensors as targets of its gates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import torch
-from jaxtyping import Float
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
-from sightline.detection2d.aligned_loss import (
+from sightline.detection2d.compact.loss import (
     AlignedLossConfig,
     AlignedLosses,
     aligned_loss,
     assign_batch,
 )
-from sightline.detection2d.batch import DetectionBatch
 from sightline.detection2d.config import check_range
-from sightline.detection2d.gate_loss import gate_loss
-from sightline.detection2d.readings import HeadOutputs
-from sightline.detection2d.ssd_loss import SsdLossConfig, multibox_loss
+from sightline.detection2d.dgfn.loss import SsdLossConfig, multibox_loss
+from sightline.detection2d.fusion import GateReading, HeadOutputs
+from sightline.detection2d.placement import padded
+from sightline.detection2d.targets import DetectionBatch
+
+CELL_PX: Final = 8
+"""Side of the health map's cells: the stride of the finest maps."""
+
+
+def health(
+    broken: Bool[Tensor, "height width"], size: tuple[int, int], *, nothing_left: bool
+) -> Float32[Tensor, "1 rows columns"]:
+    """Share of each cell's pixels within the image that a sensor still delivers.
+
+    The share is NaN (unknown) beyond the image, and in cells that are fully broken but not gone:
+    the gate has to learn by itself how much is left.
+
+    Args:
+        broken: Mask of the broken pixels of the sensor's image.
+        size: Height, width [px] of the padded image.
+        nothing_left: Whether broken pixels contain nothing of the scene.
+    """
+    is_sound = ~broken
+    is_known = torch.ones_like(broken) if nothing_left else is_sound
+    sound, known = (
+        F.avg_pool2d(padded(each[None].float(), size), CELL_PX, ceil_mode=True)
+        for each in (is_sound, is_known)
+    )
+    return torch.where(known > 0, sound / known.clamp(min=1e-6), torch.nan)
+
+
+def known_by_points(
+    of_cells: Float32[Tensor, "1 rows columns"], lidar: Float32[Tensor, "3 height width"]
+) -> Float32[Tensor, "1 rows columns"]:
+    """Set a LiDAR's health to unknown in cells without points, which look the same if it fails.
+
+    Args:
+        of_cells: Health.
+        lidar: The intact LiDAR's image.
+    """
+    has_point = F.max_pool2d((lidar > 0).float(), CELL_PX, ceil_mode=True).amax(0, keepdim=True)
+    return of_cells.where(has_point > 0, torch.nan)
+
+
+def pooled_health(
+    health: Float[Tensor, "batch 1 rows columns"], rows: int, columns: int
+) -> Float[Tensor, "batch 1 new_rows new_columns"]:
+    """Pool health to a coarser map: the mean of known cells, NaN if there are none."""
+    is_known = (~health.isnan()).to(health.dtype)
+    size = (rows, columns)
+    share = F.adaptive_avg_pool2d(health.nan_to_num(), size)
+    known = F.adaptive_avg_pool2d(is_known, size)
+    return torch.where(known > 0, share / known.clamp(min=1e-6), torch.nan)
+
+
+def gate_loss(
+    gates: Sequence[GateReading],
+    camera_health: Float[Tensor, "batch 1 rows columns"],
+    lidar_health: Float[Tensor, "batch 1 rows columns"],
+) -> Float[Tensor, ""]:
+    """Cross entropy of each gate with its sensor's health, the mean over all maps.
+
+    Cells with unknown health (NaN) have no loss.
+    """
+    costs = [
+        _cost(logits, health)
+        for gate in gates
+        for logits, health in (
+            (gate.camera_logits, camera_health),
+            (gate.lidar_logits, lidar_health),
+        )
+    ]
+    return torch.stack(costs).mean()
+
+
+def _cost(
+    logits: Float[Tensor, "batch groups rows columns"],
+    health: Float[Tensor, "batch 1 fine_rows fine_columns"],
+) -> Float[Tensor, ""]:
+    rows, columns = logits.shape[-2:]
+    wanted = pooled_health(health, rows, columns).expand_as(logits)
+    is_known = ~wanted.isnan()
+    entropy = F.binary_cross_entropy_with_logits(
+        logits.float(), wanted.nan_to_num(), reduction="none"
+    )
+    return (entropy * is_known).sum() / is_known.sum().clamp(min=1)
 
 
 @dataclass(frozen=True, kw_only=True)

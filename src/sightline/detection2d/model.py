@@ -1,23 +1,23 @@
 """Networks of the 2D detectors: streams of the sensors, their fusion, heads."""
 
 from collections.abc import Sequence
-from typing import Protocol, cast
+from typing import cast
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from sightline.detection2d.aligned_head import AlignedHead
+from sightline.detection2d.compact.network import AlignedHead, CompactDesign
 from sightline.detection2d.config import Detection2DConfig
-from sightline.detection2d.designs import design_of
-from sightline.detection2d.mixed_heads import mix_heads
-from sightline.detection2d.readings import DetectorOutput, GateReading, HeadOutputs, HeadReading
+from sightline.detection2d.dgfn.network import DgfnDesign, SsdHead
+from sightline.detection2d.fusion import (
+    DetectorOutput,
+    GateReading,
+    HeadOutputs,
+    mix_heads,
+)
 
 Image = Float[Tensor, "batch 3 height width"]
-
-
-class _Head(Protocol):
-    def decode(self, reading: HeadReading) -> tuple[Tensor, Tensor]: ...
 
 
 class Detector(nn.Module):
@@ -30,7 +30,12 @@ class Detector(nn.Module):
     def __init__(self, config: Detection2DConfig) -> None:
         super().__init__()
         self.config = config
-        design = design_of(config)
+        design: DgfnDesign | CompactDesign
+        if config.compact is not None:
+            design = CompactDesign(config.compact, config.width)
+        else:
+            assert config.dgfn is not None, "settings name one of them"
+            design = DgfnDesign(config.dgfn, config.width)
         self.stride = design.stride
         self.smallest_px = design.smallest_px
         self.prepare = design.prepare()
@@ -80,7 +85,7 @@ class Detector(nn.Module):
         """
         readings = self.read(image, lidar)
         decoded = [
-            cast("_Head", head).decode(reading)
+            cast("SsdHead | AlignedHead", head).decode(reading)
             for head, reading in zip(self.heads.values(), readings.heads, strict=True)
         ]
         finest = readings.gates[0] if readings.gates else None
@@ -106,7 +111,7 @@ class Detector(nn.Module):
         """
         given = {"image": image, "lidar": lidar}
         size = self._checked_size({name: given[name] for name in self.input_names})
-        maps = {sensor: self.streams[sensor](each) for sensor, each in self._planes(given).items()}
+        maps = {sensor: self.streams[sensor](each) for sensor, each in self.planes(given).items()}
         is_asked = auxiliary or self.mixes_heads
         own = {
             sensor: head(maps[sensor], size) for sensor, head in self.auxiliary.items() if is_asked
@@ -158,8 +163,8 @@ class Detector(nn.Module):
                 "enlarge the frames (network.input.size)"
             )
 
-    def _planes(self, given: dict[str, Image | None]) -> dict[str, Tensor]:
-        """Select the input planes of each stream."""
+    def planes(self, given: dict[str, Image | None]) -> dict[str, Tensor]:
+        """Prepare the input planes of each stream from the given images, by name."""
         image, lidar = given["image"], given["lidar"]
         planes = {}
         if image is not None:

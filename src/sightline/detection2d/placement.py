@@ -1,4 +1,4 @@
-"""Resizing of frames for networks, and the way back to the frame's pixels."""
+"""Resizing of frames for networks, and the way back: detections in the frame's pixels."""
 
 from dataclasses import dataclass
 
@@ -8,9 +8,12 @@ from jaxtyping import Float, Float32
 from torch import Tensor
 
 from sightline.augmentation.scene_changes import resize
-from sightline.detection2d.config import InputConfig
+from sightline.detection2d.config import CLASSES, InputConfig, PostprocessConfig
+from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.projection import dhi_image
+from sightline.ops.nms import nms2d
 from sightline.structures.level import level_sample
+from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -81,3 +84,42 @@ def whole_strides(size: tuple[int, int], stride: int) -> tuple[int, int]:
     """Round height and width up to multiples of the stride."""
     height, width = (-(-side // stride) * stride for side in size)
     return height, width
+
+
+MOST_CANDIDATES = 2000  # best-scored boxes of a frame that enter suppression
+
+
+def to_detections(
+    scores: Float[Tensor, "places classes"],
+    boxes: Float[Tensor, "places 4"],
+    placement: Placement,
+    config: PostprocessConfig,
+) -> Detections2D:
+    """Make detections in the frame's pixels, by descending score, clipped to the frame.
+
+    Boxes of a class suppress each other (greedy, by IoU); empty boxes are removed. Boxes of several
+    detectors are treated alike, which is how late fusion joins them.
+
+    Args:
+        scores: Scores of each class at each place.
+        boxes: x_min, y_min, x_max, y_max in pixels of the network's input.
+        placement: Placement of the frame in the input.
+        config: Thresholds.
+    """
+    rows, columns = (scores > config.min_score).nonzero().unbind(dim=1)
+    sure = scores[rows, columns]
+    if len(sure) > MOST_CANDIDATES:
+        best = sure.argsort(descending=True, stable=True)[:MOST_CANDIDATES]
+        rows, columns, sure = rows[best], columns[best], sure[best]
+    found = Boxes2D(placement.to_image(boxes[rows].float())).clip(placement.image_size)
+    is_shown = found.area() > 0
+    rows, columns, sure, found = rows[is_shown], columns[is_shown], sure[is_shown], found[is_shown]
+    kept = nms2d(
+        found.tensor,
+        sure,
+        config.nms_iou,
+        labels=columns,
+        max_detections=config.max_detections,
+    )
+    names = tuple(CLASSES[index] for index in columns[kept].tolist())
+    return Detections2D(class_names=names, boxes=found[kept], scores=sure[kept].float())

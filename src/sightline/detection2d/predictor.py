@@ -17,9 +17,9 @@ from sightline.detection2d.placement import (
     lidar_image,
     padded,
     place,
+    to_detections,
     whole_strides,
 )
-from sightline.detection2d.postprocess import to_detections
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.checked import checked

@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 
 
 def _write_results(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswer") -> None:
-    from sightline.detection2d.files import write_results
+    from sightline.detection2d.answers import write_results
 
     write_results(path, sample, answer)
 
 
 def _read_results(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
-    from sightline.detection2d.files import read_results
+    from sightline.detection2d.answers import read_results
 
     del sample
     return read_results(path, told)
 
 
 def _write_gates(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswer") -> None:
-    from sightline.detection2d.files import write_gates
+    from sightline.detection2d.answers import write_gates
 
     write_gates(path, sample, answer)
 

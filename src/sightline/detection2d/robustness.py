@@ -2,8 +2,7 @@
 
 from typing import Final
 
-from sightline.detection2d.answer_picture import answer_panels
-from sightline.detection2d.files import read_answer, write_results
+from sightline.detection2d.answers import answer_panels, read_answer, write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import BenchPrediction, Panel
 

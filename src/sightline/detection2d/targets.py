@@ -1,4 +1,4 @@
-"""Ground truth of an image: objects to detect, and ignored regions."""
+"""Ground truth of an image, and batches for the 2D detectors."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,10 @@ from beartype import beartype
 from jaxtyping import Bool, Float, Float32, Int64, jaxtyped
 from torch import Tensor
 
+from sightline.data.kitti_labels import KittiObjects
 from sightline.detection2d.config import CLASSES, check_range
+from sightline.detection2d.placement import Placement
+from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
 
@@ -95,3 +98,33 @@ def covered_shares(
     high = torch.minimum(boxes[:, None, 2:], regions[None, :, 2:])
     area = (boxes[:, 2:] - boxes[:, :2]).clamp(min=0).prod(dim=1)
     return (high - low).clamp(min=0).prod(dim=2) / area.clamp(min=1e-9)[:, None]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FrameTruth:
+    """Ground truth for scoring a frame."""
+
+    placement: Placement
+    objects: KittiObjects
+    """Objects in the frame's own pixels."""
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DetectionBatch(FieldwiseBatch):
+    """Samples of one size. A missing sensor is an image of zeros."""
+
+    sample_ids: tuple[str, ...]
+    image: Float32[Tensor, "batch 3 height width"]
+    """RGB in [0, 1]."""
+    lidar: Float32[Tensor, "batch 3 height width"]
+    """Depth, height and intensity in [0, 1] at points, else 0."""
+    targets: tuple[DetectionTargets, ...]
+    camera_health: Float32[Tensor, "batch 1 rows columns"] | None = None
+    """Share of each cell's pixels with a working camera, to train gates: 1 except for simulated
+    faults. NaN: unknown."""
+    lidar_health: Float32[Tensor, "batch 1 rows columns"] | None = None
+    """Share of each cell's points with a working LiDAR; NaN in cells without points in the intact
+    sweep."""
+    frames: tuple[FrameTruth, ...] | None = None
+    """Ground truth for scoring."""

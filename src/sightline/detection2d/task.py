@@ -10,20 +10,69 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from sightline.data.object_results import kitti_from_detections2d
-from sightline.detection2d.batch import DetectionBatch
+from sightline.detection2d.answers import training_picture
 from sightline.detection2d.config import Detection2DConfig
+from sightline.detection2d.dgfn.weights import fold_batch_norm, load_vgg_weights
 from sightline.detection2d.examples import DetectionExamples
+from sightline.detection2d.fusion import DetectorOutput
 from sightline.detection2d.loss import DetectionLossConfig, DetectionLosses, detection_loss
 from sightline.detection2d.model import Detector
-from sightline.detection2d.pictures import training_picture
-from sightline.detection2d.postprocess import to_detections
-from sightline.detection2d.readings import DetectorOutput
-from sightline.detection2d.stream_weights import load_stream_weights
-from sightline.detection2d.vgg_weights import load_vgg_weights
+from sightline.detection2d.placement import to_detections
+from sightline.detection2d.targets import DetectionBatch
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
+from sightline.files.weights import Weights, fill_network, read_weights
 from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
 from sightline.training.optimizer import OptimizerConfig
+
+
+def load_stream_weights(network: Detector, sources: Mapping[str, Path], *, task_name: str) -> None:
+    """Copy the weights of streams from other networks to the streams of the same name.
+
+    A stream's own head, if it is used at inference (`CompactConfig.own_heads`), is copied too.
+
+    Args:
+        network: Network to change; its other weights stay.
+        sources: Name of shipped weights, file or checkpoint for each stream (camera, lidar or
+            both).
+        task_name: Task that the weights must be for.
+
+    Raises:
+        ValueError: The network has no such stream, or the weights cannot be read, are for another
+            task, or contain no such stream or one of another size.
+    """
+    for sensor, source in sources.items():
+        if sensor not in network.streams:
+            raise ValueError(
+                f"initial_streams names {sensor}, but the network's streams are "
+                f"{', '.join(network.streams)}; name those"
+            )
+        weights = read_weights(source)
+        if weights.task != task_name:
+            raise ValueError(
+                f"{source} is of task {weights.task}, expected {task_name}; name another"
+            )
+        parts = [("stream", network.streams[sensor], "streams")]
+        if network.mixes_heads:
+            parts.append(("head", network.auxiliary[sensor], "heads"))
+        for part, filled, group in parts:
+            try:
+                fill_network(filled, _within(weights.tensors, f"{group}.{sensor}."))
+            except ValueError as error:
+                raise ValueError(
+                    f"{source} has no {part} {sensor} that fits the network's ({error}); name "
+                    f"weights of a network with the same {part}"
+                ) from error
+
+
+def _within(tensors: Mapping[str, Tensor], start: str) -> dict[str, Tensor]:
+    """Select the tensors of one part, by their names in it."""
+    return {
+        name.removeprefix(start): tensor
+        for name, tensor in tensors.items()
+        if name.startswith(start)
+    }
+
 
 _LOSS, _OPTIMIZER = DetectionLossConfig(), OptimizerConfig()
 
@@ -52,7 +101,7 @@ class Detection2D(TrainingModule):
 
         Args:
             network: Settings of the network. None: the network of the initial weights; without
-                those, the paper's.
+                those, the default.
             loss: Settings of the losses.
             optimizer: Settings of the optimizer.
             initial_weights: Weights of the whole network to start from: name of shipped ones, file
@@ -80,6 +129,10 @@ class Detection2D(TrainingModule):
         """Return the network's settings."""
         config: Detection2DConfig = self.network.config
         return config
+
+    def final_weights(self, weights: Weights) -> Weights:
+        """Fold batch normalisation into the convolutions of the paper's network."""
+        return fold_batch_norm(weights)
 
     def setup(self, stage: str) -> None:
         """Load VGG16's weights, and other networks' streams, when a training starts.

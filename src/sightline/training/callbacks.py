@@ -14,6 +14,7 @@ from torch.optim import Optimizer
 
 from sightline.files.weights import read_checkpoint_weights, write_weights
 from sightline.training.last_checkpoint import LastCheckpoint
+from sightline.training.module import TrainingModule
 
 _STATES_KEY = "sightline_random_states"
 _FEWEST_POINTS = 20  # per curve in TensorBoard
@@ -132,7 +133,8 @@ def _is_logged(trainer: Trainer, step: int) -> bool:
 class WriteWeights(Checkpoint):
     """Writes weights.safetensors: the best weights so far, or the last ones without a validation.
 
-    The weights come from the checkpoints, so they are averages if weights are averaged.
+    The weights come from the checkpoints, so they are averages if weights are averaged; the module
+    may convert them (`TrainingModule.final_weights`).
     """
 
     def __init__(self, folder: Path, last: LastCheckpoint, best: ModelCheckpoint | None) -> None:
@@ -144,24 +146,31 @@ class WriteWeights(Checkpoint):
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Writes if the validation was the best so far."""
-        del pl_module
         if self._best is None or trainer.sanity_checking or self._best.best_model_score is None:
             return
         score = float(self._best.best_model_score)
         if score != self._written_score:
             self._written_score = score
-            self._write(trainer, Path(self._best.best_model_path), {str(self._best.monitor): score})
+            best = Path(self._best.best_model_path)
+            self._write(trainer, pl_module, best, {str(self._best.monitor): score})
 
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Writes if nothing was validated, even if the resumed run was already complete."""
-        del pl_module
         if self._best is None or self._best.best_model_score is None:
-            self._write(trainer, self._last.path, {})
+            self._write(trainer, pl_module, self._last.path, {})
 
-    def _write(self, trainer: Trainer, checkpoint: Path, scores: dict[str, float]) -> None:
+    def _write(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        checkpoint: Path,
+        scores: dict[str, float],
+    ) -> None:
         if not trainer.is_global_zero or not checkpoint.is_file():
             return
         weights = read_checkpoint_weights(checkpoint)
+        if isinstance(pl_module, TrainingModule):
+            weights = pl_module.final_weights(weights)
         write_weights(
             self.path,
             weights.tensors,

@@ -1,6 +1,7 @@
 """Base class of every task's training: network, steps, scores, checkpoints."""
 
 import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -13,15 +14,21 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.utilities import rank_zero_only
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torchmetrics import Metric
 
 from sightline.files.settings import NetworkConfig, config_to_dict
-from sightline.files.weights import CHECKPOINT_KEY
+from sightline.files.weights import CHECKPOINT_KEY, Weights
 from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, fill_from
-from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
+from sightline.training.optimizer import (
+    OptimizerConfig,
+    idle_rate_factors,
+    make_optimizer,
+    make_schedule,
+)
 from sightline.visualization.lettering import with_title
 
 _NUM_STEPS_KEY = "sightline_num_steps"
@@ -94,6 +101,10 @@ class TrainingModule(lightning.LightningModule, ABC):
     @abstractmethod
     def network_config(self) -> NetworkConfig:
         """Settings for rebuilding the network."""
+
+    def final_weights(self, weights: Weights) -> Weights:
+        """Converts weights of a checkpoint for use: by default they stay as they are."""
+        return weights
 
     @abstractmethod
     def losses(self, batch: Any) -> Losses:  # noqa: ANN401 - the task's own batch
@@ -171,10 +182,17 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Creates the optimiser and its schedule over all steps of the training."""
-        optimizer = make_optimizer(
-            [parameter for parameter in self.parameters() if parameter.requires_grad],
-            self.optimizer,
-        )
+        trained = {
+            name: parameter
+            for name, parameter in self.named_parameters()
+            if parameter.requires_grad
+        }
+        optimizer = make_optimizer(trained.items(), self.optimizer)
+        for pattern in idle_rate_factors(trained.keys(), self.optimizer):
+            rank_zero_only(print)(
+                f"optimizer.rate_factors has {pattern}, which fits no parameter of this network",
+                file=sys.stderr,
+            )
         if self.optimizer.schedule == "constant" and self.optimizer.warm_up_share == 0:
             self._num_steps = None
             return optimizer

@@ -1,9 +1,10 @@
 """Optimiser of a training and its learning rate schedule."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Literal
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any, Final, Literal
 
 from torch import nn
 from torch.optim import SGD, Adam, AdamW, Optimizer
@@ -35,6 +36,9 @@ class OptimizerConfig:
     """Shares of all steps after which the schedule `steps` lowers the rate, in ascending order."""
     drop_factor: float = 0.1
     """Factor by which the schedule `steps` multiplies the learning rate."""
+    rate_factors: dict[str, float] = field(default_factory=dict)
+    """Factors on the learning rate of parts of the network, by patterns of their parameters' names
+    (`*` is any text; of several that fit, the first counts): {"*_gate.*": 0.05}."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -48,6 +52,11 @@ class OptimizerConfig:
             raise ValueError(f"momentum must be in [0, 1), got {self.momentum}")
         if not 0 < self.drop_factor <= 1:
             raise ValueError(f"drop_factor must be in (0, 1], got {self.drop_factor}")
+        for pattern, factor in self.rate_factors.items():
+            if not 0 < factor < math.inf:
+                raise ValueError(
+                    f"rate_factors must be positive and finite, got {factor} for {pattern}"
+                )
         ends = (self.warm_up_share, *self.drop_shares, 1)
         if list(ends) != sorted(ends):
             raise ValueError(
@@ -61,13 +70,36 @@ class OptimizerConfig:
             )
 
 
-def make_optimizer(parameters: Sequence[nn.Parameter], config: OptimizerConfig) -> Optimizer:
-    """Create the optimiser of the parameters."""
+def make_optimizer(
+    parameters: Iterable[tuple[str, nn.Parameter]], config: OptimizerConfig
+) -> Optimizer:
+    """Create the optimiser of named parameters.
+
+    Its first group has the parameters at the full rate; each pattern of `rate_factors` that fits
+    any parameter has a group of its own.
+    """
+    named: dict[str | None, list[nn.Parameter]] = {None: []}
+    for name, parameter in parameters:
+        fitting = (each for each in config.rate_factors if fnmatchcase(name, each))
+        named.setdefault(next(fitting, None), []).append(parameter)
     rate, decay = config.learning_rate, config.weight_decay
+    groups: list[dict[str, Any]] = [
+        {"params": members, "lr": rate * (1.0 if pattern is None else config.rate_factors[pattern])}
+        for pattern, members in named.items()
+    ]
     if config.name == "sgd":
-        return SGD(parameters, lr=rate, momentum=config.momentum, weight_decay=decay)
+        return SGD(groups, lr=rate, momentum=config.momentum, weight_decay=decay)
     kind = Adam if config.name == "adam" else AdamW
-    return kind(parameters, lr=rate, weight_decay=decay)
+    return kind(groups, lr=rate, weight_decay=decay)
+
+
+def idle_rate_factors(names: Collection[str], config: OptimizerConfig) -> list[str]:
+    """Patterns of `rate_factors` that fit none of the parameters' names."""
+    return [
+        pattern
+        for pattern in config.rate_factors
+        if not any(fnmatchcase(name, pattern) for name in names)
+    ]
 
 
 def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:
@@ -85,7 +117,7 @@ def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: in
         warm_up_steps = min(max(warm_up_steps, 2), total_steps - 2)
         return OneCycleLR(
             optimizer,
-            max_lr=config.learning_rate,
+            max_lr=[float(group["lr"]) for group in optimizer.param_groups],
             total_steps=total_steps,
             pct_start=warm_up_steps / total_steps,
         )

@@ -1,0 +1,1 @@
+"""Light network that ships: residual streams, gated fusion, an anchor-free head."""
