@@ -1,6 +1,5 @@
 """Corruptions of plain numpy arrays, without other classes of Sightline.
 
-from sightline.geometry.wrong_types import named_arguments
 from sightline.corruptions.arrays import corrupt_arrays
 
 found = corrupt_arrays("camera_fog", 3, image=image, points=points, image_from_camera=P2,
@@ -29,6 +28,7 @@ from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.given_arrays import Given, given_array, without_masked
 from sightline.geometry.mount import mount_doubt
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import cloud_columns, image_remedy, warn_of_view
 from sightline.structures.mounting import warn_of_axes
 from sightline.structures.sample import CameraLidarSample

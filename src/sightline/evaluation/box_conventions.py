@@ -30,6 +30,8 @@ class BoxConventions:
 
     found: list[ScoredBoxes] = field(default_factory=list)
     labelled: list[ScoredBoxes] = field(default_factory=list)
+    counts_repeats: bool = True
+    """Whether results that are twice in their frame are remarked on."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""
@@ -41,8 +43,10 @@ class BoxConventions:
         if not self.found:
             return
         found, labelled = joined(self.found), joined(self.labelled)
-        total, repeated = len(found.names), sum(each.num_repeated() for each in self.found)
-        yield from _as_warnings(remarks_on_repeats(repeated, total))
+        total = len(found.names)
+        if self.counts_repeats:
+            repeated = sum(each.num_repeated() for each in self.found)
+            yield from _as_warnings(remarks_on_repeats(repeated, total))
         inverted = int((found.boxes2d[:, 2:] < found.boxes2d[:, :2]).any(axis=1).sum())
         if inverted:
             yield (

@@ -53,7 +53,7 @@ def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Clas
 
         # mypy takes no assignments to these
         setattr(made, "__init__", init)  # noqa: B010
-        if kind.__eq__ is not object.__eq__:
+        if "__eq__" in vars(kind):
             setattr(made, "__eq__", _are_equal)  # noqa: B010
             setattr(made, "__hash__", _hash_of)  # noqa: B010
         for name, method in list(vars(made).items()):
@@ -68,7 +68,7 @@ def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Clas
     return decorate
 
 
-def _are_equal(one: Any, other: object) -> Any:  # noqa: ANN401 - a dataclass, and a Boolean
+def _are_equal(one: Any, other: Any) -> Any:  # noqa: ANN401 - dataclasses, and a Boolean
     """Compare two dataclasses of one type field by field; arrays by shape, type and values."""
     if type(other) is not type(one):
         return NotImplemented
