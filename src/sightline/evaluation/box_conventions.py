@@ -30,8 +30,8 @@ class BoxConventions:
 
     found: list[ScoredBoxes] = field(default_factory=list)
     labelled: list[ScoredBoxes] = field(default_factory=list)
-    minds_repeats: bool = True
-    """Whether boxes that occur twice in a frame are worth a remark."""
+    counts_repeats: bool = True
+    """Whether results that are twice in their frame are remarked on."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""
@@ -44,7 +44,7 @@ class BoxConventions:
             return
         found, labelled = joined(self.found), joined(self.labelled)
         total = len(found.names)
-        if self.minds_repeats:
+        if self.counts_repeats:
             repeated = sum(each.num_repeated() for each in self.found)
             yield from _as_warnings(remarks_on_repeats(repeated, total))
         inverted = int((found.boxes2d[:, 2:] < found.boxes2d[:, :2]).any(axis=1).sum())

@@ -68,7 +68,7 @@ def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Clas
     return decorate
 
 
-def _are_equal(one: Any, other: object) -> Any:  # noqa: ANN401 - a dataclass, and a Boolean
+def _are_equal(one: Any, other: Any) -> Any:  # noqa: ANN401 - dataclasses, and a Boolean
     """Compare two dataclasses of one type field by field; arrays by shape, type and values."""
     if type(other) is not type(one):
         return NotImplemented
