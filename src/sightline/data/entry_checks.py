@@ -12,6 +12,7 @@ from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
 from sightline.data.object_tree import CORRUPTED, OBJECT_SPLITS, ObjectFrame, Part
 from sightline.data.problem import FileError, Problem
+from sightline.data.recording_tree import is_recording
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
 
 _DRAWN: Final = 3  # number of frames: the first, and others spread over the rest
@@ -78,8 +79,8 @@ def judge_frames(
 
 
 def _repeats(root: Path, drawn: Sequence[Frame]) -> list[Problem]:
-    """Find equal images or clouds among the checked frames."""
-    if _is_corrupted(root):
+    """Find equal images or clouds among the checked frames of KITTI's layouts."""
+    if _is_corrupted(root) or is_recording(root):
         return []
     images = [frame.image for frame in drawn]
     clouds = [_points_file(frame) for frame in drawn]
