@@ -10,7 +10,6 @@ from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import CORRUPTED
 from sightline.data.open import open_dataset
-from tests.data.recordings import write_recording
 from tests.data.trees import picture, write_drive, write_object_tree, write_selection
 
 NAMES = ("000001", "000002", "000003")
@@ -84,17 +83,12 @@ def test_one_cloud_with_points_is_enough(tree):
     assert problems(tree.parent) == []
 
 
-def test_equal_pictures_are_told_in_drives_recordings_and_depth_trees(tmp_path):
+def test_equal_pictures_are_told_in_drives_and_depth_trees(tmp_path):
     drive = write_drive(tmp_path / "drive", official=False)
-    recording = write_recording(tmp_path / "recording", ("a", "b"), picture=".png")
-    for folder, first, second in (
-        (drive / "image_02", "0000000001", "0000000002"),
-        (recording / "images", "a", "b"),
-    ):
-        shutil.copy(folder / f"{first}.png", folder / f"{second}.png")
+    shutil.copy(drive / "image_02/0000000001.png", drive / "image_02/0000000002.png")
     for number in ("0000000005", "0000000006"):
         write_selection(tmp_path / "depth", number)
-    for root, expected in (("drive", 1), ("recording", 1), ("depth", 2)):
+    for root, expected in (("drive", 1), ("depth", 2)):
         told = [said for _, said in problems(tmp_path / root)]
         assert len(told) == expected
         assert all("byte for byte" in said for said in told)

@@ -55,7 +55,7 @@ def check_depth_frames(frames: Sequence[DepthFrame]) -> list[Problem]:
 
 def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
     """Check frames of a recording against each other; sizes of images are checked by frame."""
-    return [*_check_sensors(frames), *check_label_yaw(frames, _read_recording_frame)]
+    return check_label_yaw(frames, _read_recording_frame)
 
 
 def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:

@@ -11,6 +11,7 @@ from sightline.data.depth_tree import DepthFrame
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
 from sightline.data.object_tree import CORRUPTED, ObjectFrame, Part
+from sightline.data.recording_tree import is_recording
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
 from sightline.files.problem import FileError, Problem
 from sightline.jobs.output_dirs import KITTI_SPLITS
@@ -79,8 +80,8 @@ def judge_frames(
 
 
 def _repeats(root: Path, drawn: Sequence[Frame]) -> list[Problem]:
-    """Find equal images or clouds among the checked frames."""
-    if _is_corrupted(root):
+    """Find equal images or clouds among the checked frames of KITTI's layouts."""
+    if _is_corrupted(root) or is_recording(root):
         return []
     images = [frame.image for frame in drawn]
     clouds = [_points_file(frame) for frame in drawn]
