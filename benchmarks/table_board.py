@@ -41,7 +41,7 @@ def _depth_by_truth(truth: Record, times: Record, quoted: Record) -> Rows:
     rows = {row["method"]: row for row in truth["results"] if row["beams"] == 64}
     found: Rows = []
     for key, title, first, second in (
-        ("standing", "depth, what stands still", "adaptive", "depth-best"),
+        ("standing", "depth, what stands still", "depth-best", "adaptive"),
         ("with_cars", "depth, with moving cars", "depth-best", "adaptive"),
     ):
         text = {name: errors(row[key], "rmse_mm", "mae_mm") for name, row in rows.items()}

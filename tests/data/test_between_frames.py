@@ -71,8 +71,8 @@ def test_sensors_that_delivered_nothing_and_corrupted_trees_have_no_repeats(tree
     for name in NAMES:
         write_rgb(tree / "image_2" / f"{name}.png", np.zeros((12, 40, 3), np.uint8))
         (tree / "velodyne" / f"{name}.bin").write_bytes(b"")
-    ((path, said),) = problems(tree.parent)
-    assert (path, said) == (tree / "velodyne", "holds 3 clouds, and no point in any of them")
+    told = [each for each in problems(tree.parent) if "of one colour" not in each[1]]
+    assert told == [(tree / "velodyne", "holds 3 clouds, and no point in any of them")]
     (tree / CORRUPTED).mkdir()
     assert problems(tree.parent) == []
 

@@ -148,7 +148,8 @@ def _describe_repeats(groups: Sequence[Sequence[Path]], what: str) -> list[Probl
     problems = [
         Problem(
             path=first,
-            problem=f"is the same {what}, byte for byte, as of {len(others)} other frames "
+            problem=f"is the same {what}, byte for byte, as of {len(others)} other "
+            f"{'frame' if len(others) == 1 else 'frames'} "
             f"({describe_absent([path.stem for path in others])})",
             remedy=remedy,
         )
