@@ -130,8 +130,8 @@ def _rings(rings: Record, times: Record) -> list[str]:
     return [
         "depth, held-out rings",
         f"{rings['frames']} frames, RMSE / MAE, mm",
-        f"**{text['depth-best']}** (depth-best); adaptive {text['adaptive']}",
-        f"{text['linear']} linear, {classical} classical filter",
+        f"**{text['depth-best']}** (depth-best); depth-fast-cpu {text['depth-fast-cpu']}",
+        f"{text['linear']} linear, {classical} classical filter; adaptive {text['adaptive']}",
         "-",
         f"{fastest(times, 'method', 'depth-best'):.0f} ms",
     ]
