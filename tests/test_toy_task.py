@@ -50,7 +50,9 @@ def frames(tmp_path_factory):
     # Where its 3D box is seen, and hidden from the cloud, which has no point there.
     car = car.replace("5.00 3.00 20.00 9.00", "18.87 5.64 22.06 8.69").replace("0.10 0", "0.10 2")
     for name, cars in zip(NAMES, CARS, strict=True):
-        lines = "\n".join([car] * cars + [other])
+        # Not two equal lines.
+        shown = [car.replace("18.87", f"{18.87 - number / 100:.2f}") for number in range(cars)]
+        lines = "\n".join([*shown, other])
         (root / "training" / "label_2" / f"{name}.txt").write_text(lines)
     return root
 

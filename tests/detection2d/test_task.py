@@ -65,7 +65,7 @@ def scores_of(task, batch, times=1):
 def test_the_papers_network_learns_four_frames_by_heart(batch):
     torch.manual_seed(0)
     task = Detection2D(replace(TINY, width=0.0625))
-    train(task, batch, steps=60, learning_rate=1e-3)
+    train(task, batch, steps=120, learning_rate=1e-3)
     assert scores_of(task, batch, times=15)["Car/bbox/moderate"] > 90
 
 

@@ -122,7 +122,7 @@ def test_a_cache_of_other_weights_settings_or_data_is_refused(
     elsewhere = tmp_path / "elsewhere"
     shutil.copytree(PACKAGED_FRAMES, elsewhere)
     sweeps = elsewhere / "training" / "velodyne"
-    shutil.copy(sweeps / "000001.bin", sweeps / "000000.bin")
+    (sweeps / "000000.bin").write_bytes((sweeps / "000001.bin").read_bytes()[16:])
     assert run(weights, cache, data=elsewhere) == 2
     assert "was made of another sweep than the data's frame" in capsys.readouterr().err
     moved = replace(frames[0], points=frames[0].points + 1)

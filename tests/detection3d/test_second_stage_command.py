@@ -29,7 +29,7 @@ def test_a_second_stage_is_trained_on_what_a_first_one_gave(tmp_path, monkeypatc
     command = ["proposals", str(PACKAGED_FRAMES), "cache", "--weights", "first.safetensors"]
     assert main([*command, "--workers", "1"]) == 0
     preparation = plain["data"]["init_args"]["preparation"]["init_args"]
-    preparation["settings"] |= {"changes": None, "input": {"num_points": NUM_POINTS}}
+    preparation["settings"] |= {"changes": None, "input": dict(network["input"])}
     plain["data"]["init_args"] |= {"training": [{"path": "."}], "validation": [{"path": "."}]}
     (tmp_path / "second.yaml").write_text(yaml.safe_dump(plain))
     flags = {

@@ -21,6 +21,8 @@ from sightline.simulation.settings import SimulationConfig
 from sightline.structures.labels import ObjectLabels
 from tests.simulation.small_streets import make_tiny_street
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*is compared with itself")
+
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -63,6 +63,7 @@ def is_in_box(
     xyz: Float64[np.ndarray, "num_points 3"],
     *,
     above_m: float = 0.0,
+    margin_m: float = 0.0,
 ) -> Bool[np.ndarray, " num_points"]:
     """Mask of the points in an object's 3D box, as far as they are `above_m` over its bottom.
 
@@ -71,12 +72,13 @@ def is_in_box(
         index: Place of the object.
         xyz: Points in the camera's frame [m].
         above_m: Height of the lowest points [m].
+        margin_m: Width of the strip around the box that counts, too [m].
     """
     height, width, length = objects.dimensions_hwl[index]
     x, y, z = (xyz - objects.locations[index]).T
     cos, sin = np.cos(objects.rotation_y[index]), np.sin(objects.rotation_y[index])
-    is_along = np.abs(cos * x - sin * z) <= length / 2
-    is_across = np.abs(sin * x + cos * z) <= width / 2
+    is_along = np.abs(cos * x - sin * z) <= length / 2 + margin_m
+    is_across = np.abs(sin * x + cos * z) <= width / 2 + margin_m
     return np.asarray(is_along & is_across & (y <= -above_m) & (y >= -height))
 
 

@@ -16,6 +16,7 @@ from sightline.files.problem import Problem
 _MOST_FRAMES: Final = 30  # spread over all; they have some hundred objects
 _FEWEST_OBJECTS: Final = 10
 _MOST_OBJECTS: Final = 20  # of a frame
+_FEWEST_POINTS: Final = 20  # of an object, at its best; chance moves fewer
 _WITHIN_M: Final = 40.0
 _YAWS_DEG: Final = np.arange(-12, 13) / 2
 _STRAIGHT: Final = 12
@@ -27,6 +28,7 @@ _STRAIGHT_SHARE: Final = 0.9
 _MIRRORED_RATIO: Final = 1.5
 """Smallest ratio of points in boxes with and without mirroring; see docs/log.md."""
 _ROAD_M: Final = 0.2  # of a box's height, which holds the road
+_MARGIN_M: Final = 0.15  # around a box, whose sides cut the points of exact labels in halves
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,7 +47,7 @@ def check_label_yaw(
 
     Counts the points in the boxes of objects within 40 m that are at most partly hidden, with the
     cloud turned by up to 6 degrees about the LiDAR's z axis, and mirrored (y negated). Fewer than
-    ten objects give too little evidence.
+    ten objects of twenty points or more give too little evidence.
 
     Args:
         frames: Frames of one rig.
@@ -56,9 +58,10 @@ def check_label_yaw(
     sweeps = [sweep for frame in labelled if (sweep := read(frame)) is not None]
     counts = np.concatenate([np.zeros((0, len(_YAWS_DEG) + 1)), *map(_count_points, sweeps)])
     most = counts.max(axis=1, initial=0)
-    if np.count_nonzero(most) < _FEWEST_OBJECTS:
+    is_dense = most >= _FEWEST_POINTS
+    if np.count_nonzero(is_dense) < _FEWEST_OBJECTS:
         return []
-    scores = (counts[most > 0] / most[most > 0, None]).sum(axis=0)
+    scores = (counts[is_dense] / most[is_dense, None]).sum(axis=0)
     doubt = _doubt(scores)
     if doubt is None:
         return []
@@ -103,7 +106,13 @@ def _count_points(sweep: LabelledSweep) -> Int64[np.ndarray, "num_objects num_tu
         # Turned about z, a point keeps its distance from it.
         near = xyz[np.abs(ranges_m - np.hypot(*centre[:2])) < reach_m]
         turned = [
-            is_in_box(objects, index, near @ turn.T + camera_from_lidar[:3, 3], above_m=_ROAD_M)
+            is_in_box(
+                objects,
+                index,
+                near @ turn.T + camera_from_lidar[:3, 3],
+                above_m=_ROAD_M,
+                margin_m=_MARGIN_M,
+            )
             for turn in _turns(camera_from_lidar)
         ]
         counts.append([int(np.count_nonzero(each)) for each in turned])
