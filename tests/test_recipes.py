@@ -106,9 +106,14 @@ def test_a_recipe_trains_and_its_weights_answer(
     assert weights.task == name
     assert all(tensor.isfinite().all() for tensor in weights.tensors.values())
     network = given["network"] if "network" in given else read_weights(begun).config
+    changed = {flag.rsplit(".", 1)[1] for flag in task.trial_settings}
     assert (
         json.loads(json.dumps(weights.config)).items()
-        >= {name: value for name, value in network.items() if not isinstance(value, dict)}.items()
+        >= {
+            name: value
+            for name, value in network.items()
+            if not (isinstance(value, dict) or name in changed)
+        }.items()
     )
     out = tmp_path / "out"
     command = ["predict", name, str(PACKAGED_FRAMES), str(out), "--workers", "1"]
@@ -156,7 +161,11 @@ def test_what_the_simulator_writes_trains_without_a_word_on_sweeps_and_lists(
     (street / "ImageSets" / "train.txt").write_text("\n".join(names))
     for path in (street / "training").glob("*/00000[01].*"):
         number = int(path.stem) + 2
-        shutil.copy(path, path.with_name(f"{number:06}{path.suffix}"))
+        other = Path(shutil.copy(path, path.with_name(f"{number:06}{path.suffix}")))
+        if other.suffix == ".bin":  # one point less: another cloud
+            other.write_bytes(other.read_bytes()[:-16])
+        if other.parent.name == "image_2":
+            write_rgb(other, np.ascontiguousarray(read_rgb(other)[:, ::-1]))
     run = ["fit", "--config", "depth-fast-cpu", "--data.init_args.root", "street", *SMALL]
     assert main(run) == 0, capfd.readouterr().err
     assert (tmp_path / "runs" / "depth-fast-cpu" / "best.ckpt").is_file()

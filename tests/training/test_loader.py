@@ -61,7 +61,7 @@ def test_nothing_is_said_where_shared_memory_has_room():
     ids=["unsendable", "killed"],
 )
 def test_a_worker_that_cannot_send_or_is_killed_ends_the_loading_with_an_error(action):
-    with pytest.raises(ChildProcessError, match=r"set fewer data\.workers"):
+    with pytest.raises(ChildProcessError, match=r"set fewer --data\.init_args\.workers"):
         load(action)
 
 

@@ -126,7 +126,7 @@ def test_the_schedule_ends_with_the_training(frames, tmp_path):
 
 def test_a_schedule_over_an_endless_training_is_refused(frames, tmp_path):
     trainer = toy.trainer(tmp_path, max_epochs=-1)
-    with pytest.raises(ValueError, match=r"set trainer\.max_epochs or trainer\.max_steps"):
+    with pytest.raises(ValueError, match=r"set --trainer\.max_epochs or --trainer\.max_steps"):
         trainer.fit(toy.module(), datamodule=toy.data(frames))
 
 

@@ -80,6 +80,7 @@ def showing(root, *class_names, parts=frozenset({"points", "objects"}), sample_l
 
 
 @pytest.mark.filterwarnings("ignore:.*probably in the order")  # all are of a car's size
+@pytest.mark.filterwarnings("ignore:.*repeats 1 of 2 objects")
 def test_frames_can_be_chosen_by_the_classes_that_they_show(tree):
     for number in range(12):
         write_label(tree, number, "Car")
