@@ -1,4 +1,4 @@
-"""What the site takes from outside `docs/`: mkdocs calls these functions while it builds.
+"""Pages of the site from outside `docs/`: mkdocs calls these functions while it builds.
 
 README, changelog and the like stand in the repository's root, where people look for them, and the
 notebook is run by the tests. Each is a page of the site, too, out of the same file; links lead to

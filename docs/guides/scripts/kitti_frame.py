@@ -11,7 +11,7 @@ import onnxruntime
 
 Array = np.ndarray
 Steps = dict[str, Any]
-"""What an exported file says about inputs, outputs and the steps around the network."""
+"""Metadata of an exported file: inputs, outputs and the steps around the network."""
 
 
 class Frame(NamedTuple):
