@@ -1,8 +1,10 @@
 """A run that is ended at any moment, and gone on with, is the run that was not ended."""
 
 import contextlib
+import multiprocessing
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,12 @@ from lightning.pytorch.callbacks import Checkpoint
 
 from sightline.files.weights import read_weights
 from sightline.training.callbacks import checkpoint_callbacks
-from sightline.training.interruption import Interruption, ending_like_ctrl_c
+from sightline.training.interruption import (
+    Interruption,
+    ending_like_ctrl_c,
+    leave_interruption_to_the_parent,
+    taking_workers_along,
+)
 from tests.training import toy
 
 HOOKS = (
@@ -135,3 +142,39 @@ def test_so_does_one_that_is_stopped_by_a_signal_anywhere(whole, frames, tmp_pat
             stopped += 1
         assert_same(results(folder), expected)
     assert stopped > 0.25 * count
+
+
+def run_until_a_signal(worker, is_ready):
+    worker.start()
+    assert is_ready.wait(60)
+    raise Interruption("", signal.SIGHUP)
+
+
+def wait_as_a_worker(is_ready):
+    leave_interruption_to_the_parent()
+    is_ready.set()
+    time.sleep(120)
+
+
+def test_a_worker_that_an_interrupted_run_leaves_ends_by_the_signal_of_pythons_exit():
+    is_ready = multiprocessing.Event()
+    worker = multiprocessing.Process(target=wait_as_a_worker, args=(is_ready,), daemon=True)
+    with pytest.raises(Interruption), taking_workers_along():
+        run_until_a_signal(worker, is_ready)
+    worker.terminate()  # as Python does at exit, before it waits without a limit
+    worker.join(60)
+    assert worker.exitcode == -signal.SIGTERM
+
+
+def test_processes_of_before_stay():
+    is_ready = multiprocessing.Event()
+    other = multiprocessing.Process(target=wait_as_a_worker, args=(is_ready,), daemon=True)
+    other.start()
+    assert is_ready.wait(60)
+    with pytest.raises(Interruption), taking_workers_along():
+        raise Interruption("", signal.SIGHUP)
+    other.terminate()
+    other.join(2)
+    assert other.is_alive()  # that was its first signal
+    other.kill()
+    other.join(60)

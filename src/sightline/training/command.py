@@ -14,7 +14,7 @@ from sightline.training.arguments import (
     nulls_as_configs,
     resolve_recipes,
 )
-from sightline.training.interruption import ending_like_ctrl_c
+from sightline.training.interruption import ending_like_ctrl_c, taking_workers_along
 
 _WAIT_POLICY: Final = "OMP_WAIT_POLICY"
 
@@ -48,7 +48,7 @@ def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path
     _let_threads_wait_passively()
     from sightline.training.lightning_cli import run_lightning
 
-    with ending_like_ctrl_c():
+    with ending_like_ctrl_c(), taking_workers_along():
         run_lightning(subcommand, nulls_as_configs(resolved), Path("runs") / name)
     return 0
 

@@ -1,8 +1,9 @@
 """Interruption by Ctrl-C, SIGTERM (batch systems) or SIGHUP (closed terminals)."""
 
+import multiprocessing
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, Final
 
@@ -24,6 +25,9 @@ class Interruption(KeyboardInterrupt):
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command."""
 
+
+_WORKER_S: Final = 1.0
+"""Time for a worker to end after a signal."""
 
 _LONGEST_STEP_S: Final = 25.0
 """Longest duration of a step after the signal; batch systems kill after 30 s."""
@@ -50,6 +54,26 @@ def ending_like_ctrl_c() -> Iterator[None]:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def taking_workers_along() -> Iterator[None]:
+    """Signal the worker processes that the block has started and left, if it ends by an exception.
+
+    Workers pass over a first SIGTERM: without this one it would be that of Python's exit, which
+    then waits for them without end.
+    """
+    before = set(multiprocessing.active_children())
+    try:
+        yield
+    except BaseException:
+        with suppress(RuntimeError):  # PyTorch's, where a worker ends by the signal
+            left = set(multiprocessing.active_children()) - before
+            for worker in left:
+                worker.terminate()
+            for worker in left:
+                worker.join(_WORKER_S)
+        raise
 
 
 class InterruptionNote:
