@@ -1,6 +1,7 @@
 """Yaw and mirroring of clouds, by labels: rooms of boxes whose faces the LiDAR sees."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,10 +62,11 @@ def told(tmp_path, num_frames, **settings):
         ObjectFrame(sample_id=str(number), points=tmp_path, calibration=tmp_path, objects=tmp_path)
         for number in range(num_frames)
     ]
-    return [
-        each.problem
-        for each in check_label_yaw(frames, lambda frame: scene(int(frame.sample_id), **settings))
-    ]
+    return [each.problem for each in found(frames, **settings)]
+
+
+def found(frames, **settings):
+    return check_label_yaw(frames, lambda frame: scene(int(frame.sample_id), **settings))
 
 
 def test_sound_frames_raise_no_doubt(tmp_path):
@@ -77,6 +79,14 @@ def test_sound_frames_raise_no_doubt(tmp_path):
 def test_a_calibration_that_is_off_in_yaw_is_told_with_the_angle(tmp_path, yaw_deg):
     (said,) = told(tmp_path, 5, yaw_deg=yaw_deg)
     assert f"seem to be off by {-yaw_deg:+.1f} degrees of yaw" in said
+
+
+@pytest.mark.parametrize(("yaw_deg", "is_limit"), [(3.0, False), (8.0, True)])
+def test_at_the_limit_of_the_search_other_causes_are_named(tmp_path, yaw_deg, is_limit):
+    frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)
+    frames = [replace(frame, sample_id=str(number)) for number in range(5)]
+    (problem,) = found(frames, yaw_deg=yaw_deg)
+    assert ("scale or offset" in problem.remedy) == is_limit
 
 
 def test_mirrored_clouds_are_told_as_such(tmp_path):

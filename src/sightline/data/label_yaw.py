@@ -84,12 +84,14 @@ def _doubt(scores: Float64[np.ndarray, " num_turns"]) -> tuple[str, str] | None:
     yaw_deg = float(_YAWS_DEG[best])
     if abs(yaw_deg) < _LEAST_YAW_DEG or straight >= _STRAIGHT_SHARE * float(turned[best]):
         return None
+    is_limit = best in (0, len(_YAWS_DEG) - 1)
+    further = "; no larger yaw is tried: it may be more, or a wrong scale or offset instead"
     return (
         f"seem to be off by {yaw_deg:+.1f} degrees of yaw (counter-clockwise about the LiDAR's z "
         "axis): with clouds turned so the 3D boxes of the labels hold "
         f"{turned[best] / max(straight, 1e-9):.3g} times as many points",
         "correct the rotation from LiDAR to camera (Tr_velo_to_cam and R0_rect; of a recording "
-        "camera_from_lidar)",
+        f"camera_from_lidar){further if is_limit else ''}",
     )
 
 

@@ -31,7 +31,7 @@ class BoxConventions:
     found: list[ScoredBoxes] = field(default_factory=list)
     labelled: list[ScoredBoxes] = field(default_factory=list)
     counts_repeats: bool = True
-    """Whether results that are twice in their frame are remarked on."""
+    """Whether a remark counts the results that occur twice in a frame."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""

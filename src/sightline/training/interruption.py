@@ -58,7 +58,7 @@ def ending_like_ctrl_c() -> Iterator[None]:
 
 @contextmanager
 def taking_workers_along() -> Iterator[None]:
-    """Signal the worker processes that the block has started and left, if it ends by an exception.
+    """Terminate the worker processes that the block started, if it ends by an exception.
 
     Workers pass over a first SIGTERM: without this one it would be that of Python's exit, which
     then waits for them without end.
