@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import UInt8
 
 from sightline.augmentation.faults import fault_rng
-from sightline.corruptions.corruption import Corrupted, Sensor
+from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.files.atomic import atomic_write_bytes
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, Sensor
 from sightline.visualization.colors import RGB
 from sightline.visualization.image import draw_points
 from sightline.visualization.lettering import put_text, text_width

@@ -1,12 +1,14 @@
-"""A task that nothing outside its folder knows but one line of the registry lives a whole life."""
+"""A whole task that the package knows by one line of the registry, of a new kind of prediction."""
 
 import json
 import logging
 import os
 import re
+import shutil
 import signal
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -15,15 +17,18 @@ from lightning.pytorch.callbacks import Callback
 from sightline import tasks
 from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
-from sightline.data.kitti_labels import read_results
 from sightline.data.open import open_dataset
 from sightline.export.engines import open_engine
 from sightline.files.weights import read_weights
+from sightline.perception.perceive import perceive
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.structures.batch import concatenate
 from sightline.training.data import CameraLidarData, SourceConfig
 from sightline.training.quiet import LIGHTNING_NOISE
+from sightline.visualization.frame_row import RowLayout
 from tests import toy_task
 from tests.data.trees import LABELS, write_object_tree
+from tests.toy_task.cells import read_cells
 from tests.toy_task.examples import FinderExamples
 
 pytestmark = [
@@ -116,17 +121,58 @@ def test_it_resumes_exactly(frames, trained, tmp_path):
 
 
 @pytest.mark.parametrize("engine", ["torch", "onnxruntime", "openvino"])
-def test_it_answers_into_result_files_and_a_further_output(frames, trained, tmp_path, engine):
-    out, further = tmp_path / "results", tmp_path / "likelihood"
-    command = ["predict", "toy-finder", str(frames), str(out), "--likelihood", str(further)]
+def test_it_answers_into_files_and_a_further_output(frames, trained, tmp_path, engine):
+    out, further = tmp_path / "results", tmp_path / "highest"
+    command = ["predict", "toy-finder", str(frames), str(out), "--highest", str(further)]
     command += ["--weights", str(trained / "weights.safetensors"), "--engine", engine]
     assert main([*command, "--workers", "2" if engine == "torch" else "1"]) == 0
-    assert sorted(path.stem for path in out.glob("*.txt")) == list(NAMES)
-    assert sorted(path.stem for path in further.glob("*.png")) == list(NAMES)
-    results = read_results(out / "000000.txt")
-    assert set(results.class_names) == {"Car"}
-    assert ((results.scores > 0) & (results.scores < 1)).all()
-    assert json.loads((further / "sightline.json").read_text())["output"] == "likelihood"
+    assert sorted(path.stem for path in out.glob("*.npy")) == list(NAMES)
+    assert sorted(path.stem for path in further.glob("*.json") if path.stem in NAMES) == list(NAMES)
+    cells = read_cells(out / "000000.npy")
+    assert ((cells.likelihood > 0) & (cells.likelihood < 1)).all()
+    assert json.loads((further / "000000.json").read_text()) == cells.to_json()
+    assert json.loads((further / "sightline.json").read_text())["output"] == "highest"
+
+
+@pytest.fixture
+def perceiver(trained):
+    """The toy task beside another one."""
+    weights = {"toy-finder": str(trained / "weights.safetensors"), "depth-completion": "nearest",
+               "detection2d": "none", "detection3d": "none"}  # fmt: skip
+    return MultiTaskPredictor.load(weights, engine="torch")
+
+
+def test_a_line_a_video_and_a_viewer_file_hold_its_prediction(frames, perceiver, tmp_path):
+    frames = shutil.copytree(frames, tmp_path / "frames")
+    (frames / "training" / "velodyne" / "000004.bin").unlink()
+    out, video = tmp_path / "out", tmp_path / "drive.mp4"
+    perceive(frames, out, perceiver=perceiver, video=video, rerun=tmp_path / "drive.rrd")
+    lines = [json.loads(line) for line in (out / "perception.jsonl").read_text().splitlines()]
+    sample = open_dataset(frames)[0]
+    assert lines[0]["likely_cells"] == perceiver(sample).further["likely_cells"].to_json()
+    assert (lines[0]["detections2d"], lines[4]["likely_cells"]) == (None, None)
+    capture = cv2.VideoCapture(str(video))
+    shown = (
+        int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+        int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
+    )
+    assert shown == RowLayout.of(sample.image_size, ("likely_cells",)).size
+    assert perceive(frames, out, perceiver=perceiver).skipped == len(NAMES)
+
+
+def test_pages_of_one_frame_and_of_two_have_a_panel_for_it(frames, perceiver, tmp_path):
+    out = tmp_path / "out"
+    perceive(frames, out, perceiver=perceiver)
+    for names in (NAMES[:1], NAMES[:2]):
+        pages = []
+        for results in (out, out / "depth-completion"):
+            page = tmp_path / "page.png"
+            assert (
+                main(["show", str(frames), *names, "--results", str(results), "--out", str(page)])
+                == 0
+            )
+            pages.append(read_rgb(page))
+        assert pages[0].shape[0] > pages[1].shape[0]
 
 
 def test_its_answers_do_not_depend_on_the_engine(frames, trained):
@@ -134,7 +180,7 @@ def test_its_answers_do_not_depend_on_the_engine(frames, trained):
     weights = trained / "weights.safetensors"
     sample = open_dataset(frames)[0]
     likely = [
-        task.predictor(weights=weights, engine=engine)(sample)[1]
+        task.predictor(weights=weights, engine=engine)(sample).likelihood
         for engine in ("torch", "onnxruntime", "openvino")
     ]
     for other in likely[1:]:
@@ -183,7 +229,7 @@ def test_it_is_listed_and_explains_itself(capsys):
     with pytest.raises(SystemExit):
         main(["predict", "toy-finder", "--help"])
     explained = capsys.readouterr().out
-    assert "--likelihood LIKELIHOOD" in explained
+    assert "--highest HIGHEST" in explained
     assert "--method" not in explained
 
 

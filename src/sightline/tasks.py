@@ -5,6 +5,7 @@ module imports PyTorch only where it computes.
 """
 
 import importlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
@@ -141,6 +142,12 @@ def find_task(name: str) -> Task:
     task = getattr(importlib.import_module(module), attribute)
     assert isinstance(task, Task), f"{REGISTRY[name]} declares all that a task has"
     return task
+
+
+def further_keys(names: Iterable[str]) -> tuple[str, ...]:
+    """Keys of `Perception.further` that these tasks declare."""
+    outputs = [output for name in names for output in find_task(name).outputs]
+    return tuple(output.further for output in outputs if output.further)
 
 
 def choose_task(name: str | None, weights: str | Path | None) -> Task:

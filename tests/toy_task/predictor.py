@@ -1,21 +1,19 @@
-"""How it answers: through both graphs, by any engine."""
+"""Predictor of the toy task: through both graphs, by any engine."""
 
-import torch
 import torch.nn.functional as F
 
 from sightline.export.process_engine import ProcessEngine
-from sightline.geometry.boxes2d import Boxes2D
 from sightline.inference.network import load_network
-from sightline.structures.predictions import Detections2D
+from tests.toy_task.cells import LikelyCells
 from tests.toy_task.examples import inputs_of
 
 
 class FinderPredictor:
-    """The cells in which objects are likely, as boxes of a cell's size."""
+    """Likelihood of an object's middle in each cell."""
 
     parts = ("image", "points")
     needs = ("points",)
-    gives = ("results", "likelihood")
+    gives = ("cells", "highest")
 
     def __init__(self, task, weights, engine, device, threads) -> None:
         loaded = load_network(task, weights)
@@ -34,11 +32,4 @@ class FinderPredictor:
         padded = {name: F.pad(planes, padding) for name, planes in inputs.items()}
         first, second = self._stages
         features = first(padded)["output"]
-        likely = second({"features": features})["logits"][0, 0].sigmoid()
-        rows, columns = (likely >= likely.max()).nonzero().unbind(dim=1)
-        corner = torch.stack((columns, rows), dim=1) * self._cell_px
-        boxes = torch.cat((corner, corner + self._cell_px - 1), dim=1).float()
-        found = Detections2D(
-            class_names=("Car",) * len(boxes), boxes=Boxes2D(boxes), scores=likely[rows, columns]
-        )
-        return found, likely
+        return LikelyCells(second({"features": features})["logits"][0, 0].sigmoid())

@@ -1,31 +1,31 @@
 """The finder as a task."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
 from sightline.inference.predictor import Output
 
-
-def _write_results(path, sample, answer):
-    from sightline.data.kitti_labels import write_objects
-    from sightline.data.object_results import kitti_from_detections
-
-    found, _ = answer
-    write_objects(path, kitti_from_detections(found, sample.calibration, sample.image_size))
+_KEY: Final = "likely_cells"
 
 
-def _read_results(path, sample, told):
-    from sightline.detection2d.answers import read_results
+def _write_cells(path, sample, answer):
+    from tests.toy_task.cells import write_cells
+
+    write_cells(path, sample, answer)
+
+
+def _read_cells(path, sample, told):
+    from tests.toy_task.cells import read_cells
 
     del sample
-    return read_results(path, told)
+    return replace(told, further={**told.further, _KEY: read_cells(path)})
 
 
-def _write_likelihood(path, sample, answer):
-    del sample
-    from sightline.data.depth_png import write_depth_png
+def _write_highest(path, sample, answer):
+    from tests.toy_task.cells import write_highest
 
-    write_depth_png(path, answer[1].numpy())
+    write_highest(path, sample, answer)
 
 
 def _cases(names, channels, stride):
@@ -42,20 +42,21 @@ def _cases(names, channels, stride):
 
 class FinderTask:
     name = "toy-finder"
-    summary = "Finds cells that objects stand in and writes them as KITTI's result files."
+    summary = "Finds cells that objects stand in."
     training_class = "tests.toy_task.task.Finder"
     trial_settings: Final = {"data.init_args.batch_size": "2"}
     default_weights = None
     methods = ()
     outputs = (
         Output(
-            name="results",
-            suffix=".txt",
-            summary="Result files.",
-            write=_write_results,
-            read=_read_results,
+            name="cells",
+            suffix=".npy",
+            summary="Likelihood of cells.",
+            write=_write_cells,
+            read=_read_cells,
+            further=_KEY,
         ),
-        Output(name="likelihood", suffix=".png", summary="Of cells.", write=_write_likelihood),
+        Output(name="highest", suffix=".json", summary="The likeliest.", write=_write_highest),
     )
     switches = ()
 
@@ -116,7 +117,7 @@ class FinderTask:
     def perception(self, answer):
         from sightline.structures.predictions import Perception
 
-        return Perception(detections2d=answer[0])
+        return Perception(further={_KEY: answer})
 
     def demo(self, frames, out):
         del frames, out

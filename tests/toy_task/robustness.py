@@ -1,20 +1,56 @@
-"""How it is scored where sensors are broken."""
+"""Scoring of the toy task where sensors are broken."""
 
-from sightline.detection2d.answers import read_answer
-from sightline.robustness.object_scoring import ObjectScoring, Target
-from sightline.robustness.scoring import Panel
+import numpy as np
+
+from sightline.robustness.scoring import BenchFrame, BenchMetric, Panel
 from sightline.visualization.canvas import scaled_to_width
-from sightline.visualization.image import camera_picture
-from tests.toy_task.registration import _write_results
+from tests.toy_task.cells import read_cells, write_cells
 
 
-def _panels(answered, width_px):
-    return (Panel("image", scaled_to_width(camera_picture(answered.corrupted.sample), width_px)),)
+class CellScoring:
+    """Share of frames whose likeliest cell holds the middle of an object."""
+
+    name = "likeliest cells"
+    suffix = ".npy"
+    parts = ("objects",)
+    takes_results = True
+    figures = (BenchMetric(name="hits", title="hits", unit="%", highest=100.0),)
+
+    def check(self, dataset):
+        del dataset
+
+    def notes(self, dataset):
+        del dataset
+        return ()
+
+    def pose(self, sample):
+        return BenchFrame(sample, None)
+
+    def keep(self, path, answered):
+        write_cells(path, answered.posed.sample, answered.answer)
+
+    def read(self, path, sample):
+        del sample
+        return read_cells(path)
+
+    def score(self, folder, dataset):
+        hits = [
+            self._is_hit(read_cells(folder / f"{name}{self.suffix}"), dataset[index])
+            for index, name in enumerate(dataset.sample_ids)
+        ]
+        return {"hits": 100.0 * float(np.mean(hits))}
+
+    def draw(self, answered, width_px):
+        picture = answered.answer.draw(answered.corrupted.sample)
+        return (Panel("cells", scaled_to_width(picture, width_px)),)
+
+    @staticmethod
+    def _is_hit(cells, sample):
+        found = cells.to_json()
+        boxes = sample.objects.boxes2d.tensor[sample.objects.has_box3d]
+        cell_px = -(-sample.image_size[0] // len(cells.likelihood))
+        middles = (boxes[:, :2] + boxes[:, 2:]) / 2 // cell_px
+        return [found["column"], found["row"]] in middles.tolist()
 
 
-SCORING = ObjectScoring(
-    targets=(Target("Car", "bbox", 0.1),),
-    write=_write_results,
-    read_file=read_answer,
-    panels=_panels,
-)
+SCORING = CellScoring()

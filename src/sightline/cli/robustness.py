@@ -12,7 +12,7 @@ from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
-    from sightline.corruptions.corruption import Sensor
+    from sightline.structures.sample import Sensor
 
 
 def robustness(
@@ -149,7 +149,7 @@ def _compare(paths: tuple[str, ...], page: Path | None) -> None:
 
 def _by_sensor(given: tuple[str, ...]) -> "dict[Sensor, Path]":
     """Parse `camera=A.json lidar=B.json`."""
-    from sightline.corruptions.corruption import Sensor
+    from sightline.structures.sample import Sensor
 
     found: dict[Sensor, Path] = {}
     for word in given:

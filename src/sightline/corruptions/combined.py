@@ -12,14 +12,13 @@ from sightline.corruptions.corruption import (
     Parameter,
     PointsChange,
     Record,
-    Sensor,
     nowhere,
 )
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.files.plain_text import shortened
 from sightline.geometry.arguments import wrong_type
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, Sensor
 
 JOINED = "+"
 """Separator of kinds that corrupt a sample together: camera_fog+lidar_fog."""

@@ -4,7 +4,7 @@ import json
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import ClassVar, Final, Literal, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -16,9 +16,8 @@ from sightline.augmentation.faults import Fault
 from sightline.geometry.checked import checked
 from sightline.geometry.projection import project_points
 from sightline.geometry.ranges import Number, check_ranges
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, Sensor
 
-Sensor = Literal["camera", "lidar"]
 Image = UInt8[Tensor, "3 height width"]
 Sweep = Float32[Tensor, "num_points 4"]
 Parameter = Number | str | Sequence[Number]

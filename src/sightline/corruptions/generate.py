@@ -32,6 +32,7 @@ from sightline.jobs.output_dirs import (
     data_name,
 )
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
+from sightline.structures.sample import SENSOR_FIELDS
 
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")
 """Parts of a frame that a case's tree also contains, if the input does."""
@@ -253,7 +254,7 @@ def _check_parts(
     dataset: KittiObjectDataset, originals: dict[str, ObjectFrame], cases: Sequence[Case]
 ) -> None:
     """Refuse data without a sensor that a case corrupts."""
-    for sensor, part in (("camera", "image"), ("lidar", "points")):
+    for sensor, part in SENSOR_FIELDS.items():
         breaking = [case.name for case in cases if sensor in case.corruption.sensors]
         lacking = [name for name in dataset.sample_ids if getattr(originals[name], part) is None]
         if breaking and lacking:

@@ -67,6 +67,8 @@ class Output:
     read: "Callable[[Path, CameraLidarSample, Perception], Perception] | None" = None
     """Adds the contents of a file to the perception from the outputs before this one; None: the
     file contains nothing to draw."""
+    further: str = ""
+    """Key of the prediction in `Perception.further`, and of lines; empty: boxes or depth."""
 
 
 def lacking_parts(predictor: Predictor, sample: "CameraLidarSample") -> "tuple[Part, ...]":

@@ -4,26 +4,29 @@ Damaged or foreign entries count as missing.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, Final, get_args
 
 from sightline.data.object_tree import Part
 from sightline.files.plain_file import read_bytes
+from sightline.structures.sample import SENSOR_FIELDS
+from sightline.tasks import further_keys, task_names
 
 Lines = dict[str, tuple[str, dict[str, Any]]]
 """Lines by frame: text and parsed contents."""
 
 _MAX_BYTES = 2**26
 _LARGEST = 3.5e38  # beyond single precision, the type of networks' outputs
-_SENSORS: Final = {"image": "camera", "points": "lidar"}
+_SENSORS: Final[Mapping[str, str]] = {field: sensor for sensor, field in SENSOR_FIELDS.items()}
 
 _Check = Callable[[Any], bool]
 
 
 def read_lines(folder: Path) -> Lines:
     """Read the complete lines, by frame in order."""
-    return _read(folder, lambda told: _fits(told, _LINE) and _is_consistent(told))
+    further = further_keys(task_names())  # of any content that is JSON
+    return _read(folder, lambda told: _fits_line(told, further) and _is_consistent(told))
 
 
 def read_timings(folder: Path) -> Lines:
@@ -45,6 +48,12 @@ def _read(folder: Path, is_whole: _Check) -> Lines:
         if is_ours and is_whole(told) and told["frame"] == path.stem:
             lines[path.stem] = (text, told)
     return lines
+
+
+def _fits_line(told: object, further: Collection[str]) -> bool:
+    if not isinstance(told, dict):
+        return False
+    return _fits({key: value for key, value in told.items() if key not in further}, _LINE)
 
 
 def _is_consistent(line: Mapping[str, Any]) -> bool:
@@ -115,7 +124,7 @@ _LINE: Final = {
     "frame": _text,
     "timestamp_s": _maybe(_number),
     "image_size_px": (_count, _count),
-    "sensors": {"camera": _flag, "lidar": _flag},
+    "sensors": dict.fromkeys(SENSOR_FIELDS, _flag),
     "num_points": _maybe(_count),
     "tasks": _each(_task),
     "detections2d": _maybe([{"class": _text, "score": _number, "box_px": (_number,) * 4}]),

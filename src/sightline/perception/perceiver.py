@@ -11,7 +11,7 @@ from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import Perception
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
 
 if TYPE_CHECKING:
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 LEFT_OUT: Final = "none"
 """Name of weights that disables a task."""
-
-_SENSOR_PARTS: "Final[tuple[Part, ...]]" = ("image", "points")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -126,7 +124,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
     def parts(self) -> "tuple[Part, ...]":
         """Parts of a sample that its tasks use."""
         seen = {part for predictor in self.predictors.values() for part in predictor.parts}
-        return tuple(part for part in _SENSOR_PARTS if part in seen)
+        return tuple(part for part in SENSOR_FIELDS.values() if part in seen)
 
     def predict(self, sample: CameraLidarSample) -> Perception:
         """Predicts with all tasks; tasks that lack a sensor contribute nothing."""

@@ -63,11 +63,12 @@ class PictureFiles:
             ValueError: A frame or a result cannot be read, or a file cannot be written.
         """
         opened = open_results([results])
+        further = tuple(each.output.further for each in opened if each.output.further)
         if self.video is not None:
             frames = self._frames(dataset, opened, "video")
-            write_video(self.video, _pictures(frames), fps=self.fps)
+            write_video(self.video, _pictures(frames, further), fps=self.fps)
         if self.rerun is not None:
-            write_rerun(self.rerun, self._frames(dataset, opened, "rerun"))
+            write_rerun(self.rerun, self._frames(dataset, opened, "rerun"), further=further)
 
     def _frames(
         self, dataset: SampleDataset, results: tuple[ResultFolder, ...], description: str
@@ -79,10 +80,10 @@ class PictureFiles:
 
 
 def _pictures(
-    frames: Iterator[tuple[CameraLidarSample, Perception]],
+    frames: Iterator[tuple[CameraLidarSample, Perception]], further: tuple[str, ...]
 ) -> Iterator[UInt8[np.ndarray, "_height _width 3"]]:
     layout = None
     for sample, told in frames:
-        layout = layout or RowLayout.of(sample.image_size)
+        layout = layout or RowLayout.of(sample.image_size, further)
         at = sample.timestamp_s
         yield draw_row(sample, told, layout, note="" if at is None else f"{at:.2f} s")

@@ -103,10 +103,11 @@ def write_frames_picture(
             dense_name=tell.depth_name,
             detections2d=told[0].detections2d,
             detections3d=told[0].detections3d,
+            further=told[0].further,
         )
     write_rgb(out, picture)
     return out
 
 
 def _is_depth(result: ResultFolder) -> bool:
-    return result.output.suffix == ".png"
+    return result.output.name == "depth"

@@ -11,7 +11,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
-from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.object_tree import Velodyne, suggest_frames
 from sightline.data.open import SampleDataset, sweeps_folder
@@ -36,6 +35,7 @@ from sightline.robustness.record import (
 from sightline.robustness.report import RobustnessReport
 from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import Scoring
+from sightline.structures.sample import Sensor
 
 _ANSWERS: Final = "answers"
 _SUITE: Final = "dgfn7"

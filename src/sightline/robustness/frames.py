@@ -7,15 +7,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import Case
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.object_tree import Part, Velodyne, list_object_frames
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.data.recording import RecordingDataset
 from sightline.jobs.output_dirs import data_name
+from sightline.structures.sample import SENSOR_FIELDS
 
-_DELIVERED: Final[dict[Sensor, Part]] = {"camera": "image", "lidar": "points"}
 _SEEN_BY_KINDS: Final[tuple[Part, ...]] = ("image", "points", "objects")
 _FRAME_FILES: Final[tuple[Part, ...]] = (*_SEEN_BY_KINDS, "calibration")
 _DIGITS: Final = 16
@@ -58,7 +57,7 @@ def open_frames(
 
     needed: set[Part] = set(parts)
     dataset = opened(needed)
-    for sensor, part in _DELIVERED.items():
+    for sensor, part in SENSOR_FIELDS.items():
         case = next((each for each in cases if sensor in each.corruption.sensors), None)
         if case is None:
             continue
@@ -75,10 +74,10 @@ def open_frames(
                 f"set, or {remedy}"
             )
         needed.add(part)
-    for part in _SEEN_BY_KINDS:
+    for delivered in _SEEN_BY_KINDS:
         with contextlib.suppress(ValueError):
-            dataset = opened(needed | {part})
-            needed.add(part)
+            dataset = opened(needed | {delivered})
+            needed.add(delivered)
     return dataset
 
 

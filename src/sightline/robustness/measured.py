@@ -4,7 +4,6 @@ import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN
 from sightline.robustness.measures import (
     WorstCase,
@@ -17,6 +16,7 @@ from sightline.robustness.measures import (
 )
 from sightline.robustness.record import Record
 from sightline.robustness.scoring import BenchMetric
+from sightline.structures.sample import Sensor
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

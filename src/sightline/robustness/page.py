@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN
 from sightline.robustness.charts import (
     LINE_STYLES,
@@ -29,6 +28,7 @@ from sightline.robustness.texts import (
     score_text,
     setting_text,
 )
+from sightline.structures.sample import Sensor
 
 Measured = Sequence[tuple[BenchMetric, Measures | None]]
 Compared = Sequence[tuple[BenchMetric, Sequence[Measures | None]]]

@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Case
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.problem import FileError, plain_line
 from sightline.robustness.measures import ByKind
 from sightline.robustness.scoring import BenchMetric, Scores
+from sightline.structures.sample import Sensor
 
 RECORD_NAME: Final = "robustness.json"
 """Name of the record's file in a run's folder."""

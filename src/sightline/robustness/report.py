@@ -9,7 +9,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from sightline.corruptions.corruption import Sensor
 from sightline.files.atomic import atomic_write_text
 from sightline.robustness.comparable import warn_of_files
 from sightline.robustness.measured import Measures, measure
@@ -24,6 +23,7 @@ from sightline.robustness.texts import (
     markdown_text,
     setting_text,
 )
+from sightline.structures.sample import Sensor
 
 if TYPE_CHECKING:
     from rich.console import Group

@@ -1,17 +1,32 @@
 """Predictions of the tasks."""
 
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from jaxtyping import Bool, Float, Float32, Int64
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int64, UInt8
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
 from sightline.geometry.wrong_types import named_arguments
+
+if TYPE_CHECKING:
+    from sightline.structures.sample import CameraLidarSample
+
+JsonValue = dict[str, Any] | list[Any] | str | float | int | None
+"""Content of JSON: numbers are finite."""
+
+_PX: Final = 2
+_M: Final = 3
+_RAD: Final = 4
+_SCORE: Final = 4
+_SHARE: Final = 4
+"""Decimals in JSON, by unit."""
 
 
 def _surer_than(detections: Any, min_score: float) -> Any:  # noqa: ANN401 - any of the classes
@@ -41,6 +56,25 @@ class DepthMap:
     uncertainty_m: Float32[Tensor, "height width"] | None = None
     """Expected absolute error, infinite where there is no value; None if the method has no
     estimate."""
+
+    def to_json(self) -> dict[str, float | None]:
+        """Summarize the trusted values; None: there are none, or there is no estimate."""
+        believed = self.depth_m[self.valid]
+        summary: dict[str, float | None] = {
+            "valid_share": round(float(self.valid.float().mean()), _SHARE),
+            "nearest_m": None,
+            "median_m": None,
+            "farthest_m": None,
+            "median_expected_error_m": None,
+        }
+        if len(believed):
+            summary["nearest_m"] = round(float(believed.min()), _M)
+            summary["median_m"] = round(float(believed.median()), _M)
+            summary["farthest_m"] = round(float(believed.max()), _M)
+        if len(believed) and self.uncertainty_m is not None:
+            error_m = float(self.uncertainty_m[self.valid].median())
+            summary["median_expected_error_m"] = round(error_m, _M)
+        return summary
 
 
 @checked()
@@ -83,6 +117,16 @@ class Detections2D:
 
     surer_than = _surer_than
 
+    def to_json(self) -> list[dict[str, Any]]:
+        """List the detections: class, score, corners of the box [px]."""
+        columns = zip(
+            self.class_names, self.scores.tolist(), self.boxes.tensor.tolist(), strict=True
+        )
+        return [
+            {"class": name, "score": round(score, _SCORE), "box_px": [round(x, _PX) for x in box]}
+            for name, score, box in columns
+        ]
+
 
 @checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -122,6 +166,46 @@ class Detections3D:
 
     surer_than = _surer_than
 
+    def to_json(self) -> list[dict[str, Any]]:
+        """List the detections: class, score, center and size [m] and yaw [rad] of the box."""
+        columns = zip(
+            self.class_names, self.scores.tolist(), self.boxes.tensor.tolist(), strict=True
+        )
+        return [
+            {
+                "class": name,
+                "score": round(score, _SCORE),
+                "center_m": [round(x, _M) for x in box[:3]],
+                "size_m": [round(x, _M) for x in box[3:6]],
+                "yaw_rad": round(box[6], _RAD),
+            }
+            for name, score, box in columns
+        ]
+
+
+class FurtherPrediction(ABC):
+    """Prediction of a kind of its own: the base class for tasks beyond boxes and depth.
+
+    docs/adding.md shows how a task uses it.
+    """
+
+    __slots__ = ()
+    title: ClassVar[str]
+    """Title of its panel in pictures."""
+
+    @abstractmethod
+    def to_json(self) -> JsonValue:
+        """Summarize it for the line of its frame."""
+
+    @abstractmethod
+    def draw(self, sample: "CameraLidarSample") -> UInt8[np.ndarray, "height width 3"]:
+        """Draw it as an RGB picture, which panels scale to their size."""
+
+    def filter_by_score(self, min_score: float) -> "FurtherPrediction":
+        """Remove what has a score below `min_score`, for pictures; here nothing has scores."""
+        del min_score
+        return self
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Perception:
@@ -139,6 +223,8 @@ class Perception:
     detections3d: Detections3D | None = None
     depth: DepthMap | None = None
     """Depth map of the frame's image size."""
+    further: Mapping[str, FurtherPrediction] = field(default_factory=dict)
+    """Predictions of other kinds, by the key that their task declares (`Output.further`)."""
 
     @classmethod
     @named_arguments
@@ -150,6 +236,7 @@ class Perception:
                 detections2d=joined.detections2d or part.detections2d,
                 detections3d=joined.detections3d or part.detections3d,
                 depth=joined.depth or part.depth,
+                further={**part.further, **joined.further},
             )
         return joined
 
@@ -159,9 +246,19 @@ class Perception:
             self,
             detections2d=self.detections2d and self.detections2d.filter_by_score(min_score),
             detections3d=self.detections3d and self.detections3d.filter_by_score(min_score),
+            further={key: each.filter_by_score(min_score) for key, each in self.further.items()},
         )
 
     surer_than = _surer_than
+
+    def to_json(self) -> dict[str, JsonValue]:
+        """Convert to JSON, by name; None: no task has predicted it."""
+        return {
+            "detections2d": None if self.detections2d is None else self.detections2d.to_json(),
+            "detections3d": None if self.detections3d is None else self.detections3d.to_json(),
+            "depth": None if self.depth is None else self.depth.to_json(),
+            **{key: each.to_json() for key, each in self.further.items()},
+        }
 
 
 def _check_lengths(class_names: tuple[str, ...], boxes: Boxes2D | Boxes3D, scores: Tensor) -> None:

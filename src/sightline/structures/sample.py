@@ -1,8 +1,8 @@
 """Sample of camera and LiDAR."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import SupportsFloat, SupportsIndex
+from typing import Final, Literal, SupportsFloat, SupportsIndex
 
 import numpy as np
 import torch
@@ -17,6 +17,17 @@ from sightline.geometry.tilt import level_ahead
 from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.mounting import plain_height, plain_tilt, pose_of_sweep, warn_of_axes
+
+Sensor = Literal["camera", "lidar"]
+
+SENSOR_FIELDS: Final[Mapping[Sensor, Literal["image", "points"]]] = {
+    "camera": "image",
+    "lidar": "points",
+}
+"""Field of a sample that holds the data of each sensor."""
+
+SENSOR_TITLES: Final[Mapping[Sensor, str]] = {"camera": "camera", "lidar": "LiDAR"}
+"""Names of the sensors in texts."""
 
 
 @checked(wide=True, remedy="CameraLidarSample.from_arrays converts arrays")
@@ -73,6 +84,12 @@ class CameraLidarSample:
                     f"(height x width), expected {self.image_size[0]}x{self.image_size[1]} like "
                     "the camera; resize both or none"
                 )
+
+    @property
+    def missing_sensors(self) -> tuple[Sensor, ...]:
+        """Sensors that delivered nothing."""
+        fields = SENSOR_FIELDS.items()
+        return tuple(sensor for sensor, field in fields if getattr(self, field) is None)
 
     @property
     def higher_than_kitti_m(self) -> float:

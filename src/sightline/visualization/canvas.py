@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from sightline.visualization.colors import RGB
+from sightline.visualization.colors import INVALID, RGB
 
 _SHIFT = 4  # OpenCV takes coordinates in sixteenths of a pixel
 _HALO: RGB = (10, 10, 14)
@@ -29,6 +29,21 @@ def scaled_to_width(
     height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
     scaled = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
     return scaled.astype(np.uint8, copy=False)
+
+
+def scaled_into(
+    picture: UInt8[np.ndarray, "height width 3"], size: tuple[int, int]
+) -> UInt8[np.ndarray, "new_height new_width 3"]:
+    """Scale a picture into an area of (height, width) in its proportions, centred."""
+    zoom = min(new / old for new, old in zip(size, picture.shape[:2], strict=True))
+    height, width = (max(round(side * zoom), 1) for side in picture.shape[:2])
+    interpolation = cv2.INTER_AREA if zoom < 1 else cv2.INTER_NEAREST
+    area = np.full((*size, 3), INVALID, np.uint8)
+    top, left = (size[0] - height) // 2, (size[1] - width) // 2
+    area[top : top + height, left : left + width] = cv2.resize(
+        picture, (width, height), interpolation=interpolation
+    )
+    return area
 
 
 def put_lines(

@@ -15,8 +15,9 @@ from jaxtyping import UInt8
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.level import level_view
 from sightline.structures.predictions import Perception
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import SENSOR_TITLES, CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
+from sightline.visualization.canvas import scaled_into
 from sightline.visualization.cells import MUTED, PAGE, TITLE
 from sightline.visualization.colors import DEPTH_SCALE, INVALID, RGB, class_color
 from sightline.visualization.depth import colorize_depth, put_legend
@@ -32,6 +33,7 @@ _WIDE: Final = 2.0  # pictures at least so many times as wide as high stand one 
 _STACKED_PX, _BESIDE_PX = 940, 620  # widths of a camera's picture
 _ABOVE_PX: Final = 300
 _HIGHEST: Final = 1.5  # pictures higher than so many times their width are made narrower
+_DEPTH_PLACE: Final = 1  # of its panel
 _FARTHEST_M: Final = 80.0
 _TWO_COLUMNS_FROM: Final = 4  # frames
 
@@ -41,34 +43,40 @@ class RowLayout:
     """Where the parts of a picture stand: the same for all frames of a video."""
 
     camera_size: tuple[int, int]
-    """Height, width [px] of the camera's and of the depth's picture."""
+    """Height, width [px] of each panel: camera, depth, further predictions."""
     is_stacked: bool
-    """Whether depth stands below the camera, not beside it."""
+    """Whether these panels stand one below the other, not side by side."""
+    further: tuple[str, ...] = ()
+    """Keys of further predictions with a panel."""
 
     @classmethod
-    def of(cls, image_size: tuple[int, int]) -> "RowLayout":
+    def of(cls, image_size: tuple[int, int], further: tuple[str, ...] = ()) -> "RowLayout":
         """Choose the layout for images of a height and width [px]."""
         height, width = image_size
         is_stacked = width >= _WIDE * height
         width_px = _STACKED_PX if is_stacked else _BESIDE_PX
         height_px = min(max(round(height * width_px / width), 1), round(_HIGHEST * width_px))
-        return cls(camera_size=(height_px, width_px), is_stacked=is_stacked)
+        return cls(camera_size=(height_px, width_px), is_stacked=is_stacked, further=further)
+
+    @property
+    def num_panels(self) -> int:
+        """Number of panels of the camera's size."""
+        return 2 + len(self.further)
 
     @property
     def above_size(self) -> tuple[int, int]:
         """Height, width [px] of the bird's-eye view, which is as high as what stands beside it."""
         height = self.camera_size[0]
         if self.is_stacked:
-            height = 2 * height + _LINE_PX + _GAP_PX
+            height = self.num_panels * (height + _LINE_PX + _GAP_PX) - _LINE_PX - _GAP_PX
         return height, _ABOVE_PX
 
     @property
     def size(self) -> tuple[int, int]:
         """Height, width [px] of the whole: even numbers, as videos need them."""
-        cameras = self.camera_size[1] * (1 if self.is_stacked else 2)
-        gaps = 3 if self.is_stacked else 4
+        columns = 1 if self.is_stacked else self.num_panels
         height = _HEAD_PX + _LINE_PX + self.above_size[0] + _GAP_PX
-        width = cameras + self.above_size[1] + gaps * _GAP_PX
+        width = columns * (self.camera_size[1] + _GAP_PX) + self.above_size[1] + 2 * _GAP_PX
         return height + height % 2, width + width % 2
 
 
@@ -78,8 +86,9 @@ def draw_row(
     """The frame as an RGB picture of the layout's size.
 
     The camera's image with 2D boxes (only their corners where there are 3D boxes, too) and 3D boxes
-    (the edges that it sees), depth where it may be believed, and sweep and 3D boxes from above. A
-    part that is missing is named in its place, a sensor that delivered nothing also in the head.
+    (the edges that it sees), depth where it may be believed, further predictions, and sweep and 3D
+    boxes from above. A part that is missing is named in its place, a sensor that delivered nothing
+    also in the head.
 
     Args:
         sample: Any of its sensors may be missing.
@@ -91,18 +100,22 @@ def draw_row(
     height, width = layout.size
     page = np.full((height, width, 3), PAGE, np.uint8)
     _put_head(page, sample, told, note)
-    camera_px, line = layout.camera_size, _HEAD_PX
+    camera_px = layout.camera_size
     fitted, seen = _fitted(sample, told, camera_px)
-    _put_titled(page, _camera_title(told), line, _GAP_PX)
-    _put_picture(page, _camera(fitted, seen), line + _LINE_PX, _GAP_PX, camera_px)
-    left = _GAP_PX
-    if layout.is_stacked:
-        line += _LINE_PX + camera_px[0] + _GAP_PX
-    else:
-        left += camera_px[1] + _GAP_PX
-    _put_titled(page, "Depth" if told.depth is not None else "Depth of the sweep", line, left)
-    put_legend(page, DEPTH_SCALE, right=left + camera_px[1] - 20, top=line + 4, hole="no value")
-    _put_picture(page, _depth(fitted, seen), line + _LINE_PX, left, camera_px)
+    panels = [
+        (_camera_title(told), _camera(fitted, seen)),
+        ("Depth" if told.depth is not None else "Depth of the sweep", _depth(fitted, seen)),
+        *(_further(sample, told, key, camera_px) for key in layout.further),
+    ]
+    for place, (title, picture) in enumerate(panels):
+        row, column = (place, 0) if layout.is_stacked else (0, place)
+        line = _HEAD_PX + row * (_LINE_PX + camera_px[0] + _GAP_PX)
+        left = _GAP_PX + column * (camera_px[1] + _GAP_PX)
+        _put_titled(page, title, line, left)
+        _put_picture(page, picture, line + _LINE_PX, left, camera_px)
+        if place == _DEPTH_PLACE:
+            right = left + camera_px[1] - 20
+            put_legend(page, DEPTH_SCALE, right=right, top=line + 4, hole="no value")
     left += camera_px[1] + _GAP_PX
     _put_titled(page, "From above", _HEAD_PX, left)
     _put_picture(page, _above(sample, told, layout), _HEAD_PX + _LINE_PX, left, layout.above_size)
@@ -141,6 +154,16 @@ def _depth(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "he
     return colorize_depth(sparse, point_size_px=3)
 
 
+def _further(
+    sample: CameraLidarSample, told: Perception, key: str, room: tuple[int, int]
+) -> tuple[str, UInt8[np.ndarray, "height width 3"]]:
+    """Title and picture of a further prediction's panel."""
+    found = told.further.get(key)
+    if found is None:
+        return key, _notice(room, f"no {key}")
+    return found.title, scaled_into(found.draw(sample), room)
+
+
 def _above(
     sample: CameraLidarSample, told: Perception, layout: RowLayout
 ) -> UInt8[np.ndarray, "height width 3"]:
@@ -173,11 +196,10 @@ def _put_head(
     baseline, left = 23, _GAP_PX
     put_text(page, sample.sample_id, left, baseline, height_px=13, color=TITLE)
     left += text_width(sample.sample_id, 13) + 18
-    for part, name in (("image", "camera"), ("points", "LiDAR")):
-        if getattr(sample, part) is None:
-            text = f"no {name}"
-            put_text(page, text, left, baseline, height_px=11, color=_ALARM)
-            left += text_width(text, 11) + 18
+    for sensor in sample.missing_sensors:
+        text = f"no {SENSOR_TITLES[sensor]}"
+        put_text(page, text, left, baseline, height_px=11, color=_ALARM)
+        left += text_width(text, 11) + 18
     for dimensions, found in (("2D", told.detections2d), ("3D", told.detections3d)):
         if found is None:
             continue
@@ -237,7 +259,8 @@ def draw_rows(
     """
     if not frames:
         raise ValueError("a page needs at least one frame")
-    layout = RowLayout.of(frames[0][0].image_size)
+    further = tuple(dict.fromkeys(key for _, told in frames for key in told.further))
+    layout = RowLayout.of(frames[0][0].image_size, further)
     rows = [draw_row(sample, told, layout) for sample, told in frames]
     num_columns = 1 if len(rows) < _TWO_COLUMNS_FROM else 2
     rows += [np.full_like(rows[0], PAGE)] * (-len(rows) % num_columns)

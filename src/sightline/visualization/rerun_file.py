@@ -4,7 +4,7 @@ import itertools
 import os
 import shutil
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -22,7 +22,7 @@ from sightline.files.problem import install_command
 from sightline.geometry.calibration import Calibration
 from sightline.structures.level import level_view
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import SENSOR_TITLES, CameraLidarSample
 from sightline.visualization.colors import DEPTH_SCALE, class_color
 
 if TYPE_CHECKING:
@@ -34,7 +34,9 @@ CAMERA: Final = "lidar/camera"
 IMAGE: Final = "lidar/camera/image"
 BOXES_2D: Final = "lidar/camera/boxes"
 DEPTH: Final = "lidar/camera/depth"
-"""Paths in the file; `lidar` is the LiDAR frame, in metres."""
+FURTHER: Final = "further"
+"""Paths in the file; `lidar` is the LiDAR frame, in metres; pictures of further predictions stand
+below `further` by their keys."""
 
 FRAME_TIMELINE: Final = "frame"
 TIME_TIMELINE: Final = "time"
@@ -57,15 +59,21 @@ def check_rerun(path: Path) -> None:
     _library()
 
 
-def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception]]) -> int:
+def write_rerun(
+    path: Path,
+    frames: Iterable[tuple[CameraLidarSample, Perception]],
+    *,
+    further: Sequence[str] = (),
+) -> int:
     """Writes a file that `rerun FILE` opens, whole or not at all; gives the number of frames.
 
-    Image, depth, points, 2D and 3D boxes stand at each frame's own time; what a frame lacks is
-    cleared, so that nothing of the frame before stays on the screen.
+    Image, depth, points, 2D and 3D boxes, further predictions stand at each frame's own time; what
+    a frame lacks is cleared, so that nothing of the frame before stays on the screen.
 
     Args:
         path: The file; its name ends in .rrd.
         frames: In their order, one at a time.
+        further: Keys of the further predictions to show.
 
     Raises:
         ValueError: The name ends otherwise, rerun-sdk is not installed, or the disk is full.
@@ -73,7 +81,13 @@ def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception
     check_rerun(path)
     rr = _library()
     count = 0
-    with atomic_path(path) as temporary, _recording_to(temporary) as (recording, copier):
+    with (
+        atomic_path(path) as temporary,
+        _recording_to(temporary, further) as (
+            recording,
+            copier,
+        ),
+    ):
         recording.log("lidar", rr.ViewCoordinates.FLU, static=True)
         for sample, told in itertools.starmap(level_view, frames):
             copier.check()
@@ -81,7 +95,7 @@ def write_rerun(path: Path, frames: Iterable[tuple[CameraLidarSample, Perception
             recording.set_time(FRAME_TIMELINE, sequence=count)
             if sample.timestamp_s is not None:
                 recording.set_time(TIME_TIMELINE, duration=sample.timestamp_s)
-            _log_frame(recording, sample, told)
+            _log_frame(recording, sample, told, further)
             count += 1
     return count
 
@@ -115,7 +129,9 @@ class _Copier(threading.Thread):
 
 
 @contextmanager
-def _recording_to(path: Path) -> Iterator[tuple["rerun.RecordingStream", _Copier]]:
+def _recording_to(
+    path: Path, further: Sequence[str]
+) -> Iterator[tuple["rerun.RecordingStream", _Copier]]:
     """A recording that is written to a file, whole when the block has ended well."""
     rr = _library()
     recording = rr.RecordingStream("sightline")
@@ -124,7 +140,7 @@ def _recording_to(path: Path) -> Iterator[tuple["rerun.RecordingStream", _Copier
     copier.start()
     try:
         try:
-            recording.save(f"/dev/fd/{copier.sink}", default_blueprint=_blueprint())
+            recording.save(f"/dev/fd/{copier.sink}", default_blueprint=_blueprint(further))
         finally:
             os.close(copier.sink)  # the library has opened it once more
         yield recording, copier
@@ -146,20 +162,24 @@ def _library() -> ModuleType:
         ) from error
 
 
-def _blueprint() -> "rerun.blueprint.Blueprint":
-    """The image over the depth, and the scene beside them."""
+def _blueprint(further: Sequence[str]) -> "rerun.blueprint.Blueprint":
+    """The image over the depth and further predictions, and the scene beside them."""
     import rerun.blueprint as rrb
 
     flat = (
         rrb.Spatial2DView(origin=CAMERA, name="camera", contents=["$origin/**", f"- {DEPTH}"]),
         rrb.Spatial2DView(origin=CAMERA, name="depth", contents=[DEPTH, BOXES_2D]),
+        *(rrb.Spatial2DView(origin=f"{FURTHER}/{key}", name=key) for key in further),
     )
     scene = rrb.Spatial3DView(origin="lidar", name="scene", contents=["$origin/**", f"- {DEPTH}"])
     return rrb.Blueprint(rrb.Horizontal(rrb.Vertical(*flat), scene), collapse_panels=True)
 
 
 def _log_frame(
-    recording: "rerun.RecordingStream", sample: CameraLidarSample, told: Perception
+    recording: "rerun.RecordingStream",
+    sample: CameraLidarSample,
+    told: Perception,
+    further: Sequence[str],
 ) -> None:
     import rerun as rr
 
@@ -173,15 +193,14 @@ def _log_frame(
     recording.log(BOXES_2D, empty if found is None else _boxes_2d(found))
     recording.log(BOXES_3D, empty if told.detections3d is None else _boxes_3d(told.detections3d))
     recording.log(DEPTH, empty if told.depth is None else _depth(told.depth))
+    for key in further:
+        each = told.further.get(key)
+        recording.log(f"{FURTHER}/{key}", empty if each is None else _image(each.draw(sample)))
 
 
 def _description(sample: CameraLidarSample) -> str:
-    missing = [
-        name
-        for part, name in (("image", "camera"), ("points", "LiDAR"))
-        if getattr(sample, part) is None
-    ]
-    return f"{sample.sample_id}{''.join(f', no {name}' for name in missing)}"
+    missing = [SENSOR_TITLES[sensor] for sensor in sample.missing_sensors]
+    return f"{sample.sample_id}{''.join(f', no {title}' for title in missing)}"
 
 
 def _log_camera(recording: "rerun.RecordingStream", sample: CameraLidarSample) -> None:

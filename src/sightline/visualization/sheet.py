@@ -1,6 +1,6 @@
 """One page that shows what is known about a frame."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,9 +13,16 @@ from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_view
-from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
+from sightline.structures.predictions import (
+    DepthMap,
+    Detections2D,
+    Detections3D,
+    FurtherPrediction,
+    Perception,
+)
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
+from sightline.visualization.canvas import scaled_into
 from sightline.visualization.cells import MUTED, PAGE, TITLE
 from sightline.visualization.colors import (
     DEPTH_SCALE,
@@ -82,15 +89,16 @@ def frame_sheet(
     dense_name: str = "",
     detections2d: Detections2D | None = None,
     detections3d: Detections3D | None = None,
+    further: Mapping[str, FurtherPrediction] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """An RGB page of the frame's boxes, sweep and depth maps, titled and with legends.
 
     Shows the image with 2D boxes (their corners) and 3D boxes (the edges that the camera sees), the
     LiDAR coloured by range on it, the sparse depth, the dense depth with its expected error (where
-    it has one) and its error (where the sample has true depth), a bird's-eye view and a table of
-    the objects. A part that the sample lacks is named in its place. Where there are detections,
-    they have the colours and labels are white. Of more than 500 labels the nearest are drawn, of
-    as many detections those with the highest scores.
+    it has one) and its error (where the sample has true depth), further predictions, a bird's-eye
+    view and a table of the objects. A part that the sample lacks is named in its place. Where there
+    are detections, they have the colours and labels are white. At most 500 labels are drawn, the
+    nearest, and at most 500 detections, those with the highest scores.
 
     Examples:
         >>> import sightline, tempfile
@@ -105,6 +113,7 @@ def frame_sheet(
         dense_name: How it was made, for its title.
         detections2d: Drawn on the image.
         detections3d: Drawn on the image and from above, and listed.
+        further: Predictions of other kinds, each with a panel of its own.
 
     Raises:
         ValueError: `dense_depth` is not of the sample's image size, or detections are something
@@ -131,10 +140,14 @@ def frame_sheet(
         detections2d=detections2d and detections2d.select(_surest(detections2d.scores)),
         detections3d=detections3d and detections3d.select(_surest(detections3d.scores)),
         depth=dense_depth,
+        further=further or {},
     )
     sample, told = level_view(sample, told)
     frame = _fitted(replace(sample, objects=_nearest(sample.objects)), told, panel_px)
     panels = [_boxes_panel(frame), _lidar_panel(frame), *_depth_panels(frame, dense_name)]
+    for each in frame.told.further.values():
+        picture = scaled_into(each.draw(frame.sample), panels[0].picture.shape[:2])
+        panels.append(_Panel(title=each.title, picture=picture))
     main = _arranged([_titled(panel, panel_px) for panel in panels], num_columns)
     side = _side_column(frame, main.shape[0])
     body = np.concatenate((main, _blank(main.shape[0], _GAP_PX), side), axis=1)

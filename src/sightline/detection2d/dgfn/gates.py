@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 from torch import Tensor
 
-from sightline.corruptions.corruption import Corrupted, Sensor
+from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.suites import Case, Suite
 from sightline.data.image_file import write_rgb
 from sightline.detection2d.answers import CAMERA_COLOR, LIDAR_COLOR, answer_row
@@ -22,7 +22,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError
 from sightline.geometry.projection import sparse_depth_map
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, Sensor
 from sightline.visualization.cells import PAGE
 from sightline.visualization.shares import ShareSeries, draw_histogram
 
