@@ -10,7 +10,7 @@ from sightline.augmentation.faults import FewerRings, NoCamera
 from sightline.augmentation.sample_changes import ColorJitterConfig, mirror
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.data.open import open_dataset
-from sightline.detection2d.config import InputConfig
+from sightline.detection2d.config import Detection2DConfig, InputConfig
 from sightline.detection2d.examples import (
     DetectionExamples,
     ExampleConfig,
@@ -284,7 +284,6 @@ def test_the_lidars_image_shows_heights_above_the_road_wherever_the_lidar_sits(s
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"crop_size": None}, "frames of any size make no batches"),
         ({"crop_size": (64, 64), "view": ViewConfig(min_iou_crop=True)}, "set crop_size to null"),
         ({"fault_share": 1.5}, "fault_share must be from 0 to 1, got 1.5"),
     ],
@@ -292,6 +291,19 @@ def test_the_lidars_image_shows_heights_above_the_road_wherever_the_lidar_sits(s
 def test_settings_that_do_not_belong_together_are_refused(settings, said):
     with pytest.raises(ValueError, match=said):
         ExampleConfig(**settings)
+
+
+def test_examples_take_the_network_s_input_and_refuse_another(sample):
+    network = Detection2DConfig(input=InputConfig(size=(64, 96)))
+    taken = DetectionExamples(ExampleConfig(crop_size=None)).for_network(network)
+    assert taken.for_network(network).settings == taken.settings
+    shown = taken.prepare(sample, np.random.default_rng(0), training=False)
+    assert shown.image.shape[2:] == (64, 96)
+    with pytest.raises(ValueError, match=r"settings\.input is .*, the network's is .*leave"):
+        taken.for_network(replace(network, input=InputConfig(size=(64, 64))))
+    any_size = Detection2DConfig(input=InputConfig(size=None))
+    with pytest.raises(ValueError, match="frames of any size make no batches"):
+        DetectionExamples(ExampleConfig(crop_size=None)).for_network(any_size)
 
 
 def test_a_sample_without_labels_or_with_points_that_are_not_finite_is_refused(sample):

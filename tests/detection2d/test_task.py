@@ -146,14 +146,6 @@ def attached(task, **data):
     return task
 
 
-def test_examples_that_show_frames_otherwise_than_the_network_sees_them_are_refused():
-    same = DetectionExamples(whole_frames(SIZE))
-    attached(Detection2D(TINY), preparation=same).setup("fit")
-    other = DetectionExamples(whole_frames((64, 96)))
-    with pytest.raises(ValueError, match=r"examples' settings\.input is .*\(64, 96\).* set both"):
-        attached(Detection2D(TINY), preparation=other).setup("validate")
-
-
 def test_vgg_weights_are_taken_when_a_training_begins_and_only_then(tmp_path):
     task = attached(Detection2D(TINY, vgg_weights=str(tmp_path / "absent.pth")))
     task.setup("validate")

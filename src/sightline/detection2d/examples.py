@@ -17,7 +17,7 @@ from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
 from sightline.data.object_labels import kitti_from_labels
-from sightline.detection2d.config import CLASSES, InputConfig, check_range
+from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig, check_range
 from sightline.detection2d.loss import health, known_by_points
 from sightline.detection2d.placement import (
     camera_image,
@@ -28,12 +28,13 @@ from sightline.detection2d.placement import (
     whole_strides,
 )
 from sightline.detection2d.targets import DetectionBatch, FrameTruth, TargetConfig, make_targets
+from sightline.files.settings import NetworkConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 from sightline.structures.sweep_checks import check_finite_points
-from sightline.training.data import SamplePreparation
+from sightline.training.data import SamplePreparation, check_agrees
 
 _MIN_OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.0)  # the last one: any patch
 _SMALLEST_SIDE, _ASPECT = 0.3, 2.0  # of a patch, relative to the image
@@ -166,8 +167,8 @@ _HALF_LEVEL = 127  # threshold of a mask painted as an image
 class ExampleConfig:
     """Settings of examples for training and scoring, and of the training augmentations."""
 
-    input: InputConfig = InputConfig()  # noqa: RUF009 - frozen
-    """Preparation of frames: as in the network's own settings."""
+    input: InputConfig | None = None
+    """Preparation of frames. None: as in the network's settings."""
     pad_to: int = 32
     """Divisor of the padded height and width: the network's stride."""
     crop_size: tuple[int, int] | None = (384, 640)
@@ -194,12 +195,13 @@ class ExampleConfig:
         """Checks the ranges, and that related settings match."""
         check_range("fault_share", self.fault_share, 0, 1)
         check_range("pad_to", self.pad_to, 1, 1024)
-        if self.crop_size is None and self.input.size is None:
-            raise ValueError(
-                "frames of any size make no batches: set crop_size, or input.size to resize all"
-            )
         if self.crop_size is not None and self.view.min_iou_crop:
             raise ValueError("view.min_iou_crop cuts patches of its own: set crop_size to null")
+
+    @property
+    def network_input(self) -> InputConfig:
+        """Preparation of frames in use: by default the default of networks."""
+        return self.input or InputConfig()
 
 
 class DetectionExamples(SamplePreparation):
@@ -220,6 +222,17 @@ class DetectionExamples(SamplePreparation):
         """
         self.settings = settings
         self.faults = tuple(faults)
+
+    def for_network(self, config: NetworkConfig) -> "DetectionExamples":
+        """Take the input of the network."""
+        assert isinstance(config, Detection2DConfig), "it is the network of this task"
+        check_agrees("input", self.settings.input, config.input)
+        if self.settings.crop_size is None and config.input.size is None:
+            raise ValueError(
+                "frames of any size make no batches: set crop_size of the preparation, or the "
+                "network's input.size to resize all"
+            )
+        return DetectionExamples(replace(self.settings, input=config.input), self.faults)
 
     def for_update(self, rng: np.random.Generator) -> "DetectionExamples":
         """Draw one case for all samples of a batch, if the settings ask for it."""
@@ -278,14 +291,14 @@ def training_example(
     if config.camera is not None:
         view = _through_camera(view, camera_mask, config.camera, rng)
     size = whole_strides(config.crop_size or view.image_size, config.pad_to)
-    maps = _maps(view, config.input, size)
+    maps = _maps(view, config.network_input, size)
     camera_health = lidar_health = None
     if config.health:
         nothing_left = case.corruption.leaves_nothing
         sound = maps["lidar"]
         if lidar_mask.any():
             sound_view = _view(replace(sample, image=None), config, np.random.default_rng(seed))
-            sound = padded(lidar_image(sound_view, config.input), size)
+            sound = padded(lidar_image(sound_view, config.network_input), size)
         camera_health = health(camera_mask, size, nothing_left=nothing_left)[None]
         if view.image is None:  # missing in the data, not by a case
             camera_health = torch.zeros_like(camera_health)
@@ -304,10 +317,10 @@ def training_example(
 def scoring_example(sample: CameraLidarSample, config: ExampleConfig) -> DetectionBatch:
     """Prepare a batch of one: the whole frame without changes, with all of its labels."""
     assert sample.objects is not None, "checked when it was prepared"
-    given, placement = place(sample, config.input)
+    given, placement = place(sample, config.network_input)
     assert given.objects is not None, "as before"
     size = whole_strides(given.image_size, config.pad_to)
-    maps = _maps(given, config.input, size)
+    maps = _maps(given, config.network_input, size)
     level = level_sample(sample)
     assert level.objects is not None, "as before"
     truth = FrameTruth(
@@ -328,11 +341,11 @@ def _view(
     # The depth map of simulated frames is not needed, and takes as long to resize as the image.
     sample = draw_mirror(replace(sample, depth=None), config.view, rng)
     if config.crop_size is not None:
-        scale = scale_of(sample, config.input)
+        scale = scale_of(sample, config.network_input)
         return scaled_crop(sample, config.crop_size, scale, config.view, rng)
     if config.view.min_iou_crop:
         sample = min_iou_crop(sample, rng)
-    return place(sample, config.input)[0]
+    return place(sample, config.network_input)[0]
 
 
 def _seen_masks(

@@ -13,7 +13,6 @@ from sightline.data.object_results import kitti_from_detections2d
 from sightline.detection2d.answers import training_picture
 from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.dgfn.weights import fold_batch_norm, load_vgg_weights
-from sightline.detection2d.examples import DetectionExamples
 from sightline.detection2d.fusion import DetectorOutput
 from sightline.detection2d.loss import DetectionLossConfig, DetectionLosses, detection_loss
 from sightline.detection2d.model import Detector
@@ -140,27 +139,13 @@ class Detection2D(TrainingModule):
         A resumed training has them in its checkpoint.
 
         Raises:
-            ValueError: They are not available, or the examples prepare frames otherwise than the
-                network's settings.
+            ValueError: They are not available.
         """
-        self._check_examples()
         if stage != "fit" or self.is_resumed:
             return
         if self.vgg_weights is not None:
             load_vgg_weights(self.network, self.vgg_weights)
         load_stream_weights(self.network, self.initial_streams, task_name=self.task_name)
-
-    def _check_examples(self) -> None:
-        data = getattr(self.trainer, "datamodule", None)
-        preparation = getattr(data, "preparation", None)
-        if not isinstance(preparation, DetectionExamples):
-            return
-        shown, seen = preparation.settings.input, self.network.config.input
-        if shown != seen:
-            raise ValueError(
-                f"the examples' settings.input is {shown}, the network's input is {seen}: what it "
-                "is trained on would not be what it sees in use; set both to the same"
-            )
 
     def losses(self, batch: DetectionBatch) -> DetectionLosses:
         """Compute the losses of a batch."""

@@ -23,6 +23,7 @@ from sightline.data.kitti_labels import KittiObjects
 from sightline.data.object_labels import kitti_from_labels
 from sightline.data.open import SampleDataset
 from sightline.detection3d.checks import check_numbers
+from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.object_sampling import (
     ObjectBank,
     ObjectSamplingConfig,
@@ -40,11 +41,12 @@ from sightline.detection3d.sweeps import (
     make_truth,
     points_in_range,
 )
+from sightline.files.settings import NetworkConfig
 from sightline.geometry.calibration import Calibration
 from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
-from sightline.training.data import SamplePreparation
+from sightline.training.data import SamplePreparation, check_agrees
 
 _BEAMS = (64, 32, 16, 8)
 _LARGEST_SEED = 2**31 - 1
@@ -146,10 +148,10 @@ def change_scene(
 class Detection3DExampleConfig:
     """Settings of examples for training and scoring, and of the training augmentations."""
 
-    input: SweepConfig = field(default_factory=SweepConfig)
-    """Part of a sweep that the network gets: as in its own settings."""
-    class_names: tuple[str, ...] = ("Car", "Pedestrian", "Cyclist")
-    """Classes to detect, in the order of the network's own settings."""
+    input: SweepConfig | None = None
+    """Part of a sweep that the network gets. None: as in the network's settings."""
+    class_names: tuple[str, ...] | None = None
+    """Classes to detect. None: the network's."""
     changes: SceneChangeConfig | None = field(default_factory=SceneChangeConfig)
     """Augmentations in training. None: none."""
     targets: SweepTruthConfig = field(default_factory=SweepTruthConfig)
@@ -183,6 +185,21 @@ class Detection3DExamples(SamplePreparation):
                 "null, or leave the cache out"
             )
 
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Classes to detect: by default those of the default network."""
+        return self.settings.class_names or _names(Detection3DConfig())
+
+    def for_network(self, config: NetworkConfig) -> "Detection3DExamples":
+        """Take the input and the classes of the network."""
+        assert isinstance(config, Detection3DConfig), "it is the network of this task"
+        settings, names = self.settings, _names(config)
+        check_agrees("input", settings.input, config.input)
+        check_agrees("class_names", settings.class_names, names)
+        return Detection3DExamples(
+            replace(settings, input=config.input, class_names=names), self.cache
+        )
+
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
     ) -> "Detection3DExamples":
@@ -211,6 +228,7 @@ class Detection3DExamples(SamplePreparation):
                 "data with label_2"
             )
         settings = self.settings
+        seen = settings.input or SweepConfig()
         level = level_sample(sample)
         raised = at_kitti_height(level)
         assert level.objects is not None, "checked above"
@@ -227,23 +245,25 @@ class Detection3DExamples(SamplePreparation):
             points, record = read_record(self.cache, sample, training=training)
             objects = raised.objects
         else:
-            shown = cut_to_view(replace(raised, image=None, depth=None), settings.input)
+            shown = cut_to_view(replace(raised, image=None, depth=None), seen)
             if training and settings.changes is not None:
                 shown = change_scene(shown, settings.changes, rng, self._bank)
             assert shown.points is not None, "checked when it was cut"
             assert shown.objects is not None, "checked above"
-            seen = points_in_range(shown.points, settings.input)
-            points, objects = draw_points(seen, settings.input, rng), shown.objects
+            within = points_in_range(shown.points, seen)
+            points, objects = draw_points(within, seen, rng), shown.objects
         return Detection3DBatch(
             sample_ids=(sample.sample_id,),
             points=(points,),
-            truths=(
-                make_truth(objects, points, settings.class_names, settings.input, settings.targets),
-            ),
+            truths=(make_truth(objects, points, self.class_names, seen, settings.targets),),
             seeds=(int(rng.integers(_LARGEST_SEED)),),
             records=None if record is None else (record,),
             frames=None if frame is None else (frame,),
         )
+
+
+def _names(config: Detection3DConfig) -> tuple[str, ...]:
+    return tuple(each.name for each in config.classes)
 
 
 DetectionExamples = Detection3DExamples

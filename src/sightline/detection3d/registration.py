@@ -44,7 +44,6 @@ class Detection3DTask(Detection3DNetworkTask):
         "model.init_args.network.pooling.num_points": "16",
         "model.init_args.loss.sampling.num_samples": "8",
         "model.init_args.loss.sampling.max_foreground": "4",
-        "data.init_args.preparation.init_args.settings.input.num_points": "256",
         "data.init_args.training": "[{path: ., sample_list: train}]",
         "data.init_args.validation": "[{path: ., sample_list: val}]",
     }

@@ -15,8 +15,6 @@ from sightline.detection3d.config import Detection3DConfig, Detection3DLossConfi
 from sightline.detection3d.detector import Detector3D, propose, refine
 from sightline.detection3d.examples import (
     Detection3DBatch,
-    Detection3DExampleConfig,
-    Detection3DExamples,
 )
 from sightline.detection3d.pictures import training_picture
 from sightline.detection3d.proposal_cache import REMEDY, first_stage_identity
@@ -33,7 +31,6 @@ from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
 from sightline.training.optimizer import OptimizerConfig
 
-_SETTINGS = "--data.init_args.preparation.init_args.settings"
 _LOSS, _OPTIMIZER = Detection3DLossConfig(), OptimizerConfig()
 
 
@@ -110,16 +107,12 @@ class Detection3D(TrainingModule):
         return config
 
     def setup(self, stage: str) -> None:
-        """Check that the examples fit the network, and that a frozen first stage has weights.
+        """Check that a frozen first stage has weights.
 
         Raises:
-            ValueError: The data is prepared for other classes or another input than the network's;
-                or the first stage is frozen, and neither initial weights nor a checkpoint are
+            ValueError: The first stage is frozen, and neither initial weights nor a checkpoint are
                 named.
         """
-        preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
-        if isinstance(preparation, Detection3DExamples):
-            self._check_examples(preparation.settings)
         has_first_stage = self._has_first_stage or self.is_resumed
         if stage == "fit" and self.stages == "second" and not has_first_stage:
             raise ValueError(
@@ -200,20 +193,6 @@ class Detection3D(TrainingModule):
         with torch.inference_mode(mode=False):  # else training could not continue with its tensors
             self.loose_metric.reset()
             self.recall_metric.reset()
-
-    def _check_examples(self, settings: Detection3DExampleConfig) -> None:
-        wanted = self.network.config.input
-        if settings.input != wanted:
-            raise ValueError(
-                f"the preparation's settings.input is {settings.input}, but the network's input "
-                f"{wanted}: set both alike ({_SETTINGS}.input and --model.init_args.network.input)"
-            )
-        if settings.class_names != self.network.class_names:
-            raise ValueError(
-                f"the preparation's settings.class_names are {', '.join(settings.class_names)}, "
-                f"but the network's classes {', '.join(self.network.class_names)}: set both alike "
-                f"(the former by {_SETTINGS}.class_names)"
-            )
 
     def _check_records(self, batch: Detection3DBatch) -> None:
         if batch.records is None:

@@ -15,10 +15,12 @@ from torch.utils.data import DataLoader, Dataset
 
 from sightline.data.object_tree import Part
 from sightline.data.open import SampleDataset
+from sightline.files.settings import NetworkConfig
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.arguments import check_data_number
 from sightline.training.loader import BatchLoader, ResumableLoader, Unusable
+from sightline.training.module import TrainingModule
 from sightline.training.sampling import (
     EpochPosition,
     SampleKey,
@@ -49,6 +51,23 @@ class SamplePreparation(ABC):
                 same outside of training.
             training: Whether to augment.
         """
+
+    def for_network(self, config: NetworkConfig) -> "SamplePreparation":
+        """Creates the preparation for a network, with the settings that only the network has.
+
+        Called before each training, validation and test; a second call must change nothing.
+
+        Args:
+            config: Settings of the network.
+
+        Returns:
+            By default itself: nothing depends on the network.
+
+        Raises:
+            ValueError: The preparation's own settings contradict the network's.
+        """
+        del config
+        return self
 
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
@@ -84,6 +103,19 @@ class SamplePreparation(ABC):
         """Joins several batches into one, by default with `concatenate`."""
         batch: FieldwiseBatch = concatenate(prepared)
         return batch
+
+
+def check_agrees(name: str, given: object, wanted: object) -> None:
+    """Refuse a setting of the preparation that is not None and differs from the network's.
+
+    Raises:
+        ValueError: It does.
+    """
+    if given not in (None, wanted):
+        raise ValueError(
+            f"the preparation's settings.{name} is {given}, the network's is {wanted}; leave the "
+            "former out: it then is the network's"
+        )
 
 
 class PreparedSamples(Dataset[FieldwiseBatch]):
@@ -198,11 +230,15 @@ class CameraLidarData(lightning.LightningDataModule):
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
 
     def setup(self, stage: str) -> None:
-        """Trains without validation if there are no samples for it.
+        """Hands the network's settings to the preparation; trains without validation samples.
 
         Raises:
-            ValueError: There are no training samples; raised before a first validation.
+            ValueError: There are no training samples (raised before a first validation), or the
+                preparation's own settings contradict the network's.
         """
+        module = getattr(self.trainer, "lightning_module", None)
+        if isinstance(module, TrainingModule):
+            self.preparation = self.preparation.for_network(module.network_config())
         if stage == "fit" and self.trainer is not None:
             if not self.sources["validation"]:
                 self.trainer.limit_val_batches = 0

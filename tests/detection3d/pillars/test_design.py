@@ -187,16 +187,13 @@ def test_stages_that_do_not_fit_together_are_refused(wrong, message):
         replace(PUBLISHED, input=SweepConfig(num_points=None))
 
 
-def test_examples_for_another_network_are_refused():
-    task = Detection3D(COMPACT)
+def test_examples_take_input_and_classes_of_the_network_and_refuse_others():
+    def settings_for(settings):
+        return Detection3DExamples(settings).for_network(COMPACT).settings
 
-    def begin(settings):
-        data = type("Data", (), {"preparation": Detection3DExamples(settings)})
-        task.trainer = type("Trainer", (), {"datamodule": data, "ckpt_path": None})
-        task.setup("fit")
-
-    begin(SETTINGS)
-    with pytest.raises(ValueError, match=r"settings\.input is .*: set both alike"):
-        begin(replace(SETTINGS, input=SweepConfig()))
-    with pytest.raises(ValueError, match=r"settings\.class_names are Car, but the network's"):
-        begin(replace(SETTINGS, class_names=("Car",)))
+    assert settings_for(replace(SETTINGS, input=None, class_names=None)) == SETTINGS
+    assert settings_for(SETTINGS) == SETTINGS
+    with pytest.raises(ValueError, match=r"settings\.input is .*, the network's is"):
+        settings_for(replace(SETTINGS, input=SweepConfig()))
+    with pytest.raises(ValueError, match=r"settings\.class_names is \('Car',\), the network's"):
+        settings_for(replace(SETTINGS, class_names=("Car",)))
