@@ -56,9 +56,13 @@ def test_bands_and_places_pool_all_pixels_as_loops_over_them_say(seed, count):
 
 
 def test_a_paired_interval_holds_the_mean_and_narrows_to_it_where_all_images_agree():
-    same = paired_difference("RMSE", np.arange(3.0, 13.0), np.arange(1.0, 11.0))
+    same = paired_difference(
+        "RMSE", [float(n) for n in range(3, 13)], [float(n) for n in range(1, 11)]
+    )
     assert (same.mean, same.low, same.high, same.better, same.images) == (2.0, 2.0, 2.0, 0, 10)
-    few = paired_difference("RMSE", np.arange(3.0, 12.0), np.arange(1.0, 10.0))
+    few = paired_difference(
+        "RMSE", [float(n) for n in range(3, 12)], [float(n) for n in range(1, 10)]
+    )
     assert (few.mean, few.low, few.high) == (2.0, None, None)
     rng = np.random.default_rng(0)
     ours, theirs = rng.normal(0, 1, 400), rng.normal(0.5, 1, 400)
