@@ -118,8 +118,10 @@ def remarks_on_rank(boxes: ScoredBoxes) -> Iterator[str]:
     scores = boxes.scores
     if len(scores) < FEWEST_RESULTS or np.ptp(scores) == 0 or np.ptp(heights) == 0:
         return
-    ranks = [np.unique(each, return_inverse=True)[1] for each in (scores, heights)]
-    correlation = float(np.corrcoef(*ranks)[0, 1])
+    ranks = [
+        np.unique(each, return_inverse=True)[1].astype(np.float64) for each in (scores, heights)
+    ]
+    correlation = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
     ending = "the highest score ranks first in KITTI's evaluation: give the surest the highest one."
     if float(scores.max()) < 0 and correlation < _LEAST_CORRELATION:
         yield (
