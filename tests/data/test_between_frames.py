@@ -102,6 +102,18 @@ def test_an_image_of_another_size_than_others_of_its_calibration_is_told(tree):
     assert "is 12x44 (height x width), expected 12x40 as 2 images of the same calib" in said
 
 
+def test_of_two_images_with_two_sizes_none_is_blamed(tree):
+    for part in ("image_2", "velodyne", "calib"):
+        for path in (tree / part).iterdir():
+            if path.stem not in NAMES[:2]:
+                path.unlink()
+    shutil.rmtree(tree / "label_2")
+    write_rgb(tree / "image_2" / f"{NAMES[1]}.png", picture(1, (12, 44)))
+    ((path, said),) = problems(tree.parent)
+    assert path == tree / "image_2"
+    assert f"no size is the usual one: {NAMES[0]}.png of 12x40, {NAMES[1]}.png of 12x44" in said
+
+
 def test_images_of_other_sizes_have_their_own_calibrations(tree):
     write_rgb(tree / "image_2" / "000002.png", picture(1, (12, 44)))
     calibration = tree / "calib" / "000002.txt"

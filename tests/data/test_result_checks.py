@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import KittiObjects, read_labels, write_objects
 from sightline.data.result_checks import doubts_about_results
 from sightline.data.submission import write_submission
@@ -26,20 +27,54 @@ def frame(num=6):
     bottom = ROW_PX + FOCAL_PX * locations[:, 1] / (z - 1)
     top = ROW_PX + FOCAL_PX * (locations[:, 1] - sizes[:, 0]) / z
     left = 600 + FOCAL_PX * locations[:, 0] / z
+    rotations_y = RNG.uniform(-1.5, 1.5, num)
     return KittiObjects(
         class_names=names,
         truncation=np.full(num, -1.0),
         occlusion=np.full(num, -1.0),
-        alpha=np.zeros(num),
+        alpha=rotations_y - np.arctan2(locations[:, 0], z),
         boxes2d=np.stack((left, top, left + 40, bottom), axis=1),
         dimensions_hwl=sizes,
         locations=locations,
-        rotation_y=RNG.uniform(-3, 3, num),
+        rotation_y=rotations_y,
         scores=RNG.uniform(0.01, 1, num),
     )
 
 
 FRAMES = [frame() for _ in range(12)]
+
+
+def exact(objects):
+    """2D boxes that bound the 3D boxes."""
+    camera = np.array([[721.5, 0, 609.6, 0], [0, 721.5, 172.9, 0], [0, 0, 1, 0]])
+    boxes = [
+        project_box(box_corners(*each), camera, (375, 1242)).box
+        for each in zip(
+            objects.locations, objects.dimensions_hwl, objects.rotation_y.tolist(), strict=True
+        )
+    ]
+    seen = ~np.isnan(boxes).any(axis=1)
+    assert seen.all()
+    return replace(objects, boxes2d=np.array(boxes))
+
+
+def bearings(objects):
+    return np.arctan2(objects.locations[:, 0], objects.locations[:, 2])
+
+
+def without_3d(objects):
+    count = len(objects)
+    return replace(
+        objects,
+        dimensions_hwl=np.full((count, 3), -1.0),
+        locations=np.full((count, 3), -1000.0),
+        rotation_y=np.full(count, -10.0),
+        alpha=np.full(count, -10.0),
+    )
+
+
+def half(boxes):
+    return boxes / 2
 
 
 def centred(objects):
@@ -105,6 +140,61 @@ def test_one_doubt_names_the_other_convention(change):
     doubts = list(doubts_about_results([changed(each) for each in FRAMES]))
     assert len(doubts) == 1
     assert said in doubts[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda each: replace(each, boxes2d=each.boxes2d[:, [1, 0, 3, 2]]),
+         "probably y_min, x_min, y_max, x_max: read so "),
+        (lambda each: replace(each, boxes2d=half(each.boxes2d)), "an image of half the size"),
+        (lambda each: replace(each, boxes2d=2 * each.boxes2d), "an image of twice the size"),
+        (lambda each: replace(each, boxes2d=np.concatenate(
+            (half(each.boxes2d[:, :2] + each.boxes2d[:, 2:]), np.diff(
+                each.boxes2d.reshape(-1, 2, 2), axis=1)[:, 0]), axis=1)),
+         "probably centre x, centre y, width, height"),
+        (lambda each: replace(each, rotation_y=-each.rotation_y),
+         "rotation_y of results is probably negated"),
+        (lambda each: replace(
+            each, rotation_y=-each.rotation_y, alpha=-each.rotation_y - bearings(each)),
+         "rotation_y of results is probably negated"),
+        (lambda each: replace(each, alpha=np.zeros(len(each))), "alpha of all 72 results is 0"),
+        (lambda each: replace(each, alpha=each.rotation_y), "results is probably rotation_y its"),
+        (lambda each: replace(each, alpha=-each.alpha), "results is probably negated"),
+        (lambda each: replace(each, alpha=each.alpha + 1), "contradicts rotation_y and the loc"),
+        (lambda each: replace(each, scores=-each.scores), "72 scores of results are negative"),
+        (lambda each: replace(each, scores=1e-3 * (each.boxes2d[:, 1] - each.boxes2d[:, 3]) + 1),
+         "fall with the height of their 2D boxes (rank correlation -1.00)"),
+    ],
+)  # fmt: skip
+def test_boxes_angles_and_scores_that_contradict_each_other_are_told(change, said):
+    sound = [exact(each) for each in FRAMES]
+    assert list(doubts_about_results(sound)) == []
+    (doubt,) = doubts_about_results([change(each) for each in sound])
+    assert said in doubt
+
+
+@pytest.mark.parametrize(
+    ("convert", "said"),
+    [
+        (lambda boxes: boxes[:, [1, 0, 3, 2]], "read as y_min, x_min, y_max, x_max all are inside"),
+        (half, "lie in the upper left quarter"),
+        (lambda boxes: 2 * boxes, "read as pixels of an image of twice the size all are inside"),
+    ],
+)
+def test_2d_boxes_alone_are_judged_by_the_image(convert, said):
+    flat = [without_3d(exact(each)) for each in FRAMES]
+    assert list(doubts_about_results(flat)) == []
+    (doubt,) = doubts_about_results([replace(e, boxes2d=convert(e.boxes2d)) for e in flat])
+    assert said in doubt
+
+
+def test_negative_scores_that_rise_with_the_height_raise_no_doubt():
+    frames = [exact(each) for each in FRAMES]
+    logarithms = [
+        replace(each, scores=np.ptp(each.boxes2d[:, 1::2], axis=1) / 500 - 1) for each in frames
+    ]
+    assert list(doubts_about_results(logarithms)) == []
 
 
 def test_centres_are_found_in_few_frames_by_their_2d_boxes():

@@ -91,14 +91,39 @@ def test_what_is_no_submission_is_refused_in_one_line(results):
         write_submission(results, out.with_suffix(".tar"))
     with pytest.raises(ValueError, match="is no folder; give the one that holds the result files"):
         write_submission(results / "nowhere", out)
-    (results / "notes.md").write_text("not a result, left out")
-    assert write_submission(results, out) == 3
     (results / "summary.txt").write_text("")
     with pytest.raises(ValueError, match=r"summary\.txt: is not named by six digits"):
         write_submission(results, out)
     (results.parent / "empty").mkdir()
     with pytest.raises(ValueError, match=r"empty has no result files \(\*\.txt\)"):
         write_submission(results.parent / "empty", out)
+
+
+def test_files_and_folders_that_are_left_out_are_counted(results):
+    out = results.parent / "submission.zip"
+    (results / "sightline.json").write_text("{}")
+    assert write_submission(results, out) == 3
+    (results / "notes.md").write_text("not a result")
+    for number in (11, 12):
+        (results / f"{number:06}.TXT").write_text(CAR)
+    (results / "data").mkdir()
+    (results / "data" / "000013.txt").write_text(CAR)
+    with pytest.warns(UserWarning, match="left out of the archive") as told:
+        assert write_submission(results, out) == 3
+    said = str(told[0].message)
+    assert "2 .TXT files (the first is 000011.TXT), 1 .md file (the first is notes.md), " in said
+    assert "1 folder (the first is data) with 1 .txt files; " in said
+    for path in results.glob("*.txt"):
+        path.unlink()
+    with pytest.raises(ValueError, match=r"no result files \(\*\.txt\) but 2 \.TXT files .*folder"):
+        write_submission(results, out)
+
+
+def test_results_without_any_detection_are_refused(results):
+    for path in results.iterdir():
+        path.write_text("")
+    with pytest.raises(ValueError, match="has no detection in any of its 3 result files"):
+        write_submission(results, results.parent / "submission.zip")
 
 
 def test_the_command_says_what_it_packed(results, capsys):

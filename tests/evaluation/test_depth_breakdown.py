@@ -1,3 +1,4 @@
+import io
 import math
 import shutil
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
 from sightline.data.depth_png import write_depth_png
 from sightline.evaluation.depth import evaluate_depth
@@ -54,8 +56,14 @@ def test_bands_and_places_pool_all_pixels_as_loops_over_them_say(seed, count):
 
 
 def test_a_paired_interval_holds_the_mean_and_narrows_to_it_where_all_images_agree():
-    same = paired_difference("RMSE", [3.0, 4.0, 5.0], [1.0, 2.0, 3.0])
-    assert (same.mean, same.low, same.high, same.better, same.images) == (2.0, 2.0, 2.0, 0, 3)
+    same = paired_difference(
+        "RMSE", [float(n) for n in range(3, 13)], [float(n) for n in range(1, 11)]
+    )
+    assert (same.mean, same.low, same.high, same.better, same.images) == (2.0, 2.0, 2.0, 0, 10)
+    few = paired_difference(
+        "RMSE", [float(n) for n in range(3, 12)], [float(n) for n in range(1, 10)]
+    )
+    assert (few.mean, few.low, few.high) == (2.0, None, None)
     rng = np.random.default_rng(0)
     ours, theirs = rng.normal(0, 1, 400), rng.normal(0.5, 1, 400)
     pair = (ours.tolist(), theirs.tolist())
@@ -104,6 +112,10 @@ def test_a_report_holds_bands_returns_and_the_difference_to_another_method(folde
     by_score = {row["score"]: row for row in told["against"]}
     assert by_score["MAE"]["mean"] == pytest.approx(report.mean.mae_mm)
     assert by_score["RMSE"]["better"] == 0
+    assert by_score["RMSE"]["low"] is None
+    with Console(width=100, record=True, file=io.StringIO()) as console:
+        console.print(report.table())
+    assert "No interval: 3 of 10 images" in console.export_text()
 
 
 @pytest.mark.parametrize("against", ["near", "copy"])
@@ -127,3 +139,11 @@ def test_sparse_maps_that_lack_an_image_are_named(folders):
         evaluate_depth(
             folders / "near", folders / "truth", sparse=folders / "sparse", progress=False
         )
+
+
+def test_sweeps_in_place_of_sparse_maps_are_told_as_such(folders):
+    sweeps = folders / "velodyne"
+    sweeps.mkdir()
+    (sweeps / "0.bin").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"holds 1 \.bin files, which are sweeps, .* depth PNGs"):
+        evaluate_depth(folders / "near", folders / "truth", sparse=sweeps, progress=False)

@@ -107,14 +107,30 @@ def test_a_seed_gives_the_same_intervals_again_and_another_one_others(street):
 
 
 def test_a_class_that_one_submission_lacks_counts_as_not_found(tmp_path):
-    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * 3)
+    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * 10)
     (tmp_path / "other").mkdir()
-    against, _ = write_frames(tmp_path / "other", [(CAR.text(), "")] * 3)
+    against, _ = write_frames(tmp_path / "other", [(CAR.text(), "")] * 10)
     compared = compare_objects(*folders, against, bootstrap=5)
     entry = compared.entries[0]
     assert (entry.all_points.first, entry.all_points.second, entry.all_points.low) == (100, 0, 100)
     assert any("hold no object at all" in note for note in compared.notes())
-    assert any("3 of Car, easy" in note for note in compared.notes())
+    assert any("10 of Car, easy" in note for note in compared.notes())
+
+
+def test_few_frames_have_differences_and_no_interval(tmp_path, capsys):
+    (tmp_path / "other").mkdir()
+    for count, has_interval in ((2, False), (9, False), (10, True)):
+        results, labels = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * count)
+        against, _ = write_frames(tmp_path / "other", [(CAR.text(), "")] * count)
+        report = tmp_path / "differences.json"
+        command = ["evaluate", "objects", str(results), str(labels), "--against", str(against)]
+        assert main([*command, "--bootstrap", "5", "--json", str(report)]) == 0
+        told = " ".join(capsys.readouterr().out.split())
+        assert ("95 %" in told) == has_interval
+        assert (f"No interval: {count} of 10 frames" in told) != has_interval
+        pair = json.loads(report.read_text())["entries"][0]["AP_all_points"]
+        assert pair["difference"] == 100
+        assert pair["difference_95"] == ([100, 100] if has_interval else None)
 
 
 def test_the_command_prints_differences_and_writes_them(street, tmp_path, capsys):

@@ -297,6 +297,7 @@ def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_
 
 def test_bands_with_few_objects_are_told_below_their_table(tmp_path):
     cars = [CAR.moved(image=10 * n, ground=10 * n) for n in range(50)]
+    cars = [replace(car, alpha=-math.atan2(car.x, car.z)) for car in cars]
     found = [replace(car, score=0.9 - n / 1000) for n, car in enumerate(cars)]
     folders = write_frames(tmp_path, [(text_of([*cars]), text_of(found))])
     near = min(math.hypot(car.x, car.z) for car in cars)

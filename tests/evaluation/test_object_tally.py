@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import pytest
@@ -42,7 +43,13 @@ def test_angles_in_degrees_are_told_of_results_and_of_labels(tmp_path, angle):
     assert "1 of 2 labels and 1 of 1 results have angles beyond two pi, probably degrees" in told
 
 
-SPACED = [replace(CAR, y=1.7, z=20.0).moved(image=110 * n, ground=5 * n) for n in range(50)]
+def spaced(number, **changes):
+    """A car of a row, with the alpha of its place."""
+    car = replace(CAR, **changes).moved(image=110 * number, ground=5 * number)
+    return replace(car, alpha=car.ry - math.atan2(car.x, car.z))
+
+
+SPACED = [spaced(n, y=1.7, z=20.0) for n in range(50)]
 
 
 @pytest.mark.parametrize(
@@ -55,7 +62,20 @@ SPACED = [replace(CAR, y=1.7, z=20.0).moved(image=110 * n, ground=5 * n) for n i
         (lambda line: replace(line, x=line.z, y=-line.x, z=-1.0),
          "50 of 50 3D boxes of results lie behind the camera"),
         (lambda line: replace(line, x2=line.x2 - line.x1, y2=line.y2 - line.y1),
-         "2D boxes that end before they begin"),
+         "2D boxes of results are probably x_min, y_min, width, height: taken so they meet 50 of"),
+        (lambda line: replace(line, x1=(line.x1 + line.x2) / 2, y1=(line.y1 + line.y2) / 2,
+                              x2=line.x2 - line.x1, y2=line.y2 - line.y1),
+         "2D boxes of results are probably centre x, centre y, width, height"),
+        (lambda line: replace(line, x1=line.y1, y1=line.x1, x2=line.y2, y2=line.x2),
+         "2D boxes of results are probably y_min, x_min, y_max, x_max: taken so they meet 50 of 50 "
+         "labelled objects clearly better in the image, and 0 worse"),
+        (lambda line: replace(line, x1=line.x1 / 2, y1=line.y1 / 2, x2=line.x2 / 2, y2=line.y2 / 2),
+         "2D boxes of results are probably pixels of an image of half the size"),
+        (lambda line: replace(line, y1=line.y1 + 200, y2=line.y2 + 200),
+         "3D boxes of results meet labels and 2D boxes do not: of 50 labelled objects 0 are met"),
+        (lambda line: spaced((line.x - CAR.x) / 5, y=1.7, z=60.0),
+         "2D boxes of results meet labels and 3D boxes do not: of 50 labelled objects 50 are met"),
+        (lambda line: replace(line, alpha=0.0), "alpha of all 50 results is 0"),
         (lambda line: replace(line, x1=0.1, y1=0.2, x2=0.2, y2=0.4),
          "all 2D boxes of results lie within the first pixel"),
     ],
@@ -64,6 +84,49 @@ def test_boxes_of_another_convention_are_told(tmp_path, change, said):
     told = notes_of(tmp_path, SPACED, [replace(change(line), score=line.x1) for line in SPACED])
     assert said in told
     assert told.count("WARNING") == 1
+
+
+TURNED = [spaced(n, y=1.7, z=20.0, ry=0.4) for n in range(50)]
+
+
+@pytest.mark.parametrize(
+    ("ry", "said"),
+    [
+        (-0.4, "rotation_y of results is probably negated: of 50 results at a labelled object 50"),
+        (-0.4 - math.pi / 2, "rotation_y of results is probably the LiDAR frame's yaw"),
+        (0.4 - math.pi, "50 of 50 results at a labelled object face the opposite way"),
+    ],
+)
+def test_boxes_that_face_another_way_than_labels_are_told(tmp_path, ry, said):
+    found = [spaced(n, y=1.7, z=20.0, ry=ry) for n in range(50)]
+    told = notes_of(tmp_path, TURNED, [replace(line, score=line.x1) for line in found])
+    assert said in told
+    assert told.count("WARNING") == 1
+    sound = notes_of(tmp_path, TURNED, [replace(line, score=line.x1) for line in TURNED])
+    assert "WARNING" not in sound
+
+
+@pytest.mark.parametrize(("sign", "is_told"), [(1, False), (-1, True)])
+def test_scores_that_rank_false_results_first_are_told(tmp_path, sign, is_told):
+    true = [replace(line, score=sign * (1 + 1e-3 * line.x1)) for line in SPACED]
+    false = [replace(line.moved(ground=2.5, image=55), score=sign * 0.5 * 1e-4 * line.x1)
+             for line in SPACED]  # fmt: skip
+    false = [replace(line, y1=line.y1 + 300, y2=line.y2 + 300) for line in false]
+    told = notes_of(tmp_path, SPACED, true + false)
+    assert ("scores of results are probably reversed" in told) == is_told
+
+
+@pytest.mark.parametrize(("shift", "said"), [(0, ""), (1, "the next frame"), (-1, "frame before")])
+def test_results_of_the_frame_beside_are_told(tmp_path, shift, said):
+    streets = [[line.moved(image=37 * n, ground=2 * n) for line in SPACED[:3]] for n in range(12)]
+    found = [[replace(line, score=line.x1) for line in street] for street in streets]
+    files = [
+        (text_of(street), text_of(found[(place + shift) % 12]))
+        for place, street in enumerate(streets)
+    ]
+    told = " ".join(evaluate_objects(*write_frames(tmp_path, files)).notes())
+    assert ("results are probably those of" in told) == bool(said)
+    assert said in told
 
 
 def test_equal_scores_are_told(tmp_path):
@@ -77,7 +140,7 @@ def test_results_that_are_there_twice_are_counted(tmp_path):
 
 
 def test_of_sound_results_nothing_is_said_but_that_objects_are_few(tmp_path):
-    labels = [CAR.moved(image=110 * place, ground=5 * place) for place in range(50)]
+    labels = [spaced(place) for place in range(50)]
     found = [replace(line, score=1e-4 * line.x1) for line in labels]
     assert notes_of(tmp_path, [*labels, replace(CAR, name="Van")], found) == ""
 

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from sightline.cli.main import main
+from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import read_rgb
 from sightline.data.open import open_dataset
 from sightline.detection3d.files import write_results
@@ -99,6 +100,18 @@ def test_one_frame_is_a_page_and_several_are_one_sheet(data, results, tmp_path, 
     half = page.shape[0] // 2
     assert page.shape[1] > 1000
     assert not np.array_equal(page[:half], page[half:])
+
+
+def test_true_depth_of_an_object_tree_is_drawn_as_the_errors_of_a_prediction(data, tmp_path):
+    pages = []
+    for name in ("without", "with"):
+        assert main(["show", str(data), "000001", "--out", str(tmp_path / f"{name}.png")]) == 0
+        pages.append(read_rgb(tmp_path / f"{name}.png"))
+        folder = data / "training" / "depth"
+        folder.mkdir(exist_ok=True)
+        true_depth = sparse_depth(open_dataset(data)[1]).depth_m.numpy()
+        write_depth_png(folder / "000001.png", true_depth)
+    assert not np.array_equal(*pages)
 
 
 def test_results_of_other_data_are_drawn_with_one_warning(data, results, tmp_path):

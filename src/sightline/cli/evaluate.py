@@ -39,7 +39,7 @@ def objects_command(
     """Scores result files exactly as KITTI's official object evaluation does.
 
     With --against a second folder of results is scored on the same frames, and the differences are
-    printed with intervals.
+    printed, with intervals from 10 frames on.
 
     Args:
         results: Folder with one result file per frame (16 fields per line).
@@ -158,11 +158,12 @@ def depth_command(
         truth: Ground truth, a PNG or a folder; matched by name.
         by_distance: End distances [m] of bands of true depth, e.g. 10 20 40 80: adds RMSE, MAE,
             bias and the share of errors above 1 m for each band, pooled over pixels.
-        sparse: Sparse depth maps (velodyne_raw), a PNG or a folder: adds the same figures at LiDAR
-            returns, within 3 px of one and beyond, and the share of sound returns that predictions
-            deviate from.
+        sparse: Sparse depth maps, a 16-bit depth PNG or a folder of them (velodyne_raw of KITTI's
+            depth benchmark, not sweeps in .bin files): adds the same figures at LiDAR returns,
+            within 3 px of one and beyond, and the share of sound returns that predictions deviate
+            from.
         against: Predictions of another method: adds the difference to it, image by image, with its
-            95 % interval.
+            95 % interval from 10 images on.
         seed: Seed of that interval's resampling.
         workers: Number of threads that read and score.
         json: File for the whole report.

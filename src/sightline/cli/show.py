@@ -20,10 +20,11 @@ def show(
     min_score: float = 0.3,
     velodyne: Velodyne | None = None,
 ) -> None:
-    """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth, its errors.
+    """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth.
 
-    Draws the prediction of one task, or result files. For several frames it draws a page with
-    camera, depth and bird's-eye view of each.
+    Draws the prediction of one task, or result files. Of a predicted depth map it also draws the
+    expected error, if the method has one, and the error, if the data has ground-truth depth. For
+    several frames it draws a page with camera, depth and bird's-eye view of each, without errors.
 
     Args:
         data: A recording, or a KITTI object tree, depth completion tree or raw drive.

@@ -122,7 +122,10 @@ def _check_image_sizes(frames: Sequence[ObjectFrame]) -> list[Problem]:
 
 
 def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
-    """Find images of other sizes than most images of their camera, one problem a size."""
+    """Find images of other sizes than most images of their camera, one problem a size.
+
+    Where no size is the most frequent one, a single problem names all and blames none.
+    """
     by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
     for image in images:
         size = read_or_note(read_image_size, image, [])
@@ -130,13 +133,25 @@ def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
             by_size[size].append(image)
     if len(by_size) < 2:
         return []
-    usual, alike = max(by_size.items(), key=lambda each: len(each[1]))
+    remedy = "give the image that was calibrated, or a calibration of its own"
+    (usual, alike), (_, next_alike), *_ = sorted(by_size.items(), key=lambda each: -len(each[1]))
+    if len(alike) == len(next_alike):
+        sizes = [
+            f"{of_size[0].name} of {height}x{width}{_more(of_size)}"
+            for (height, width), of_size in by_size.items()
+        ]
+        listed = ", ".join(sizes[:_NAMED]) + (", ..." if len(sizes) > _NAMED else "")
+        problem = (
+            f"holds images of {len(sizes)} sizes (height x width) with the same calibration, and "
+            f"no size is the usual one: {listed}"
+        )
+        return [Problem(path=alike[0].parent, problem=problem, remedy=remedy)]
     return [
         Problem(
             path=strange[0],
             problem=f"is {size[0]}x{size[1]} (height x width){_more(strange)}, expected "
             f"{usual[0]}x{usual[1]} as {len(alike)} images of the same calibration",
-            remedy="give the image that was calibrated, or a calibration of its own",
+            remedy=remedy,
         )
         for size, strange in by_size.items()
         if size != usual

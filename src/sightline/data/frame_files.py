@@ -1,5 +1,6 @@
 """Folders with one file per frame: labels, results."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,6 +8,8 @@ from sightline.files.plain_text import shortened
 
 _LOOKED_AT = 50  # largest number of searched folders and frames
 _SUFFIX = ".txt"
+_RECORD_SUFFIX = ".json"
+_NAMED = 4  # suffixes in a description
 
 
 def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
@@ -43,6 +46,32 @@ def hold_the_same(first: Path, second: Path, names: Sequence[str]) -> bool:
 
 def _content(path: Path) -> bytes | None:
     return path.read_bytes() if path.is_file() else None
+
+
+def describe_left_out(folder: Path) -> str | None:
+    """Describe files with other suffixes and subfolders, with counts; None: there are none.
+
+    Hidden files and the record of the command that wrote the results (.json) are not counted.
+    """
+    entries = [each for each in sorted(folder.iterdir()) if not each.name.startswith(".")]
+    folders = [each for each in entries if each.is_dir()]
+    files = [
+        each for each in entries if each.is_file() and each.suffix not in (_SUFFIX, _RECORD_SUFFIX)
+    ]
+    parts = []
+    for ending, count in Counter(each.suffix for each in files).most_common(_NAMED):
+        first = next(each.name for each in files if each.suffix == ending)
+        named = f"{shortened(ending, 12)} " if ending else ""
+        kind = f"{named}file{'' if count == 1 else 's'}"
+        parts.append(f"{count:,} {kind} (the first is {shortened(first)})")
+    if folders:
+        below = sum(1 for each in folders[:_LOOKED_AT] for _ in each.glob(f"*{_SUFFIX}"))
+        kind = "folder" if len(folders) == 1 else "folders"
+        first = shortened(folders[0].name)
+        parts.append(
+            f"{len(folders):,} {kind} (the first is {first}) with {below:,} {_SUFFIX} files"
+        )
+    return ", ".join(parts) or None
 
 
 def where_frame_files_are(folder: Path, names: Sequence[str]) -> str | None:

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
+from sightline.data.box_readings import image_ious
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
@@ -98,7 +99,7 @@ def _check_image(
     if len(chosen) < _FEWEST:
         return []
     ious = [
-        _iou(
+        image_ious(
             project_box(_corners(objects, index), matrices.image_from_camera, size).box,
             objects.boxes2d[index],
         )
@@ -147,12 +148,3 @@ def _corners(objects: KittiObjects, index: int) -> Float64[np.ndarray, "8 3"]:
     return box_corners(
         objects.locations[index], objects.dimensions_hwl[index], float(objects.rotation_y[index])
     )
-
-
-def _iou(box: Float64[np.ndarray, "4"], other: Float64[np.ndarray, "4"]) -> float:
-    """Overlap of two boxes of the image; 0 where one of them shows nothing."""
-    if np.isnan(box).any():
-        return 0.0
-    shared = np.clip(np.minimum(box[2:], other[2:]) - np.maximum(box[:2], other[:2]), 0, None)
-    both = np.prod(box[2:] - box[:2]) + np.prod(other[2:] - other[:2]) - np.prod(shared)
-    return float(np.prod(shared) / both) if both > 0 else 0.0

@@ -1,18 +1,17 @@
 """Doubts about result files without labels: boxes, places and scores of another convention."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float64, Shaped
 
-from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
+from sightline.data.box_readings import FEWEST_RESULTS
+from sightline.data.kitti_labels import KittiObjects
 from sightline.data.label_checks import in_degrees, order_of_sizes
+from sightline.data.result_angles import remarks_on_alphas
+from sightline.data.result_image_boxes import remarks_on_image_boxes, remarks_on_rotations
+from sightline.data.scored_boxes import ScoredBoxes, joined, scored_boxes
 
-FEWEST_RESULTS: Final = 5
-"""Smallest number of objects whose medians and scores tell anything."""
-_SCORED: Final = ("Car", "Pedestrian", "Cyclist")  # they stand on the road
 _FOCAL_PX: Final = 721.5  # of KITTI's camera; its drives differ by up to 2 %
 _HORIZON_PX: Final = 172.9  # row of the principal point
 _IMAGE_HEIGHT_PX: Final = 370  # boxes that end lower are cut
@@ -25,52 +24,12 @@ _LOWEST_CENTRE_M: Final = 1.2
 """Median of y. Of 3,000 draws of KITTI's labels in 30 frames, bottoms are at 1.48 m or more below
 the camera, and centres at 1.09 m or less."""
 _PERCENT: Final = 100.0
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ScoredBoxes:
-    """Boxes of the scored classes of one frame or of all."""
-
-    names: Shaped[np.ndarray, " num_boxes"]
-    """Class names, capitalised."""
-    scores: Float64[np.ndarray, " num_boxes"]
-    """Zeros of labels."""
-    boxes2d: Float64[np.ndarray, "num_boxes 4"]
-    sizes_hwl: Float64[np.ndarray, "num_boxes 3"]
-    """NaN without a 3D part, as the locations."""
-    locations: Float64[np.ndarray, "num_boxes 3"]
-
-    def num_repeated(self) -> int:
-        """Number of boxes equal to an earlier one, if they are of one frame."""
-        rows = np.column_stack((self.scores, self.boxes2d, self.locations))
-        named = zip(self.names.tolist(), rows, strict=True)
-        return len(rows) - len({(name, row.tobytes()) for name, row in named})
-
-
-def scored_boxes(objects: KittiObjects) -> ScoredBoxes:
-    """Select the objects of scored classes."""
-    names = np.array([name.capitalize() for name in objects.class_names], dtype=object)
-    kept = np.isin(names, _SCORED)
-    lacks = (objects.dimensions_hwl <= 0).any(axis=1)
-    lacks |= (objects.locations == NO_LOCATION).any(axis=1)
-    scores = np.zeros(len(names)) if objects.scores is None else objects.scores
-    return ScoredBoxes(
-        names=names[kept],
-        scores=scores[kept],
-        boxes2d=objects.boxes2d[kept],
-        sizes_hwl=np.where(lacks[:, None], np.nan, objects.dimensions_hwl)[kept],
-        locations=np.where(lacks[:, None], np.nan, objects.locations)[kept],
-    )
-
-
-def joined(frames: Sequence[ScoredBoxes]) -> ScoredBoxes:
-    """Concatenate the boxes of frames, at least one."""
-    return ScoredBoxes(
-        **{
-            field.name: np.concatenate([getattr(each, field.name) for each in frames])
-            for field in fields(ScoredBoxes)
-        }
-    )
+_LEAST_CORRELATION: Final = 0.1
+"""Rank correlation of scores and heights of 2D boxes that shows sound scores, even if all are
+negative. The shipped detectors have 0.03 to 0.5 on 90 real frames."""
+_REVERSED_CORRELATION: Final = 0.3
+"""Rank correlation of reversed scores, negated; sound ones have 0.12 at most, with 72 cyclists."""
+_FEWEST_FOR_RANK: Final = 50
 
 
 def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
@@ -89,10 +48,16 @@ def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
             f"{turned:,} results have angles beyond two pi, probably degrees: KITTI's files have "
             "radians, from -pi to pi."
         )
-    yield from remarks_on_boxes2d(boxes)
-    behind = tuple(remarks_on_depths(boxes))
-    yield from behind or _remarks_on_bottoms(boxes)
+    in_image = (*remarks_on_boxes2d(boxes),) or (*remarks_on_image_boxes(boxes),)
+    yield from in_image
+    behind = (*remarks_on_depths(boxes),)
+    places = behind or (() if in_image else (*_remarks_on_bottoms(boxes),))
+    yield from places
+    if not turned:
+        doubts = () if in_image or places else (*remarks_on_rotations(boxes),)
+        yield from doubts or (() if behind else remarks_on_alphas(boxes))
     yield from remarks_on_scores(scored)
+    yield from remarks_on_rank(boxes)
 
 
 def remarks_on_repeats(repeated: int, total: int) -> Iterator[str]:
@@ -141,6 +106,32 @@ def remarks_on_scores(frames: Sequence[ScoredBoxes]) -> Iterator[str]:
             f"scores of results reach {largest:g} and are probably percent: KITTI's evaluation "
             "ranks by any scale that all frames share, Sightline's own scores are 0 to 1"
             + (f"; in {narrow:,} of {len(frames):,} frames none is above 1." if narrow else ".")
+        )
+
+
+def remarks_on_rank(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on scores that are probably negated, by the heights of the 2D boxes.
+
+    Large objects are the easier ones, so scores rise with the height.
+    """
+    heights = boxes.boxes2d[:, 3] - boxes.boxes2d[:, 1]
+    scores = boxes.scores
+    if len(scores) < FEWEST_RESULTS or np.ptp(scores) == 0 or np.ptp(heights) == 0:
+        return
+    ranks = [
+        np.unique(each, return_inverse=True)[1].astype(np.float64) for each in (scores, heights)
+    ]
+    correlation = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    ending = "the highest score ranks first in KITTI's evaluation: give the surest the highest one."
+    if float(scores.max()) < 0 and correlation < _LEAST_CORRELATION:
+        yield (
+            f"all {len(scores):,} scores of results are negative, and negated unless they are "
+            f"logarithms of probabilities; {ending}"
+        )
+    elif correlation < -_REVERSED_CORRELATION and len(scores) >= _FEWEST_FOR_RANK:
+        yield (
+            f"scores of results fall with the height of their 2D boxes (rank correlation "
+            f"{correlation:.2f}) and are probably reversed; {ending}"
         )
 
 

@@ -5,7 +5,7 @@ import warnings
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-from sightline.data.frame_files import require_frame_files
+from sightline.data.frame_files import describe_left_out, require_frame_files
 from sightline.data.kitti_labels import (
     CLASS_NAMES,
     MAX_LABEL_BYTES,
@@ -33,19 +33,20 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
 
     The archive has NNNNNN.txt of each frame at its root, in order, without dates, so that the same
     results give the same bytes. It is written atomically. Warns of results that are probably of
-    another convention than KITTI's: order of sizes, centres for bottoms, frame, units, scores.
+    another convention than KITTI's: 2D boxes that the 3D boxes or KITTI's cameras contradict, order
+    of sizes, centres for bottoms, frame, angles, units, scores.
 
     Args:
         results: Folder with one result file per frame, 16 fields per line; empty without
-            detections. Other files in it are left out.
+            detections. Other files and subfolders are left out, with a warning.
         out: The archive, .zip.
         sample_list: List of the frames for `read_sample_list`; its root is the parent folder of
             `results`. None: all frames with a file.
 
     Raises:
-        ValueError: `out` is no .zip, or a frame has no file, a name that is not six digits, or an
-            invalid result file, such as with an unknown class or a box whose end is before its
-            start; contains the position.
+        ValueError: `out` is no .zip, no file has a detection, or a frame has no file, a name that
+            is not six digits, or an invalid result file, such as with an unknown class or a box
+            whose end is before its start; contains the position.
     """
     if out.suffix.lower() != ".zip":
         raise ValueError(f"{out} does not end in .zip, which the benchmark asks for; rename it")
@@ -58,6 +59,11 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
         _check_objects(path, objects)
         contents.append(content)
         frames.append(objects)
+    if not any(map(len, frames)):
+        raise ValueError(
+            f"{results} has no detection in any of its {len(frames):,} result files: look whether "
+            "the detector ran, and at its score threshold"
+        )
     for doubt in doubts_about_results(frames):
         warnings.warn(f"{results}: {doubt}", stacklevel=2)
     with atomic_path(out) as temporary, ZipFile(temporary, "w") as archive:
@@ -75,8 +81,19 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
     else:
         require_frame_files(results, [], "result", _REMEDY)
         names = sorted(path.stem for path in results.glob("*.txt"))
-    if not names:
-        raise ValueError(f"{results} has no result files (*.txt); give the folder that holds them")
+        left_out = describe_left_out(results)
+        if not names:
+            but = f" but {left_out}" if left_out else ""
+            raise ValueError(
+                f"{results} has no result files (*.txt){but}; give the folder that holds them, "
+                "named NNNNNN.txt in small letters"
+            )
+        if left_out:
+            warnings.warn(
+                f"{results}: left out of the archive: {left_out}; the benchmark takes NNNNNN.txt "
+                "beside each other",
+                stacklevel=3,
+            )
     for name in names:
         if not re.fullmatch("[0-9]{6}", name):
             raise FileError(

@@ -7,19 +7,20 @@ from typing import Final
 
 import numpy as np
 
+from sightline.data.box_readings import FEWEST_RESULTS
 from sightline.data.kitti_labels import KittiObjects
+from sightline.data.result_angles import remarks_on_alphas
 from sightline.data.result_checks import (
-    FEWEST_RESULTS,
-    ScoredBoxes,
-    joined,
     remarks_on_boxes2d,
     remarks_on_depths,
     remarks_on_repeats,
     remarks_on_scores,
-    scored_boxes,
 )
+from sightline.data.scored_boxes import ScoredBoxes, joined, scored_boxes
 from sightline.evaluation.kitti_object_rules import CLASSES
+from sightline.evaluation.other_readings import ComparedResults
 
+_HALF_WITHIN = 0.15  # by how much of its height the middle of a box may miss its centre
 _CLEARLY = 0.5  # by how much the logarithms of three sizes fit better in another order
 _NAMES: Final = ("height", "width", "length")
 
@@ -47,18 +48,32 @@ class BoxConventions:
         if self.counts_repeats:
             repeated = sum(each.num_repeated() for each in self.found)
             yield from _as_warnings(remarks_on_repeats(repeated, total))
-        inverted = int((found.boxes2d[:, 2:] < found.boxes2d[:, :2]).any(axis=1).sum())
-        if inverted:
-            yield (
-                f"WARNING: {inverted:,} of {total:,} results of scored classes have 2D boxes that "
-                "end before they begin and overlap nothing: KITTI's are x_min, y_min, x_max, "
-                "y_max, not x, y, width, height."
-            )
-        if len(labelled.names):
-            yield from _as_warnings(remarks_on_boxes2d(found))
-        yield from _as_warnings(remarks_on_scores(self.found))
-        yield from _remarks_on_sizes(found, labelled)
-        yield from _remarks_on_places(found, labelled)
+        yield from _as_warnings(self._remarks_on_boxes(found, labelled))
+
+    def _remarks_on_boxes(self, found: ScoredBoxes, labelled: ScoredBoxes) -> Iterator[str]:
+        """Sentences on boxes, angles and scores, by the labels where there are any."""
+        compared = ComparedResults.of(self.found, self.labelled)
+        in_image = (*(remarks_on_boxes2d(found) if len(labelled.names) else ()),)
+        in_image = in_image or (*compared.remarks_on_boxes2d(),) or (*_remarks_on_corners(found),)
+        in_space = (*_remarks_on_sizes(found, labelled), *_remarks_on_places(found, compared))
+        yield from in_image
+        scores = (*remarks_on_scores(self.found),)
+        yield from scores or compared.remarks_on_order()
+        yield from in_space
+        turned = () if in_space else (*compared.remarks_on_rotations(),)
+        yield from turned or (() if in_space else remarks_on_alphas(found))
+        if not in_image and not in_space and compared.frames:
+            yield from compared.remarks_on_parts()
+
+
+def _remarks_on_corners(found: ScoredBoxes) -> Iterator[str]:
+    inverted = int((found.boxes2d[:, 2:] < found.boxes2d[:, :2]).any(axis=1).sum())
+    if inverted:
+        yield (
+            f"{inverted:,} of {len(found.names):,} results of scored classes have 2D boxes that "
+            "end before they begin and overlap nothing: KITTI's are x_min, y_min, x_max, y_max, "
+            "not x, y, width, height."
+        )
 
 
 def _as_warnings(remarks: Iterator[str]) -> Iterator[str]:
@@ -86,21 +101,17 @@ def _remarks_on_sizes(found: ScoredBoxes, labelled: ScoredBoxes) -> Iterator[str
         if misfits[0, 1, 2] - misfits[best] > _CLEARLY:
             written = ", ".join(_NAMES[column] for column in best)
             yield (
-                f"WARNING: sizes of {name} in the results are probably in the order {written}: "
+                f"sizes of {name} in the results are probably in the order {written}: "
                 "they were taken for height, width, length, as KITTI's files have them."
             )
 
 
-def _remarks_on_places(found: ScoredBoxes, labelled: ScoredBoxes) -> Iterator[str]:
-    ours, theirs = _median(found.locations), _median(labelled.locations)
-    sizes_hwl = _median(labelled.sizes_hwl)
-    if ours is None or theirs is None or sizes_hwl is None:
-        return
-    behind = tuple(_as_warnings(remarks_on_depths(found)))
+def _remarks_on_places(found: ScoredBoxes, compared: ComparedResults) -> Iterator[str]:
+    behind = tuple(remarks_on_depths(found))
     yield from behind
-    if not behind and abs((ours[1] - theirs[1]) / sizes_hwl[0] + 0.5) < 0.15:
+    rise = None if behind else compared.median_rise()
+    if rise is not None and abs(rise - 0.5) < _HALF_WITHIN:
         yield (
-            f"WARNING: 3D boxes of results lie {theirs[1] - ours[1]:.2f} m above those of labels, "
-            "half their height: their y is probably that of the centre, KITTI's is that of the "
-            "bottom."
+            f"3D boxes of results lie {rise:.2f} of their height above those of labels: their y is "
+            "probably that of the centre, KITTI's is that of the bottom."
         )

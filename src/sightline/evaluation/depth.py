@@ -287,7 +287,12 @@ def _depth_files(folder: Path) -> dict[str, Path]:
             )
         files[name] = path
     if not files:
-        raise ValueError(f"{folder} holds no PNG: name the folder with the depth maps")
+        sweeps = sum(1 for _ in folder.rglob("*.bin"))
+        held = f"{sweeps:,} .bin files, which are sweeps, and no PNG" if sweeps else "no PNG"
+        raise ValueError(
+            f"{folder} holds {held}: name a folder of 16-bit depth PNGs, such as velodyne_raw or "
+            "groundtruth_depth of KITTI's depth benchmark"
+        )
     return files
 
 

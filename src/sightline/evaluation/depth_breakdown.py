@@ -13,6 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 from scipy import ndimage
 
+from sightline.evaluation.paired_intervals import FEWEST_FRAMES, note_without_interval
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -62,9 +64,9 @@ class PairedDifference:
 
     score: str
     mean: float
-    low: float
-    """Lower end of the 95 % interval over resampled images."""
-    high: float
+    low: float | None
+    """Lower end of the 95 % interval over resampled images; None of fewer than `FEWEST_FRAMES`."""
+    high: float | None
     better: int
     """Images with a lower score than the other method."""
     images: int
@@ -162,15 +164,17 @@ def paired_difference(
         seed: Seed of the resampling.
     """
     differences = np.asarray(ours, dtype=np.float64) - np.asarray(theirs, dtype=np.float64)
-    drawn = np.random.default_rng(seed).integers(
-        len(differences), size=(resamples, len(differences))
-    )
-    low, high = np.percentile(differences[drawn].mean(axis=1), _INTERVAL)
+    low, high = None, None
+    if len(differences) >= FEWEST_FRAMES:
+        drawn = np.random.default_rng(seed).integers(
+            len(differences), size=(resamples, len(differences))
+        )
+        low, high = np.percentile(differences[drawn].mean(axis=1), _INTERVAL).tolist()
     return PairedDifference(
         score=score,
         mean=float(differences.mean()),
-        low=float(low),
-        high=float(high),
+        low=low,
+        high=high,
         better=int(np.count_nonzero(differences < 0)),
         images=len(differences),
     )
@@ -219,7 +223,11 @@ def breakdown_tables(
         columns = ("score", "difference mm", "95 % interval", "images better")
         tables.append(table(title, *columns))
         for row in against:
-            interval = f"{row.low:+.1f} to {row.high:+.1f}"
+            if row.low is None or row.high is None:
+                interval = "-"
+                tables[-1].caption = note_without_interval(row.images, "images")
+            else:
+                interval = f"{row.low:+.1f} to {row.high:+.1f}"
             better = f"{row.better} of {row.images}"
             tables[-1].add_row(row.score, f"{row.mean:+.1f}", interval, better)
     return tables

@@ -19,6 +19,7 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.evaluation.object_tables import add_notes, add_section, score_table, slots_note
+from sightline.evaluation.paired_intervals import FEWEST_FRAMES, note_without_interval
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,8 +34,8 @@ class PairedDifference:
     difference: float
     """First minus second."""
     low: float | None
-    """2.5 % quantile of the difference over resampled frames, the same frames for both; None if no
-    resample has such an object."""
+    """2.5 % quantile of the difference over resampled frames, the same frames for both; None of
+    fewer than `FEWEST_FRAMES` frames, or if no resample has such an object."""
     high: float | None
     """97.5 % quantile; None in the same case."""
 
@@ -77,6 +78,11 @@ class ObjectComparison:
     remarks: tuple[str, ...] = ()
     """Notes: objects and files left out, and limits of the figures."""
 
+    @property
+    def has_intervals(self) -> bool:
+        """Whether there are enough frames for intervals."""
+        return self.frames >= FEWEST_FRAMES
+
     def to_json(self) -> dict[str, Any]:
         """Convert the comparison to its file's content."""
         return {
@@ -116,8 +122,9 @@ class ObjectComparison:
                 rows += [
                     (f"{name}, both", [_both(pair) for pair in pairs]),
                     (f"{name}, difference", [_difference(pair) for pair in pairs]),
-                    ("95 % interval", [_interval(pair) for pair in pairs]),
                 ]
+                if self.has_intervals:
+                    rows.append(("95 % interval", [_interval(pair) for pair in pairs]))
             rows.append(("objects", [f"{level.n_gt:,}" for level in levels]))
             add_section(table, (levels[0].class_name, levels[0].metric), rows)
         return table
@@ -127,6 +134,8 @@ class ObjectComparison:
         paired = (
             f"The interval is of the difference, over {self.num_resamples:,} resamples of the "
             "frames, the same for both: where it holds 0, the two are not told apart."
+            if self.has_intervals
+            else note_without_interval(self.frames, "frames")
         )
         few = slots_note([(e.class_name, e.difficulty, e.n_gt) for e in self.entries])
         return [paired, *self.remarks, *few]
@@ -194,6 +203,8 @@ def _paired(
         return [[each.ap_r40(weights), each.ap_all_points(weights)] for each in curves]
 
     once = np.array(scores(np.ones(curves[0].num_frames, dtype=np.int64)))
+    if curves[0].num_frames < FEWEST_FRAMES:
+        num_resamples = 0
     drawn = draw_frames(first.valid_per_frame, num_resamples, seed)
     resampled = np.array([scores(weights) for weights in drawn]).reshape(-1, 2, 2)
     low, high = [None, None], [None, None]

@@ -91,7 +91,13 @@ def write_frames_picture(
         ValueError: The data or the results lack a frame, a file is faulty, or `out` cannot be
             written.
     """
-    dataset = open_dataset(data, sample_list=tuple(frames), velodyne=velodyne)
+    dataset = open_dataset(
+        data,
+        sample_list=tuple(frames),
+        velodyne=velodyne,
+        parts=("image", "points", "objects", "depth"),
+        needs=(),
+    )
     samples = [dataset[index] for index in range(len(dataset))]
     told = [tell(sample).filter_by_score(min_score) for sample in samples]
     if len(samples) > 1:
