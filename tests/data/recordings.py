@@ -104,6 +104,9 @@ class BagMaker:
         return self.new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def image(self, topic: str, time_ns: int, *, picture: np.ndarray = IMAGE, shift_ns: int = 0):
+        if picture is IMAGE:  # a camera's pictures differ
+            picture = IMAGE.copy()
+            picture[0, 0] += np.uint8((time_ns // 10**6 - 1000) % 256)
         message = self.new(
             "sensor_msgs/msg/Image",
             header=self.header("camera_optical", time_ns),
@@ -129,6 +132,8 @@ class BagMaker:
         self, topic: str, time_ns: int, *, names=("x", "y", "z", "intensity"), points=None
     ) -> None:
         rows = POINTS * np.float32([1, 1, 1, 255]) if points is None else points
+        if points is None:  # a LiDAR's clouds differ
+            rows[-1, 3] = (rows[-1, 3] + time_ns // 10**6 - 1000) % 256
         fields = [
             self.new("sensor_msgs/msg/PointField", name=name, offset=4 * at, datatype=7, count=1)
             for at, name in enumerate(names)

@@ -10,6 +10,7 @@ from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.object_tree import CORRUPTED
 from sightline.data.open import open_dataset
+from tests.data.recordings import write_recording
 from tests.data.trees import picture, write_drive, write_object_tree, write_selection
 
 NAMES = ("000001", "000002", "000003")
@@ -92,6 +93,38 @@ def test_equal_pictures_are_told_in_drives_and_depth_trees(tmp_path):
         told = [said for _, said in problems(tmp_path / root)]
         assert len(told) == expected
         assert all("byte for byte" in said for said in told)
+
+
+def test_equal_files_are_told_in_recordings_by_check_and_on_opening(tmp_path):
+    root = write_recording(tmp_path, ("a", "b", "c"))
+    assert problems(root) == []
+    for path in ("images/{}.jpg", "points/{}.pcd"):
+        shutil.copy(root / path.format("a"), root / path.format("b"))
+    for told in ([said for _, said in problems(root)], told_on_opening(root)):
+        assert ["is the same" in each for each in told] == [True, True]
+        assert ("picture" in told[0], "cloud" in told[1]) == (True, True)
+
+
+def test_cameras_of_a_recording_may_share_a_cloud(tmp_path):
+    root = write_recording(tmp_path, ("a", "b"))
+    shutil.copy(root / "points/a.pcd", root / "points/b.pcd")
+    said = (root / "calibration.yaml").read_text()
+    (root / "calibration").mkdir()
+    (root / "calibration/a.yaml").write_text(said)
+    (root / "calibration/b.yaml").write_text(said)
+    assert len(problems(root)) == 1
+    (root / "calibration/b.yaml").write_text(f"# of another camera\n{said}")
+    assert problems(root) == []
+
+
+def test_equal_labels_are_told_where_they_have_a_box(tree):
+    boxed = (tree / "label_2" / "000001.txt").read_text()
+    for labels, expected in ((boxed, 1), ("", 0), (boxed.split("\n")[1] + "\n", 0)):
+        for name in NAMES[:2]:
+            (tree / "label_2" / f"{name}.txt").write_text(labels)
+        told = [said for _, said in problems(tree.parent)]
+        assert sum("is the same label file, byte for byte" in said for said in told) == expected
+        assert len(told) == expected
 
 
 def test_an_image_of_another_size_than_others_of_its_calibration_is_told(tree):

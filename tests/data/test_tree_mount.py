@@ -1,7 +1,6 @@
 """LiDARs of KITTI's object trees and raw drives that are mounted tilted, turned or upside down."""
 
 import math
-import shutil
 import warnings
 
 import pytest
@@ -47,7 +46,8 @@ def write_frames(root, kind, mounted_from_level, *, names=("000000", "000001", "
         if kind == "tree":
             write_object_calibration(folder / "calib" / f"{name}.txt", mounted)
             (folder / "label_2").mkdir(exist_ok=True)
-            shutil.copy(LABELS, folder / "label_2" / f"{name}.txt")
+            labels = LABELS.read_text().replace("DontCare -1 -1", f"DontCare -1 {-1 - place}")
+            (folder / "label_2" / f"{name}.txt").write_text(labels)
     if kind == "drive":
         write_raw_calibration(folder, mounted)
     return root

@@ -54,14 +54,16 @@ def depth_map(seed: int = 0, size: tuple[int, int] = IMAGE_SIZE) -> np.ndarray:
 def write_object_frame(
     root: Path, frame_id: str, split: str = "training", *, seed: int = 0
 ) -> None:
-    """One whole frame of the object tree; each seed has another picture and cloud."""
+    """One whole frame of the object tree; each seed has other files."""
     folder = root / split
     write_rgb(folder / "image_2" / f"{frame_id}.png", picture(seed))
     write_points(folder / "velodyne" / f"{frame_id}.bin", points(24 + seed))
     write_object_calibration(folder / "calib" / f"{frame_id}.txt", calibration())
     if split == "training":
         (folder / "label_2").mkdir(exist_ok=True)
-        (folder / "label_2" / f"{frame_id}.txt").write_text(LABELS)
+        (folder / "label_2" / f"{frame_id}.txt").write_text(
+            LABELS.replace("4.00 4.00 -1", f"4.00 {4 + seed / 100:.2f} -1")
+        )
 
 
 def write_object_tree(root: Path, *frame_ids: str) -> Path:

@@ -16,10 +16,12 @@ from sightline.data.frame_checks import read_or_note, shows_nothing
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_labels import read_labels
-from sightline.data.label_yaw import LabelledSweep, check_label_yaw
+from sightline.data.label_alignment import LabelledSweep, check_label_alignment
+from sightline.data.label_fit import chosen_objects
 from sightline.data.object_tree import CORRUPTED, ObjectFrame, describe_absent
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import read_recording_calibration
+from sightline.data.recording_tree import CALIBRATION_SUFFIXES
 from sightline.data.velodyne import read_sweep
 from sightline.files.problem import Problem
 
@@ -35,7 +37,7 @@ def check_object_frames(frames: Sequence[ObjectFrame], folder: Path) -> list[Pro
     return [
         *_check_sensors(frames),
         *_check_image_sizes(frames),
-        *check_label_yaw(frames, _read_object_frame),
+        *check_label_alignment(frames, _read_object_frame),
     ]
 
 
@@ -47,21 +49,17 @@ def check_drive_frames(frames: Sequence[DriveFrame]) -> list[Problem]:
 
 def check_depth_frames(frames: Sequence[DepthFrame]) -> list[Problem]:
     """Check frames of a depth tree against each other."""
-    return check_repeats(
-        [frame.image for frame in frames if frame.image is not None],
-        [frame.sparse for frame in frames if frame.sparse is not None],
-    )
+    return check_repeats(frames)
 
 
 def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
     """Check frames of a recording against each other; sizes of images are checked by frame."""
-    return check_label_yaw(frames, _read_recording_frame)
+    return [*check_repeats(frames), *check_label_alignment(frames, _read_recording_frame)]
 
 
 def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:
-    images = [frame.image for frame in frames if frame.image is not None]
     clouds = [frame.points for frame in frames if frame.points is not None]
-    return [*check_repeats(images, clouds), *_check_emptiness(clouds)]
+    return [*check_repeats(frames), *_check_emptiness(clouds)]
 
 
 def _read_object_frame(frame: ObjectFrame) -> LabelledSweep | None:
@@ -82,17 +80,35 @@ def _read_recording_frame(frame: ObjectFrame) -> LabelledSweep | None:
     return LabelledSweep(objects=objects, matrices=said.matrices, points=points)
 
 
-def check_repeats(pictures: Sequence[Path], clouds: Sequence[Path]) -> list[Problem]:
-    """Find frames with equal pictures or clouds: noise makes two of a sensor differ.
+def check_repeats(
+    frames: Sequence[ObjectFrame] | Sequence[DriveFrame] | Sequence[DepthFrame],
+) -> list[Problem]:
+    """Find frames with equal pictures, clouds or labels: noise makes two of a sensor differ.
 
-    Images of one colour and empty files are left out, as of a sensor that delivered nothing.
-
-    Args:
-        pictures: Images of all frames.
-        clouds: Clouds of all frames, in files.
+    Images of one colour, empty files and labels without a 3D box are left out. Frames of several
+    cameras, which have calibrations of their own in a recording, may share a cloud.
     """
-    alike = [group for group in _equal_files(pictures) if not _shows_nothing(group[0])]
-    return [*_describe_repeats(alike, "picture"), *_describe_repeats(_equal_files(clouds), "cloud")]
+    pictures = [frame.image for frame in frames if frame.image is not None]
+    labels = [frame.objects for frame in frames if isinstance(frame, ObjectFrame) and frame.objects]
+    by_camera: dict[Hashable, list[Path]] = defaultdict(list)
+    for frame in frames:
+        cloud = frame.sparse if isinstance(frame, DepthFrame) else frame.points
+        if cloud is not None:
+            by_camera[_camera(frame)].append(cloud)
+    clouds = [group for each in by_camera.values() for group in _equal_files(each)]
+    shown = [group for group in _equal_files(pictures) if not _shows_nothing(group[0])]
+    labelled = [group for group in _equal_files(labels) if _has_box3d(group[0])]
+    return [
+        *_describe_repeats(shown, "picture"),
+        *_describe_repeats(clouds, "cloud"),
+        *_describe_repeats(labelled, "label file"),
+    ]
+
+
+def _camera(frame: ObjectFrame | DriveFrame | DepthFrame) -> bytes | None:
+    """Digest of a recording's calibration file; None: another layout, or without calibration."""
+    path = frame.calibration if isinstance(frame, ObjectFrame) else None
+    return _digest(path) if path is not None and path.suffix in CALIBRATION_SUFFIXES else None
 
 
 def _check_emptiness(clouds: Sequence[Path]) -> list[Problem]:
@@ -185,6 +201,11 @@ def _shows_nothing(path: Path) -> bool:
     """Whether an image is unreadable, which its reader reports, or has a single colour."""
     image = read_or_note(read_rgb, path, [])
     return image is None or shows_nothing(image)
+
+
+def _has_box3d(path: Path) -> bool:
+    objects = read_or_note(read_labels, path, [])
+    return objects is not None and bool(chosen_objects(objects, within_m=math.inf))
 
 
 def _equal_files(paths: Sequence[Path]) -> list[list[Path]]:

@@ -12,6 +12,11 @@ from sightline.geometry.mount import MAX_OFFSET_M, mount_doubt, resolution_doubt
 
 _MAX_SKEW: Final = 0.01
 """Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
+_MAX_STRETCH: Final = 1.5
+"""Largest ratio of the focal lengths; KITTI's and nuScenes' have 1.0, 16:9 squeezed to 4:3 1.33."""
+_LEAST_MIDDLE: Final = (0.3, 0.2)
+"""Smallest shares of width and height from an edge to the principal point; KITTI's have 0.48 and
+0.46, nuScenes' 0.48 and 0.42, KITTI's depth benchmark, cropped at the top, 0.49 and 0.42."""
 _REMEDY = "correct it or extract the calibration archive again"
 
 
@@ -52,6 +57,9 @@ def check_intrinsics(
     if (focal_px <= 0).any():
         x, y = focal_px
         doubts.append(f"has focal lengths of {x:.6g} and {y:.6g} px, expected both above 0")
+    elif focal_px.max() > _MAX_STRETCH * focal_px.min():
+        x, y = focal_px
+        doubts.append(f"has focal lengths of {x:.6g} and {y:.6g} px, expected both alike")
     skews_px = intrinsics[(0, 1), (1, 0)]
     if (np.abs(skews_px) > _MAX_SKEW * np.abs(focal_px)).any():
         doubts.append(
@@ -70,6 +78,14 @@ def check_intrinsics(
             doubts.append(
                 f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), far "
                 f"from an image of {size[0]}x{size[1]} (height x width)"
+            )
+        shares = principal_px / width_height
+        is_aside = (np.minimum(shares, 1 - shares) < _LEAST_MIDDLE).any()
+        if is_aside and resolution_doubt(intrinsics, size) is None:
+            doubts.append(
+                f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), away "
+                f"from the middle of an image of {size[0]}x{size[1]} (height x width), as where "
+                "images are resized or cropped without it"
             )
     return _problems(doubts[:1], path)
 

@@ -28,7 +28,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     Supports recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
     folders itself), the depth completion tree and raw drives. Finds missing, truncated, non-finite
     and implausible files, files of one frame that do not fit each other, frames with equal files,
-    and by labels clouds that are turned or mirrored. Continues after faults, and
+    and by labels clouds that are moved, turned, scaled or mirrored. Continues after faults, and
     holds only a few frames in memory. An empty sweep is no fault, unless all are.
 
     Examples:

@@ -11,7 +11,6 @@ from sightline.data.depth_tree import DepthFrame
 from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
 from sightline.data.object_tree import CORRUPTED, ObjectFrame, Part
-from sightline.data.recording_tree import is_recording
 from sightline.data.unread_files import PartFolder, find_twins, find_unread
 from sightline.files.problem import FileError, Problem
 from sightline.jobs.output_dirs import KITTI_SPLITS
@@ -74,20 +73,9 @@ def judge_frames(
     for problem in (problem for found in findings for problem in found.refused):
         raise FileError(problem.path, problem.problem, problem.remedy)
     doubts = [*shared, *(each for found in findings for each in (*found.doubted, *found.hollow))]
-    doubts += _repeats(root, drawn)
+    doubts += [] if _is_corrupted(root) else check_repeats(drawn)
     _warn_of_doubts(doubts, len(drawn))
     _warn_of_nothing(root, drawn, findings)
-
-
-def _repeats(root: Path, drawn: Sequence[Frame]) -> list[Problem]:
-    """Find equal images or clouds among the checked frames of KITTI's layouts."""
-    if _is_corrupted(root) or is_recording(root):
-        return []
-    images = [frame.image for frame in drawn]
-    clouds = [_points_file(frame) for frame in drawn]
-    return check_repeats(
-        [path for path in images if path is not None], [path for path in clouds if path is not None]
-    )
 
 
 def _points_file(frame: ObjectFrame | DepthFrame | DriveFrame) -> Path | None:

@@ -58,29 +58,27 @@ def chosen_objects(objects: KittiObjects, *, within_m: float) -> list[int]:
     return chosen
 
 
-def is_in_box(
+def heights_in_column(
     objects: KittiObjects,
     index: int,
     xyz: Float64[np.ndarray, "num_points 3"],
     *,
-    above_m: float = 0.0,
     margin_m: float = 0.0,
-) -> Bool[np.ndarray, " num_points"]:
-    """Mask of the points in an object's 3D box, as far as they are `above_m` over its bottom.
+) -> Float64[np.ndarray, " num_inside"]:
+    """Heights over an object's bottom [m] of the points that lie in, over or under its 3D box.
 
     Args:
         objects: All objects of the frame.
         index: Place of the object.
         xyz: Points in the camera's frame [m].
-        above_m: Height of the lowest points [m].
         margin_m: Width of the strip around the box that counts, too [m].
     """
-    height, width, length = objects.dimensions_hwl[index]
+    _, width, length = objects.dimensions_hwl[index]
     x, y, z = (xyz - objects.locations[index]).T
     cos, sin = np.cos(objects.rotation_y[index]), np.sin(objects.rotation_y[index])
     is_along = np.abs(cos * x - sin * z) <= length / 2 + margin_m
     is_across = np.abs(sin * x + cos * z) <= width / 2 + margin_m
-    return np.asarray(is_along & is_across & (y <= -above_m) & (y >= -height))
+    return np.asarray(-y[is_along & is_across])
 
 
 def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
@@ -130,7 +128,11 @@ def _check_cloud(
     chosen = chosen_objects(objects, within_m=_FILLED_WITHIN_M)
     camera_from_lidar = matrices.camera_from_lidar
     xyz = points[:, :3] @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
-    num_empty = sum(not is_in_box(objects, index, xyz).any() for index in chosen)
+    num_empty = 0
+    for index in chosen:
+        heights = heights_in_column(objects, index, xyz)
+        is_inside = (heights >= 0) & (heights <= objects.dimensions_hwl[index, 0])
+        num_empty += not is_inside.any()
     if num_empty < _FEWEST or 2 * num_empty < len(chosen):
         return []
     return [

@@ -44,7 +44,7 @@ from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.road_height import LidarPose
+from sightline.geometry.road_height import LidarPose, describe_lowness
 from sightline.geometry.tilt import Tilt
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
@@ -237,7 +237,14 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             )
         for doubt in mount_doubts_of_recording(self._all_frames, said):
             warnings.warn(f"{path}: {doubt}", stacklevel=4)
-        if self._height(said) is None and has_points(self._all_frames):
+        height_m = self._height(said)
+        if height_m is not None and said.lidar_height_m is None and describe_lowness(height_m):
+            warnings.warn(
+                f"{path}: by the road in its clouds the LiDAR is {height_m:.2f} m above it"
+                f"{describe_lowness(height_m)}",
+                stacklevel=4,
+            )
+        if height_m is None and has_points(self._all_frames):
             warnings.warn(
                 f"{path}: the clouds show too little of the road to find the LiDAR's height above "
                 f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m",

@@ -35,7 +35,7 @@ from sightline.geometry.mount import (
     turn_ahead,
 )
 from sightline.geometry.mount_axes import axes_doubt
-from sightline.geometry.road_height import LidarPose, lidar_pose, mount_doubts
+from sightline.geometry.road_height import LidarPose, describe_lowness, lidar_pose, mount_doubts
 from sightline.geometry.tilt import Tilt
 
 _REMEDY = (
@@ -123,12 +123,14 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
     described += describe_mount(said.matrices, pose.tilt, source)
     described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, said)]
+    lowness = "" if pose.height_m is None else describe_lowness(pose.height_m)
     if said.lidar_height_m is None and (pose.height_m is not None or has_points(frames)):
         described.append(
             f"warning: its clouds show too little of the road to find the LiDAR's height above "
             f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m"
             if pose.height_m is None
-            else f"by the road that it sees the LiDAR is {pose.height_m:.2f} m above it"
+            else f"{'warning: ' if lowness else ''}by the road that it sees the LiDAR is "
+            f"{pose.height_m:.2f} m above it{lowness}"
         )
     return tuple(described)
 

@@ -15,7 +15,13 @@ from sightline.data.frame_checks import read_or_note
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.velodyne import read_sweep
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.road_height import LidarPose, lidar_pose, road_height_m, upright_turn
+from sightline.geometry.road_height import (
+    LidarPose,
+    describe_lowness,
+    lidar_pose,
+    road_height_m,
+    upright_turn,
+)
 
 _LEAST_TILT_DEG: Final = 4.0
 """Smallest tilt to level: above the apparent tilt of any cloud of KITTI (3.3 degrees)."""
@@ -73,7 +79,7 @@ def describe_height(pose: LidarPose) -> tuple[str, ...]:
     return (
         f"by the road in its clouds the LiDAR is {pose.height_m:.2f} m above it, not "
         f"{KITTI_LIDAR_HEIGHT_M} m as KITTI's: detectors see them raised or lowered by the "
-        "difference",
+        f"difference{describe_lowness(pose.height_m)}",
     )
 
 

@@ -37,6 +37,10 @@ MAX_LIDAR_HEIGHT_M: Final = 10.0
 MAX_TILT_DEG: Final = 45.0
 """Roll and pitch beyond any LiDAR on the road; a greater number is no tilt."""
 
+_FEET_M: Final = (0.3, 0.7)
+"""Heights of a car's LiDAR whose points are in feet taken for metres: those of KITTI's 90 frames
+are 0.41 to 0.67 (but for one), and no sound one is below 1.5. An origin on the road lies below."""
+
 _TILTS_AGREE_DEG, _HEIGHTS_AGREE_M = 4.0, 0.5  # between given and measured mount
 _LEAST_TILT_DEG = 3.0  # from the median of several sweeps; less is a road's crown, or a hill
 _LEAST_TILT_OF_FEW_DEG = 4.0
@@ -106,6 +110,13 @@ def mount_doubts(
                 f"{seen_m:.2f}; correct it, or leave it out"
             )
     return tuple(doubts)
+
+
+def describe_lowness(height_m: float) -> str:
+    """Describe the causes of a height that few LiDARs have, in a clause; empty: plausible."""
+    if not _FEET_M[0] < height_m < _FEET_M[1]:
+        return ""
+    return "; few are so low: give points in metres if these are in feet, else lidar_height_m"
 
 
 def lidar_pose(

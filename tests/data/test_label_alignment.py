@@ -1,14 +1,15 @@
-"""Yaw and mirroring of clouds, by labels: rooms of boxes whose faces the LiDAR sees."""
+"""Clouds that are moved, turned, scaled or mirrored, by labels: cars whose sides the LiDAR sees."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_labels import parse_objects
-from sightline.data.label_yaw import LabelledSweep, check_label_yaw
+from sightline.data.label_alignment import LabelledSweep, check_label_alignment
 from sightline.data.object_tree import ObjectFrame
 from sightline.data.open import open_dataset
 from sightline.data.tree_checks import find_trees
@@ -19,15 +20,23 @@ CAMERA_FROM_LIDAR = np.array(
 SIZE_HWL = (1.5, 1.6, 3.9)
 
 
-def turn(yaw_deg):
-    cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+def turn(degrees, axis="z"):
     turned = np.eye(4)
-    turned[:2, :2] = [[cos, -sin], [sin, cos]]
+    turned[:3, :3] = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
     return turned
 
 
-def scene(seed, *, yaw_deg=0.0, is_mirrored=False, num_objects=4):
-    """Cars ahead with points on their sides; the calibration turns clouds by `yaw_deg` too far."""
+def move(axis, metres):
+    moved = np.eye(4)
+    moved[axis, 3] = metres
+    return moved
+
+
+MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def scene(seed, *, change=None, num_objects=4):
+    """Cars ahead with points on their sides; the cloud is changed."""
     rng = np.random.default_rng(seed)
     lines, clouds = [], []
     for _ in range(num_objects):
@@ -44,14 +53,14 @@ def scene(seed, *, yaw_deg=0.0, is_mirrored=False, num_objects=4):
             )
         )
     camera = np.concatenate(clouds)
-    lidar_from_camera = np.linalg.inv(CAMERA_FROM_LIDAR)
-    points = camera @ lidar_from_camera[:3, :3].T + lidar_from_camera[:3, 3]
-    if is_mirrored:
-        points[:, 1] *= -1
+    changed_from_camera = (np.eye(4) if change is None else change) @ np.linalg.inv(
+        CAMERA_FROM_LIDAR
+    )
+    points = camera @ changed_from_camera[:3, :3].T + changed_from_camera[:3, 3]
     return LabelledSweep(
         objects=parse_objects("\n".join(lines).encode(), "labels", with_scores=False),
         matrices=CalibrationMatrices(
-            image_from_camera=np.eye(3, 4), camera_from_lidar=CAMERA_FROM_LIDAR @ turn(yaw_deg)
+            image_from_camera=np.eye(3, 4), camera_from_lidar=CAMERA_FROM_LIDAR
         ),
         points=np.column_stack((points, np.full(len(points), 0.3))).astype(np.float32),
     )
@@ -66,7 +75,7 @@ def told(tmp_path, num_frames, **settings):
 
 
 def found(frames, **settings):
-    return check_label_yaw(frames, lambda frame: scene(int(frame.sample_id), **settings))
+    return check_label_alignment(frames, lambda frame: scene(int(frame.sample_id), **settings))
 
 
 def test_sound_frames_raise_no_doubt(tmp_path):
@@ -75,35 +84,63 @@ def test_sound_frames_raise_no_doubt(tmp_path):
     assert told(tmp_path, 0) == []
 
 
-@pytest.mark.parametrize("yaw_deg", [3.0, -3.0, 1.5, 6.0])
-def test_a_calibration_that_is_off_in_yaw_is_told_with_the_angle(tmp_path, yaw_deg):
-    (said,) = told(tmp_path, 5, yaw_deg=yaw_deg)
-    assert f"seem to be off by {-yaw_deg:+.1f} degrees of yaw" in said
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (turn(3.0), "off by -3.0 degrees of yaw"),
+        (turn(-1.5), "off by +1.5 degrees of yaw"),
+        (turn(6.0), "off by -6.0 degrees of yaw"),
+        (turn(3.5, "y"), "off by -3.5 degrees of pitch"),
+        (turn(-3.5, "y"), "off by +3.5 degrees of pitch"),
+        (turn(5.0, "x"), "off by -5.0 degrees of roll"),
+        (move(2, 1.0), "off by -1.0 m along the LiDAR's z axis (up)"),
+        (move(2, -0.6), "off by +0.6 m along the LiDAR's z axis (up)"),
+        (move(1, 0.8), " m along the LiDAR's y axis (left)"),
+        (move(0, -1.4), " m along the LiDAR's x axis (forward)"),
+        (np.diag([0.3048, 0.3048, 0.3048, 1.0]), "in another unit than metres (factor 3.281)"),
+        (MIRROR, "of mirrored clouds"),
+    ],
+)
+def test_a_change_to_all_clouds_is_told_with_its_remedy(tmp_path, change, said):
+    (problem,) = told(tmp_path, 12, change=change)
+    assert "seem to be " in problem
+    assert said in problem
 
 
-@pytest.mark.parametrize(("yaw_deg", "is_limit"), [(3.0, False), (8.0, True)])
-def test_at_the_limit_of_the_search_other_causes_are_named(tmp_path, yaw_deg, is_limit):
+@pytest.mark.parametrize(("degrees", "is_limit"), [(3.0, False), (8.0, True)])
+def test_at_the_limit_of_the_search_more_is_said_to_be_possible(tmp_path, degrees, is_limit):
     frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)
     frames = [replace(frame, sample_id=str(number)) for number in range(5)]
-    (problem,) = found(frames, yaw_deg=yaw_deg)
-    assert ("scale or offset" in problem.remedy) == is_limit
+    (problem,) = found(frames, change=turn(degrees))
+    assert ("it may be more" in problem.remedy) == is_limit
 
 
-def test_mirrored_clouds_are_told_as_such(tmp_path):
-    (said,) = told(tmp_path, 5, is_mirrored=True)
-    assert "seem to be of mirrored clouds" in said
+def test_other_changes_that_explain_it_as_well_are_named(tmp_path):
+    frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)
+    frames = [replace(frame, sample_id=str(number)) for number in range(12)]
+    (problem,) = found(frames, change=turn(1.5, "y"))
+    assert "; it may also be off by +0." in problem.remedy
+    assert "m along the LiDAR's z axis (up)" in problem.remedy
 
 
 def test_few_objects_and_frames_without_points_say_nothing(tmp_path):
-    assert told(tmp_path, 2, yaw_deg=3.0) == []
-    assert told(tmp_path, 9, yaw_deg=3.0, num_objects=1) == []
+    assert told(tmp_path, 2, change=turn(3.0)) == []
+    assert told(tmp_path, 9, change=turn(3.0), num_objects=1) == []
     frame = ObjectFrame(sample_id="0", objects=tmp_path)
-    assert check_label_yaw([frame] * 20, lambda _: scene(0, yaw_deg=3.0)) == []
+    assert check_label_alignment([frame] * 20, lambda _: scene(0, change=turn(3.0))) == []
     whole = ObjectFrame(sample_id="0", points=tmp_path, calibration=tmp_path, objects=tmp_path)
-    assert check_label_yaw([whole] * 20, lambda _: None) == []
+    assert check_label_alignment([whole] * 20, lambda _: None) == []
 
 
-@pytest.mark.parametrize(("change", "said"), [("yaw", "degrees of yaw"), ("mirror", "mirrored")])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (turn(3.0), "of yaw"),
+        (MIRROR, "mirrored"),
+        (move(2, 1.0), "z axis"),
+        (turn(3, "y"), "pitch"),
+    ],
+)
 def test_real_frames_are_told_only_where_they_are_changed(tmp_path, kitti_root, change, said):
     for name in [frame.sample_id for frame in open_dataset(kitti_root).frames][:12]:
         for part, end in (("image_2", "png"), ("label_2", "txt"), ("calib", "txt")):
@@ -112,8 +149,7 @@ def test_real_frames_are_told_only_where_they_are_changed(tmp_path, kitti_root, 
             (tmp_path / "training" / file).symlink_to(kitti_root / "training" / file)
         cloud = np.fromfile(kitti_root / "training" / "velodyne" / f"{name}.bin", "<f4")
         cloud = cloud.reshape(-1, 4)
-        turned = turn(3.0) if change == "yaw" else np.diag([1.0, -1.0, 1.0, 1.0])
-        cloud[:, :3] = cloud[:, :3] @ turned[:3, :3].T
+        cloud[:, :3] = cloud[:, :3] @ change[:3, :3].T + change[:3, 3]
         (tmp_path / "training" / "velodyne").mkdir(exist_ok=True)
         cloud.tofile(tmp_path / "training" / "velodyne" / f"{name}.bin")
     for root, expected in ((tmp_path, 1), (kitti_root, 0)):
