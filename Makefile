@@ -1,4 +1,4 @@
-# make demo: set everything up in .venv and run the main job on the embedded default.
+# make demo: set everything up in .venv and run the main job on the embedded default (100 seconds).
 # make test: set everything up in .venv and pass the whole check.
 # make docs: build the site into build/site.
 # make package: build the archives of a release into build/package, and run the wheel.
@@ -96,6 +96,7 @@ clean:
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v < (3, 14) else \
 		f"sightline needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}: make PYTHON=python3.12 ...")'
+	@echo "Installing Sightline and its dependencies into $(VENV): minutes, and up to 7 GB with CUDA"
 	$(PYTHON) -m venv $(VENV)
 	rm -f $(VENV)/ready-*
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'

@@ -60,6 +60,8 @@ def with_(rows, row, column, value):
         (np.transpose(CAMERA), RIGID, "third row .* expected 0 0 1; it is probably transposed"),
         (with_(CAMERA, 2, 2, 1.0005), RIGID, "third row .*1.0005.*, expected 0 0 1"),
         (with_(CAMERA, 0, 0, -5), RIGID, "focal lengths of -5 and 1101 px, expected both above 0"),
+        (np.diag([0.6, 0.9, 1]), RIGID, "of 0.6 and 0.9 px, .* shares of the image; give pixels"),
+        (with_(CAMERA, 0, 0, 90), RIGID, "of 90 and 1101 px, expected both alike and at least 1"),
         (CAMERA, np.transpose(RIGID), "camera_from_lidar is transposed"),
         (CAMERA, with_(RIGID, 0, 1, 1), "holds? .*rotation"),
         (CAMERA, with_(RIGID, 3, 3, 2), "is no rigid transform"),
@@ -68,6 +70,13 @@ def with_(rows, row, column, value):
 def test_what_is_no_calibration_is_refused_with_the_matrix_name(camera, rigid, said):
     with pytest.raises(ValueError, match=said):
         Calibration.from_matrices(camera, rigid)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2])
+def test_unlike_focal_lengths_are_warned_of_with_their_ratio(factor):
+    with pytest.warns(UserWarning, match="^camera_matrix has focal .*, one 2 times the other"):
+        Calibration.from_matrices(with_(CAMERA, 1, 1, 1100 * factor), RIGID)
+    Calibration.from_matrices(with_(CAMERA, 1, 1, 1100 * 1.2), RIGID)  # a resized image's
 
 
 def test_lens_distortion_is_refused_with_the_way_to_straighten_it():

@@ -49,6 +49,13 @@ def test_the_height_of_the_lidar_is_told_by_the_points_where_nobody_says_it():
     assert SAMPLE.higher_than_kitti_m == 0
 
 
+def test_a_height_by_the_road_of_a_cloud_in_another_unit_is_doubted():
+    scaled = POINTS * np.float32([0.3048, 0.3048, 0.3048, 1])
+    with pytest.warns(UserWarning, match=r"only 0\.\d\d m above it.* in another unit than metres"):
+        CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=scaled)
+    CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=scaled, lidar_height_m=0.53)
+
+
 @pytest.mark.parametrize("height_m", [2, np.float32(2), np.int16(2), torch.tensor(2.0)])
 def test_numbers_may_be_of_any_type(height_m):
     made = CameraLidarSample.from_arrays(
@@ -254,6 +261,13 @@ def test_rows_that_a_masked_array_masks_are_no_echoes():
 def test_a_picture_of_another_layout_is_told_how_to_convert_it(image, remedy):
     with pytest.raises(ValueError, match=f"the image is .* expected uint8, .*{remedy}"):
         image_planes(image)
+
+
+def test_a_picture_of_shares_in_whole_numbers_is_doubted_and_a_black_one_is_not():
+    with pytest.warns(UserWarning, match=r"no level above 1 of 255.* give .255 \* image"):
+        image_planes((IMAGE / 255).round().astype(np.uint8))
+    assert not image_planes(np.zeros_like(IMAGE)).any()
+    assert image_planes((IMAGE > 99) * np.uint8(2)).max() == 2
 
 
 def test_a_sample_has_a_picture_of_its_own():

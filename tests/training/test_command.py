@@ -286,7 +286,13 @@ def test_a_damaged_checkpoint_is_refused(recipes):
 
 
 def test_nothing_is_said_that_the_user_cannot_act_on(recipes, capfd, recwarn):
-    run_training("fit", ["--config", "toy"], recipes)
+    Path("most.txt").write_text("".join(f"{number:06}\n" for number in range(8)))
+    Path("rest.txt").write_text("000008\n")
+    sources = [
+        f'--data.{use}=[{{"path": ".", "sample_list": "{name}.txt"}}]'
+        for use, name in (("training", "most"), ("validation", "rest"))
+    ]
+    run_training("fit", ["--config", "toy", *sources], recipes)
     sys.stdout.flush()
     printed = capfd.readouterr()
     assert printed.err == "sightline fit: toy\n"
@@ -425,6 +431,17 @@ def test_progress_is_that_of_the_run_and_shows_in_a_file_too(recipes, capsys):
     assert lines[0] == "sightline fit: toy"
     assert "training: 0 of 8" in lines
     assert [line.partition(" ")[0] for line in lines if "mse" in line] == ["step", "step"]
+
+
+def test_a_resumed_run_names_the_steps_of_its_scores(recipes, capsys):
+    run = ["--config", "toy", "--trainer.enable_progress_bar=true"]
+    press = "--trainer.callbacks+=tests.training.test_command.PressCtrlC"
+    with pytest.raises(Interruption):
+        run_training("fit", [*run, press], recipes)
+    capsys.readouterr()
+    run_training("fit", [*run, "--ckpt_path", "last"], recipes)
+    scores = [line for line in capsys.readouterr().err.splitlines() if "mse" in line]
+    assert [line.partition(": ")[0] for line in scores] == ["step 4", "step 8"]
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,11 @@ def tree(tmp_path):
     return toy.write_frames(tmp_path / "tree", count=12)
 
 
-def frames(root, name, *, divides=True, path="."):
+def frames(root, name, *, held_for=("validation",), path=".", told=None):
     source = SourceConfig(path=Path(path), sample_list=name)
-    return [int(n) for n in open_source(source, root, PARTS, divides=divides).sample_ids]
+    tell = [].append if told is None else told.append
+    opened = open_source(source, root, PARTS, held_for=held_for, tell=tell)
+    return [int(n) for n in opened.sample_ids]
 
 
 def write_list(root, name, numbers):
@@ -41,15 +44,57 @@ def test_a_list_of_training_frames_alone_is_divided_as_the_simulator_writes_it(t
 
 
 def test_where_nothing_validates_on_the_folder_all_of_it_trains(tree):
-    assert frames(tree, "train", divides=False) == list(range(12))
+    assert frames(tree, "train", held_for=()) == list(range(12))
     write_list(tree, "train", (3, 4))
-    assert frames(tree, "train", divides=False) == [3, 4]
+    assert frames(tree, "train", held_for=()) == [3, 4]
 
 
 def test_what_a_list_of_validation_frames_leaves_trains(tree):
     write_list(tree, "val", (5, 7))
     assert frames(tree, "val") == [5, 7]
     assert frames(tree, "train") == [0, 1, 2, 3, 4, 6, 8, 9, 10, 11]
+
+
+@pytest.mark.parametrize(
+    ("listed", "held_for", "said"),
+    [
+        ({}, ["validation", "test"], "2 of 12 .* for validation and test: it has no list val"),
+        ({"train": range(12)}, ["test"], "2 of 12 .* for test: .* set --data.init_args.test '..'$"),
+        ({"val": (5, 7, 99)}, ["validation"], "2 of 12 .* its list val has them"),
+        ({"val": (5, 7)}, [], "2 of 12 .* for validation: its list val has them"),
+    ],
+)
+def test_frames_that_are_held_back_are_counted(tree, listed, held_for, said):
+    for name, numbers in listed.items():
+        write_list(tree, name, numbers)
+    told = []
+    frames(tree, "train", held_for=held_for, told=told)
+    (line,) = told
+    assert re.search(said, line)
+
+
+def test_nothing_is_said_where_every_frame_trains(tree):
+    told = []
+    frames(tree, "train", held_for=(), told=told)
+    write_list(tree, "train", (1, 2))
+    write_list(tree, "val", (3, 4))
+    frames(tree, "train", told=told)
+    frames(tree, None, told=told)
+    assert not told
+
+
+def test_frames_that_are_both_trained_and_scored_on_are_counted_once(tree, capsys):
+    write_list(tree, "train", range(8))
+    write_list(tree, "val", (6, 7, 8))
+    train, val = (SourceConfig(path=Path(), sample_list=name) for name in ("train", "val"))
+    data = toy.data(tree, training=(train,), validation=(val, val))
+    data.val_dataloader()
+    assert capsys.readouterr().err == ""  # nothing is trained yet
+    data.train_dataloader()
+    data.val_dataloader()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("2 of 3 validation frames of")
+    assert "are trained on, too (000006 first)" in line
 
 
 def test_lists_that_are_there_are_taken_as_they_are(tree):
@@ -76,7 +121,7 @@ def write_label(root, number, *class_names):
 
 def showing(root, *class_names, parts=frozenset({"points", "objects"}), sample_list=None):
     source = SourceConfig(path=Path(), sample_list=sample_list, with_classes=class_names)
-    return open_source(source, root, parts, divides=False)
+    return open_source(source, root, parts, held_for=(), tell=[].append)
 
 
 @pytest.mark.filterwarnings("ignore:.*probably in the order")  # all are of a car's size

@@ -115,12 +115,21 @@ def submission(results: Path, out: Path, *, sample_list: str | None = None) -> N
 def demo(out: Path = Path("demo")) -> None:
     """Runs all tasks on the embedded frames and writes pictures and a report.
 
+    Takes some 100 seconds on two CPU cores.
+
     Args:
         out: Folder to write to.
     """
     from sightline.inference.demo import run_demo
 
-    say(*run_demo(out, [find_task(name).demo for name in task_names()]).split("\n"))
+    names = task_names()
+    print(
+        f"sightline demo: {', '.join(names)} on two embedded frames, with scores and pictures; "
+        "some 100 seconds on two CPU cores, longer beside other jobs",
+        file=sys.stderr,
+        flush=True,
+    )
+    say(*run_demo(out, [find_task(name).demo for name in names]).split("\n"))
 
 
 _TRAINING = {

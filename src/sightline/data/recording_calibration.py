@@ -16,6 +16,7 @@ from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, lens
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
+from sightline.geometry.mount import focal_fault
 from sightline.geometry.road_height import (
     MAX_LIDAR_HEIGHT_M,
     MAX_TILT_DEG,
@@ -34,8 +35,6 @@ _KEYS: Final = (
     "max_intensity",
 )
 _LIMIT = 1e9
-_MIN_FOCAL_PX = 1.0
-_MAX_STRETCH = math.log(10)  # largest aspect ratio of a pixel
 _REMEDY = "see docs/recordings.md for an example"
 
 
@@ -179,18 +178,11 @@ def checked_matrices(
         raise ValueError(
             f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
         )
-    focal_px = np.diag(camera)[:2]
-    if (focal_px <= 0).any() or np.linalg.matrix_rank(camera[:, :3]) < 3:
-        raise ValueError(
-            f"camera_matrix has focal lengths that are not above 0: {focal_px[0]:.6g} and "
-            f"{focal_px[1]:.6g} px"
-        )
-    if (focal_px < _MIN_FOCAL_PX).any() or abs(math.log(focal_px[0] / focal_px[1])) > _MAX_STRETCH:
-        raise ValueError(
-            f"camera_matrix has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, "
-            f"expected both alike and at least {_MIN_FOCAL_PX:g}: they are probably in millimetres "
-            "or shares of the image; give pixels"
-        )
+    fault = focal_fault(camera)
+    if fault is not None:
+        raise ValueError(f"camera_matrix {fault}")
+    if np.linalg.matrix_rank(camera[:, :3]) < 3:
+        raise ValueError("camera_matrix is singular in its left 3x3 part, so no pixel has a ray")
     if len(rigid) == 4 and np.abs(rigid[3] - (0, 0, 0, 1)).max() > 1e-9:
         hint = ": it is probably transposed" if not rigid[:3, 3].any() else ""
         raise ValueError(

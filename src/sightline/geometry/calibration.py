@@ -13,7 +13,7 @@ from torch import Tensor
 from sightline.geometry.arguments import shown, wrong_type
 from sightline.geometry.checked import checked
 from sightline.geometry.given_arrays import plain_numbers
-from sightline.geometry.mount import mount_doubt
+from sightline.geometry.mount import focal_fault, mount_doubt, stretch_doubt
 from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
 
 Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
@@ -88,7 +88,7 @@ class Calibration:
     ) -> "Calibration":
         """Make the calibration of a camera and a LiDAR of your own.
 
-        Warns, with the likely mistake, where no vehicle carries its sensors so.
+        Warns, with the likely mistake, where no vehicle carries its sensors so or fx is unlike fy.
 
         Examples:
             >>> calibration = Calibration.from_matrices(
@@ -117,11 +117,9 @@ class Calibration:
             raise ValueError(
                 f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
             )
-        if (np.diag(camera)[:2] <= 0).any():
-            raise ValueError(
-                f"camera_matrix has focal lengths of {camera[0, 0]:.6g} and {camera[1, 1]:.6g} px, "
-                "expected both above 0; give fx and fy in pixels"
-            )
+        fault = focal_fault(camera)
+        if fault is not None:
+            raise ValueError(f"camera_matrix {fault}")
         if len(rigid) == 4 and rigid[3, :3].any() and not rigid[:3, 3].any():
             raise ValueError("camera_from_lidar is transposed; give its transpose")
         calibration = cls(
@@ -130,9 +128,12 @@ class Calibration:
                 rigid if len(rigid) == 4 else np.vstack((rigid, (0.0, 0.0, 0.0, 1.0)))
             ),
         )
-        doubt = mount_doubt(calibration.camera_from_lidar.numpy())
-        if doubt is not None:
-            warnings.warn(f"camera_from_lidar {doubt}", stacklevel=2)
+        for name, doubt in (
+            ("camera_matrix", stretch_doubt(camera)),
+            ("camera_from_lidar", mount_doubt(calibration.camera_from_lidar.numpy())),
+        ):
+            if doubt is not None:
+                warnings.warn(f"{name} {doubt}", stacklevel=2)
         return calibration
 
     @property

@@ -15,9 +15,15 @@ MAX_OFFSET_M: Final = 20.0
 MAX_RANGE_M: Final = 300.0
 """Range beyond every LiDAR on the road; a sweep in millimetres is far beyond."""
 
+USUAL_STRETCH: Final = 1.3
+"""Usual ratio of fx and fy, at most: 30,292 matrices of KITTI have up to 1.0035, images resized to
+KITTI's benchmark sizes up to 1.05."""
+
 LEAST_SHARE_IN_IMAGE: Final = 0.01
 """Smallest share of a sweep's points in the image, if camera and LiDAR face the same way."""
 
+_MIN_FOCAL_PX = 1.0
+_MAX_STRETCH = 10.0  # largest aspect ratio of a pixel
 _HANDFUL, _HANDFUL_SHARE = 20, 0.05  # number and share of points in the image
 _MAX_TILT_DEG = 25.0  # between the camera's and the LiDAR's vertical
 _MAX_ASIDE_DEG = 60.0  # between the view and the LiDAR's x axis
@@ -73,6 +79,46 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
         f"tilts the camera by {_tilt_deg(rotation):.0f} degrees: its angles are probably in "
         "degrees where radians were expected, or it belongs to another pair of sensors"
     )
+
+
+def focal_fault(camera_matrix: Float64[np.ndarray, "3 columns"]) -> str | None:
+    """Find focal lengths that no camera has, with the likely cause; None if there is no fault.
+
+    Returns:
+        The rest of a sentence that begins with the matrix's name.
+    """
+    focal_px = np.diag(camera_matrix)[:2]
+    if (focal_px <= 0).any():
+        x, y = focal_px
+        return f"has focal lengths of {x:.6g} and {y:.6g} px, expected both above 0"
+    if (focal_px < _MIN_FOCAL_PX).any() or _stretch(focal_px) > _MAX_STRETCH:
+        return (
+            f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, expected both alike "
+            f"and at least {_MIN_FOCAL_PX:g}: they are probably in millimetres or shares of the "
+            "image; give pixels"
+        )
+    return None
+
+
+def stretch_doubt(camera_matrix: Float64[np.ndarray, "3 columns"]) -> str | None:
+    """Find focal lengths (above 0) that are less alike than square pixels' are; None if alike.
+
+    Returns:
+        The rest of a sentence that begins with the matrix's name.
+    """
+    focal_px = np.diag(camera_matrix)[:2]
+    stretch = _stretch(focal_px)
+    if stretch <= USUAL_STRETCH:
+        return None
+    return (
+        f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, one {stretch:.2g} times "
+        "the other, expected both alike, as pixels are squares; unless images were stretched so, "
+        "correct fx or fy"
+    )
+
+
+def _stretch(focal_px: Float64[np.ndarray, "2"]) -> float:
+    return float(focal_px.max() / focal_px.min())
 
 
 def is_hardly_shown(num_shown: int, num_points: int) -> bool:

@@ -52,7 +52,7 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
         image: 8 bits, colour or grey; an array of height, width (, 3 or 1), or a tensor of
             3, height, width.
 
-    Warns of grey.
+    Warns of grey, and of the levels 0 and 1 alone.
 
     Raises:
         ValueError: The picture has another type or shape.
@@ -73,6 +73,12 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
             f"the image is {plain.dtype} of shape {plain.shape}, expected uint8, an array of "
             "height, width, 3 or a tensor of 3, height, width; "
             f"{image_remedy(plain, is_tensor=isinstance(image, Tensor))}"
+        )
+    if planes.max() == 1:
+        warnings.warn(
+            "the image has no level above 1 of 255, which is all but black: it is probably of "
+            "shares from 0 to 1; give (255 * image).round() as uint8",
+            stacklevel=3,
         )
     return torch.from_numpy(np.array(planes, order="C"))
 

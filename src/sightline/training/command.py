@@ -66,8 +66,8 @@ def _let_threads_wait_passively() -> None:
     os.environ[_WAIT_POLICY] = "passive"
     if os.environ.get("OMP_NUM_THREADS") != "1":
         print(
-            "PyTorch's threads wait passively; on a machine without other jobs "
-            f"{_WAIT_POLICY}=active may be faster",
+            "PyTorch's threads wait passively; beside other jobs OMP_NUM_THREADS=1 may be faster, "
+            f"without any {_WAIT_POLICY}=active",
             file=sys.stderr,
             flush=True,
         )

@@ -4,6 +4,7 @@ Random numbers depend only on the seed, the epoch and the sample, not on the num
 processes or on interruptions.
 """
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import lightning
 import numpy as np
+from lightning.pytorch.utilities import rank_zero_only
 from torch.utils.data import DataLoader, Dataset
 
 from sightline.data.object_tree import Part
@@ -228,6 +230,8 @@ class CameraLidarData(lightning.LightningDataModule):
         self.seed = seed
         self.samples_per_epoch = samples_per_epoch
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
+        self._trained: dict[Path, set[str]] = {}  # names of the training frames by folder
+        self._told: set[str] = set()
 
     def setup(self, stage: str) -> None:
         """Hands the network's settings to the preparation; trains without validation samples.
@@ -284,25 +288,57 @@ class CameraLidarData(lightning.LightningDataModule):
             raise ValueError(
                 f"there is nothing to take {name} samples from; set --data.init_args.{name}"
             )
-        validated = {
-            data_tree(source, self.root)
-            for source in (*self.sources["validation"], *self.sources["test"])
-            if source.sample_list == "val"
-        }
         datasets = []
         for source in sources:
-            divides = data_tree(source, self.root) in validated
+            tree = data_tree(source, self.root)
             try:
-                dataset = open_source(source, self.root, self.preparation.parts, divides=divides)
+                dataset = open_source(
+                    source,
+                    self.root,
+                    self.preparation.parts,
+                    held_for=self._held_for(tree),
+                    tell=self._tell,
+                )
             except ValueError as error:
                 flags = f"--data.init_args.root and --data.init_args.{name}"
                 raise ValueError(f"{error} (the {name} samples: {flags})") from error
             datasets.append((dataset, source.repeat if training else 1))
+            if training:
+                self._trained.setdefault(tree, set()).update(dataset.sample_ids)
+            else:
+                self._tell_trained(name, dataset.sample_ids, tree)
         preparation = self.preparation
         if training:
             rng = np.random.default_rng((self.seed, 0, 0, _OF_TRAINING))
             preparation = preparation.for_training([dataset for dataset, _ in datasets], rng)
         return PreparedSamples(datasets, preparation, seed=self.seed, training=training)
+
+    def _held_for(self, tree: Path) -> list[str]:
+        """Uses that take the list `val` of a folder."""
+        return [
+            use
+            for use in ("validation", "test")
+            if any(
+                source.sample_list == "val" and data_tree(source, self.root) == tree
+                for source in self.sources[use]
+            )
+        ]
+
+    def _tell_trained(self, name: str, sample_ids: Sequence[str], tree: Path) -> None:
+        """Print how many frames are scored that this training uses, if any."""
+        trained = self._trained.get(tree, set())
+        both = [each for each in sample_ids if each in trained]
+        if both:
+            self._tell(
+                f"{len(both)} of {len(sample_ids)} {name} frames of {tree} are trained on, too "
+                f"({both[0]} first), so scores are too good; take them out of one of the lists"
+            )
+
+    def _tell(self, line: str) -> None:
+        """Print a line once, however many sources it concerns."""
+        if line not in self._told:
+            self._told.add(line)
+            rank_zero_only(print)(line, file=sys.stderr)
 
     def _rank_and_world(self) -> tuple[int, int]:
         if self.trainer is None:

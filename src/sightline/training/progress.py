@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import ProgressBar
+from lightning.pytorch.trainer.states import TrainerFn
 from rich.console import Console
 from rich.progress import TaskID
 
@@ -122,9 +123,9 @@ class RunProgress(ProgressBar):
         name, _ = pl_module.monitored
         if name in trainer.callback_metrics:
             score = float(trainer.callback_metrics[name])
-            # the step of a checkpoint that is scored alone is unknown
-            is_checkpoint = trainer.validating and trainer.ckpt_path is not None
-            step = "" if is_checkpoint else f"step {trainer.global_step}: "
+            # a checkpoint scored alone has no step; trainer.validating is true within fit, too
+            is_alone = trainer.state.fn is TrainerFn.VALIDATING and trainer.ckpt_path is not None
+            step = "" if is_alone else f"step {trainer.global_step}: "
             beside = "".join(
                 f", {each} {float(trainer.callback_metrics[each]):.6g}"
                 for each in pl_module.monitored_beside

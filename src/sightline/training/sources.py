@@ -1,7 +1,7 @@
 """Data sources of a training."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,7 +49,12 @@ def data_tree(source: SourceConfig, root: Path) -> Path:
 
 
 def open_source(
-    source: SourceConfig, root: Path, parts: Collection[Part], *, divides: bool
+    source: SourceConfig,
+    root: Path,
+    parts: Collection[Part],
+    *,
+    held_for: Sequence[str],
+    tell: Callable[[str], None],
 ) -> SampleDataset:
     """Open the samples of a source.
 
@@ -57,7 +62,8 @@ def open_source(
         source: Source to open.
         root: Base folder of a relative path.
         parts: Parts of the samples to load.
-        divides: Whether the folder is also used for validation.
+        held_for: Uses that take the folder's list `val`: validation, test; empty: none.
+        tell: Receives a line on the frames that are held back from training, if any.
 
     Raises:
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
@@ -65,7 +71,7 @@ def open_source(
     path = root / source.path
     lists = path.parent if path.name in KITTI_SPLITS else path
     has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
-    is_listed = (has_val and has_train) or (has_train and not divides)
+    is_listed = (has_val and has_train) or (has_train and not held_for)
     frames: str | tuple[str, ...] | None = source.sample_list
     if frames in ("train", "val") and not is_listed and not (has_val and frames == "val"):
         everything = (
@@ -73,9 +79,12 @@ def open_source(
             if has_train
             else open_dataset(path, velodyne=source.velodyne, parts=parts).sample_ids
         )
-        num_validated = math.ceil(len(everything) / _VALIDATION_SHARE) if divides else 0
+        num_validated = math.ceil(len(everything) / _VALIDATION_SHARE) if held_for else 0
         held = read_sample_list("val", lists) if has_val else everything[:num_validated]
         rest = tuple(frame for frame in everything if frame not in set(held))
+        if frames == "train" and len(rest) < len(everything):
+            num_held = len(everything) - len(rest)
+            tell(_left_out(path, num_held, len(everything), held_for, has_val=has_val))
         frames = held if frames == "val" else rest
         if not frames:
             raise ValueError(
@@ -89,6 +98,20 @@ def open_source(
         )
     dataset = open_dataset(path, sample_list=frames, velodyne=source.velodyne, parts=parts)
     return _frames_with(dataset, source.with_classes, path) if source.with_classes else dataset
+
+
+def _left_out(
+    path: Path, num_left_out: int, num_frames: int, held_for: Sequence[str], *, has_val: bool
+) -> str:
+    """Describe in a line how many frames are not trained on, why, and how to train on them."""
+    why = "its list val has them" if has_val else "it has no list val, so the first tenth is that"
+    without = " and ".join(f"--data.init_args.{use} '[]'" for use in held_for)
+    remedy = "take their sample_list away" if has_val else f"set {without}"
+    use = " and ".join(held_for) or "validation"
+    return (
+        f"{num_left_out} of {num_frames} training frames of {path} are left out, held back for "
+        f"{use}: {why}; to train on them, too, {remedy}"
+    )
 
 
 def _frames_with(dataset: SampleDataset, class_names: Collection[str], path: Path) -> SampleDataset:
