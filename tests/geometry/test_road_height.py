@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.geometry.road_height import (
+    describe_lowness,
     drive_height_m,
     lidar_pose,
     road_height_m,
@@ -111,3 +112,10 @@ def test_the_turn_that_makes_a_cloud_upright_is_found(rows):
 def tilted_cloud(tilt):
     """The simulated sweep as a LiDAR that is tilted so sees it."""
     return POINTS[:, :3].astype(np.float64) @ tilt.level_from_lidar[:3, :3]
+
+
+@pytest.mark.parametrize(("height_m", "is_doubted"), [(0.51, True), (0.0, False), (1.73, False)])
+def test_a_height_of_points_in_feet_is_doubted_and_an_origin_on_the_road_is_not(
+    height_m, is_doubted
+):
+    assert ("in feet" in describe_lowness(height_m)) == is_doubted
