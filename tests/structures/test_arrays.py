@@ -51,7 +51,7 @@ def test_the_height_of_the_lidar_is_told_by_the_points_where_nobody_says_it():
 
 def test_a_height_by_the_road_of_a_cloud_in_another_unit_is_doubted():
     scaled = POINTS * np.float32([0.3048, 0.3048, 0.3048, 1])
-    with pytest.warns(UserWarning, match=r"only 0\.\d\d m above it.* in another unit than metres"):
+    with pytest.warns(UserWarning, match=r"is 0\.\d\d m above it.* in feet"):
         CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=scaled)
     CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=scaled, lidar_height_m=0.53)
 

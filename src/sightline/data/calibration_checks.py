@@ -8,12 +8,16 @@ from jaxtyping import Float64
 
 from sightline.data.calibration_text import CalibrationMatrices
 from sightline.files.problem import Problem
-from sightline.geometry.mount import MAX_OFFSET_M, mount_doubt, resolution_doubt
+from sightline.geometry.mount import (
+    MAX_OFFSET_M,
+    focal_fault,
+    mount_doubt,
+    resolution_doubt,
+    stretch_doubt,
+)
 
 _MAX_SKEW: Final = 0.01
 """Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
-_MAX_STRETCH: Final = 1.5
-"""Largest ratio of the focal lengths; KITTI's and nuScenes' have 1.0, 16:9 squeezed to 4:3 1.33."""
 _LEAST_MIDDLE: Final = (0.3, 0.2)
 """Smallest shares of width and height from an edge to the principal point; KITTI's have 0.48 and
 0.46, nuScenes' 0.48 and 0.42, KITTI's depth benchmark, cropped at the top, 0.49 and 0.42."""
@@ -54,12 +58,9 @@ def check_intrinsics(
     """Find implausible focal lengths and principal points; arguments as in `check_matrices`."""
     focal_px, principal_px = np.diag(intrinsics)[:2], intrinsics[:2, 2]
     doubts = []
-    if (focal_px <= 0).any():
-        x, y = focal_px
-        doubts.append(f"has focal lengths of {x:.6g} and {y:.6g} px, expected both above 0")
-    elif focal_px.max() > _MAX_STRETCH * focal_px.min():
-        x, y = focal_px
-        doubts.append(f"has focal lengths of {x:.6g} and {y:.6g} px, expected both alike")
+    doubt = focal_fault(intrinsics) or stretch_doubt(intrinsics)
+    if doubt:
+        doubts.append(doubt)
     skews_px = intrinsics[(0, 1), (1, 0)]
     if (np.abs(skews_px) > _MAX_SKEW * np.abs(focal_px)).any():
         doubts.append(

@@ -63,4 +63,7 @@ def angle_between(
     period: float = 2 * np.pi,
 ) -> Float64[np.ndarray, " num"]:
     """Compute the absolute difference [rad] of angles that repeat after `period`."""
-    return np.abs((angles - others + period / 2) % period - period / 2)
+    apart: Float64[np.ndarray, " num"] = np.abs(
+        (angles - others + period / 2) % period - period / 2
+    )
+    return apart

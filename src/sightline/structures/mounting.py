@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from typing import Final, SupportsFloat
+from typing import SupportsFloat
 
 import numpy as np
 from jaxtyping import Float32
@@ -16,15 +16,12 @@ from sightline.geometry.road_height import (
     MAX_TILT_DEG,
     MIN_LIDAR_HEIGHT_M,
     LidarPose,
+    describe_lowness,
     lidar_pose,
     mount_doubts,
 )
 from sightline.geometry.tilt import Tilt
 from sightline.structures.arrays import plain_number
-
-_LOW_M: Final = (0.3, 1.1)
-"""Heights of no usual mount: base_footprint is lower, a car's LiDAR higher. Real sweeps, 201 of
-them, read 1.52 to 2.16 m."""
 
 
 def plain_height(lidar_height_m: SupportsFloat) -> float:
@@ -83,11 +80,9 @@ def pose_of_sweep(
         )
     if height_m is not None:
         return LidarPose(height_m=height_m, tilt=pose.tilt)
-    if pose.height_m is not None and _LOW_M[0] < pose.height_m < _LOW_M[1]:
+    if pose.height_m is not None and (doubt := describe_lowness(pose.height_m)):
         warnings.warn(
-            f"by the road in its points the LiDAR is only {pose.height_m:.2f} m above it, and that "
-            "is taken: points are probably in another unit than metres; give lidar_height_m where "
-            "it is as low",
+            f"by the road in its points the LiDAR is {pose.height_m:.2f} m above it{doubt}",
             stacklevel=3,
         )
     if pose.height_m is None and len(sweep):
