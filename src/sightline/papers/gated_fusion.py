@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from sightline.corruptions.corruption import Sensor
 from sightline.corruptions.suites import CLEAN, Suite
 from sightline.detection2d.config import Fusion
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName
@@ -25,6 +24,7 @@ from sightline.papers.rows import (
     new_table,
     undone_note,
 )
+from sightline.structures.sample import Sensor
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
