@@ -234,7 +234,8 @@ def test_the_picture_tells_right_from_wrong():
     above_px = draw_birds_eye(nothing).shape[0]
     in_3d = both[above_px + (both.shape[0] - above_px) // 4 :]  # without the titles
     assert in_3d.shape[0] > 200
-    assert all(has(in_3d, color) for color in (RIGHT, WRONG, LABELLED))
+    for color in (RIGHT, WRONG, LABELLED):  # lines are blended with the ground
+        assert np.abs(in_3d.astype(int) - np.array(color)).max(axis=2).min() < 10
     unsure = replace(found, scores=torch.tensor([0.9, 0.1]))
     assert not has(training_picture(nothing, unsure, truths), WRONG)
     assert not has(training_picture(nothing, found, truths[:0]), RIGHT)
