@@ -1,6 +1,7 @@
 """Recordings, bags and a nuScenes folder of one simulated frame, for the tests of their readers."""
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -103,10 +104,16 @@ class BagMaker:
         )
         return self.new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
+    def _number(self, topic: str) -> int:
+        """Number of messages before, from 0."""
+        counts: Counter[str] = self.__dict__.setdefault("_counts", Counter())
+        counts[topic] += 1
+        return (counts[topic] - 1) % 256
+
     def image(self, topic: str, time_ns: int, *, picture: np.ndarray = IMAGE, shift_ns: int = 0):
         if picture is IMAGE:  # a camera's pictures differ
             picture = IMAGE.copy()
-            picture[0, 0] += np.uint8((time_ns // 10**6 - 1000) % 256)
+            picture[0, 0] += np.uint8(self._number(topic))
         message = self.new(
             "sensor_msgs/msg/Image",
             header=self.header("camera_optical", time_ns),
@@ -133,7 +140,7 @@ class BagMaker:
     ) -> None:
         rows = POINTS * np.float32([1, 1, 1, 255]) if points is None else points
         if points is None:  # a LiDAR's clouds differ
-            rows[-1, 3] = (rows[-1, 3] + time_ns // 10**6 - 1000) % 256
+            rows[-1, 3] = (rows[-1, 3] + self._number(topic)) % 256
         fields = [
             self.new("sensor_msgs/msg/PointField", name=name, offset=4 * at, datatype=7, count=1)
             for at, name in enumerate(names)
@@ -336,8 +343,11 @@ def write_nuscenes(root: Path, *, num_samples: int = 2) -> Path:
             {"token": f"{token}-l", "calibrated_sensor_token": "cl", "filename": cloud}
             | {"timestamp": time_us, "height": 0, "width": 0, **common},
         ]
-        write_rgb(root / image, IMAGE)
+        shown = IMAGE.copy()
+        shown[:8, : 8 * number] = 0
+        write_rgb(root / image, shown)
         (root / cloud).parent.mkdir(parents=True, exist_ok=True)
+        sweep[:, 4] = number
         sweep.tofile(root / cloud)
         world_from_ours = world_from_ego @ ego_from_lidar @ lidar_from_ours
         labels = SAMPLE.objects

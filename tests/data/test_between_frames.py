@@ -119,9 +119,17 @@ def test_cameras_of_a_recording_may_share_a_cloud(tmp_path):
 
 def test_equal_labels_are_told_where_they_have_a_box(tree):
     boxed = (tree / "label_2" / "000001.txt").read_text()
-    for labels, expected in ((boxed, 1), ("", 0), (boxed.split("\n")[1] + "\n", 0)):
-        for name in NAMES[:2]:
-            (tree / "label_2" / f"{name}.txt").write_text(labels)
+    apart, in_a_row = (NAMES[0], NAMES[2]), NAMES[:2]
+    for names, labels, expected in (
+        (apart, boxed, 1),
+        (apart, "", 0),
+        (apart, boxed.split("\n")[1] + "\n", 0),
+        (in_a_row, boxed, 0),
+    ):
+        for place, name in enumerate(NAMES):
+            other = boxed.replace(" 20.00 9.00", f" 20.0{place + 1} 9.00")
+            path = tree / "label_2" / f"{name}.txt"
+            path.write_text(labels if name in names else other)
         told = [said for _, said in problems(tree.parent)]
         assert sum("is the same label file, byte for byte" in said for said in told) == expected
         assert len(told) == expected

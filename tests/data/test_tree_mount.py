@@ -46,7 +46,7 @@ def write_frames(root, kind, mounted_from_level, *, names=("000000", "000001", "
         if kind == "tree":
             write_object_calibration(folder / "calib" / f"{name}.txt", mounted)
             (folder / "label_2").mkdir(exist_ok=True)
-            labels = LABELS.read_text().replace("DontCare -1 -1", f"DontCare -1 {-1 - place}")
+            labels = LABELS.read_text().replace("561.70", f"561.7{place}")
             (folder / "label_2" / f"{name}.txt").write_text(labels)
     if kind == "drive":
         write_raw_calibration(folder, mounted)

@@ -86,7 +86,8 @@ def check_repeats(
     """Find frames with equal pictures, clouds or labels: noise makes two of a sensor differ.
 
     Images of one colour, empty files and labels without a 3D box are left out. Frames of several
-    cameras, which have calibrations of their own in a recording, may share a cloud.
+    cameras, which have calibrations of their own in a recording, may share a cloud; consecutive
+    frames may share labels, as where the car stands.
     """
     pictures = [frame.image for frame in frames if frame.image is not None]
     labels = [frame.objects for frame in frames if isinstance(frame, ObjectFrame) and frame.objects]
@@ -97,7 +98,12 @@ def check_repeats(
             by_camera[_camera(frame)].append(cloud)
     clouds = [group for each in by_camera.values() for group in _equal_files(each)]
     shown = [group for group in _equal_files(pictures) if not _shows_nothing(group[0])]
-    labelled = [group for group in _equal_files(labels) if _has_box3d(group[0])]
+    places = {path: place for place, path in enumerate(labels)}
+    labelled = [
+        group
+        for group in _equal_files(labels)
+        if places[group[-1]] - places[group[0]] >= len(group) and _has_box3d(group[0])
+    ]
     return [
         *_describe_repeats(shown, "picture"),
         *_describe_repeats(clouds, "cloud"),

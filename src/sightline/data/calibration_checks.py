@@ -53,12 +53,24 @@ def check_matrices(
 
 
 def check_intrinsics(
-    intrinsics: Float64[np.ndarray, "3 3"], size: tuple[int, int] | None, path: Path
+    intrinsics: Float64[np.ndarray, "3 3"],
+    size: tuple[int, int] | None,
+    path: Path,
+    *,
+    usual: bool = True,
 ) -> list[Problem]:
-    """Find implausible focal lengths and principal points; arguments as in `check_matrices`."""
+    """Find implausible focal lengths and principal points.
+
+    Args:
+        intrinsics: Camera matrix [px].
+        size: Height and width of the image, if known.
+        path: File of the matrix.
+        usual: Whether to doubt also what is possible but unusual: pixels that are no squares, and a
+            principal point away from the middle.
+    """
     focal_px, principal_px = np.diag(intrinsics)[:2], intrinsics[:2, 2]
     doubts = []
-    doubt = focal_fault(intrinsics) or stretch_doubt(intrinsics)
+    doubt = focal_fault(intrinsics) or (stretch_doubt(intrinsics) if usual else None)
     if doubt:
         doubts.append(doubt)
     skews_px = intrinsics[(0, 1), (1, 0)]
@@ -81,7 +93,7 @@ def check_intrinsics(
                 f"from an image of {size[0]}x{size[1]} (height x width)"
             )
         shares = principal_px / width_height
-        is_aside = (np.minimum(shares, 1 - shares) < _LEAST_MIDDLE).any()
+        is_aside = usual and (np.minimum(shares, 1 - shares) < _LEAST_MIDDLE).any()
         if is_aside and resolution_doubt(intrinsics, size) is None:
             doubts.append(
                 f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), away "

@@ -15,9 +15,9 @@ MAX_OFFSET_M: Final = 20.0
 MAX_RANGE_M: Final = 300.0
 """Range beyond every LiDAR on the road; a sweep in millimetres is far beyond."""
 
-USUAL_STRETCH: Final = 1.3
+USUAL_STRETCH: Final = 1.5
 """Usual ratio of fx and fy, at most: 30,292 matrices of KITTI have up to 1.0035, images resized to
-KITTI's benchmark sizes up to 1.05."""
+KITTI's benchmark sizes up to 1.05, 16:9 squeezed to 4:3 1.33, binning of 2 x 3 pixels 1.5."""
 
 LEAST_SHARE_IN_IMAGE: Final = 0.01
 """Smallest share of a sweep's points in the image, if camera and LiDAR face the same way."""

@@ -31,8 +31,8 @@ def write_drive(path, **bag_changes):
         for at in range(4):
             time_ns = START_NS + at * 10**8
             bag.info("/front/camera_info", time_ns, matrix=matrix, size=SMALL.shape[:2])
-            bag.image("/front/image_raw", time_ns, picture=SMALL)
-            bag.cloud("/points", time_ns + 8 * 10**6, points=FEW)
+            bag.image("/front/image_raw", time_ns, picture=SMALL + np.uint8(at))
+            bag.cloud("/points", time_ns + 8 * 10**6, points=FEW + np.float32(at / 100))
     return path
 
 

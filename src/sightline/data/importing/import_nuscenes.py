@@ -158,7 +158,7 @@ def _calibration(moment: Moment) -> RecordingCalibration:
         matrices = checked_matrices(camera, moment.camera_from_lidar)
     except ValueError as error:
         raise FileError(moment.image, f"cannot be used: its {error}", _TABLES_REMEDY) from error
-    doubts = check_intrinsics(camera[:, :3], moment.image_size, moment.image)
+    doubts = check_intrinsics(camera[:, :3], moment.image_size, moment.image, usual=False)
     if doubts:
         problem = f"cannot be used: its calibration {doubts[0].problem}"
         raise FileError(moment.image, problem, _TABLES_REMEDY)

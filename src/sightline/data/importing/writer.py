@@ -191,7 +191,7 @@ def check_staged(folder: Path, source: Path | str) -> None:
         said = read_recording_calibration(frame.calibration)
         size = said.image_size if frame.image is None else read_image_size(frame.image)
         intrinsics = said.matrices.image_from_camera[:, :3]
-        doubts = check_intrinsics(intrinsics, size, frame.calibration)
+        doubts = check_intrinsics(intrinsics, size, frame.calibration, usual=False)
         doubts = doubts or [
             each
             for each in examine_recording_frame(frame, reference=None).all()
