@@ -69,14 +69,14 @@ def mixed():
 
 
 @pytest.mark.parametrize(
-    ("pictures", "message"),
+    ("frames", "message"),
     [
-        (pictures(0), "there is no frame to show"),
+        (pictures(0), "there are no frames"),
         (pictures(1, (63, 96)), r"frames of 96x63 px .*expected even numbers; pad or crop them"),
         (mixed(), "a frame of 98x64 px follows one of 96x64"),
     ],
 )
-def test_pictures_that_make_no_video_are_refused(tmp_path, pictures, message):
+def test_pictures_that_make_no_video_are_refused(tmp_path, frames, message):
     with pytest.raises(ValueError, match=message):
-        write_video(tmp_path / "bar.mp4", pictures)
+        write_video(tmp_path / "bar.mp4", frames)
     assert list(tmp_path.iterdir()) == []
