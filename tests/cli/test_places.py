@@ -1,4 +1,4 @@
-"""Every command refuses places among its inputs: all its arguments are walked, new ones too."""
+"""Refusal of outputs among the inputs, for all arguments of every command."""
 
 import inspect
 from collections.abc import Iterator
@@ -43,7 +43,7 @@ COMMANDS = {name: command for name, command in commands() if name != "simulate"}
 
 
 def given(name, path, kind):
-    """A path as the argument takes it."""
+    """Value of a path for an argument."""
     if name == "healthy":
         return (f"camera={path}",)
     if name == "compare":
@@ -56,7 +56,7 @@ def given(name, path, kind):
 
 
 def pairs(command):
-    """Arguments of an input and of an output, which name one place or one within the other."""
+    """Yield arguments of an input and an output with the same path, or one inside the other."""
     parameters = inspect.signature(command).parameters
     kinds = {name: each.annotation for name, each in parameters.items()}
     outputs = [name for name in kinds if name in OUTPUTS]
@@ -103,7 +103,7 @@ def test_no_output_takes_the_place_of_an_input(name, tmp_path, monkeypatch):
         else parameter.default
         for each, parameter in parameters.items()
     }
-    if "data" in defaults:  # which is asked for, though it has no place in the signature
+    if "data" in defaults:  # required, though it is optional in the signature
         defaults["data"] = Path("other")
     for pair in pairs(command):
         never = NEVER_TOGETHER.get(name, ())

@@ -124,7 +124,7 @@ def test_unsure_detections_are_not_drawn(data, results, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["000001", "--results", "RESULTS", "--task", "detection2d"], "results are drawn as they"),
+        (["000001", "--results", "RESULTS", "--task", "detection2d"], "--results needs no task"),
         (["000001", "--results", "DATA"], "holds no results that can be drawn"),
         (["000009", "--results", "RESULTS"], "000009"),
     ],

@@ -212,14 +212,14 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
     err = capsys.readouterr().err
     assert f"the run {path} is of suite others instead of levels" in err
     assert err.count("\n") == 1
-    for arguments, shown in (
+    for arguments, message in (
         (["--compare", str(two[0])], "a comparison needs two runs or more, got 1"),
         (["out"], "robustness needs a data set"),
         (["--data", "x"], "robustness needs a folder for the run"),
-        (["--data", "x", "out", "-o", "page.html"], "--page draws runs that are done"),
-        (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is not"),
+        (["--data", "x", "out", "-o", "page.html"], "--page draws finished runs"),
+        (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is invalid"),
         (["--data", "x", "out", "--healthy", "lidar=A", "lidar=B"], "two methods of the lidar"),
-        (["out", "--compare", str(two[0]), path], "--compare reads two runs that are done"),
+        (["out", "--compare", str(two[0]), path], "--compare reads finished runs"),
         (["--data", "x", "out", "--results", "y", "z"], "--results is one folder, got y z"),
     ):
         try:
@@ -227,7 +227,7 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
         except SystemExit as exit_:
             status = exit_.code
         assert status == 2
-        assert shown in capsys.readouterr().err
+        assert message in capsys.readouterr().err
 
 
 def test_other_files_under_the_same_name_cause_a_warning_in_comparisons(tmp_path):

@@ -157,7 +157,7 @@ def _commands() -> dict[str, Any]:
         },
         "robustness": robustness,
         "reproduce": {
-            "_help": "Print a paper's tables beside our own figures.",
+            "_help": "Print a paper's tables beside our own results.",
             "shiftconv": reproduce_shiftconv,
             "dgfn": reproduce_dgfn,
         },

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from sightline.cli.engine import tell_engine
+from sightline.cli.engine import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
@@ -60,7 +60,7 @@ def reproduce_shiftconv(
         sample_list=sample_list,
         velodyne=velodyne,
     )
-    tell_engine(engine, choose_engine(engine, device), device)
+    announce_engine(engine, choose_engine(engine, device), device)
     deliver(report, json)
 
 
@@ -156,7 +156,7 @@ def reproduce_dgfn(
         velodyne=velodyne,
         workers=workers,
     )
-    tell_engine(engine, choose_engine(engine, device), device)
+    announce_engine(engine, choose_engine(engine, device), device)
     deliver(report, json)
     if figures is not None:
         say(figures / GATE_MEANS, figures / GATE_MAPS)

@@ -47,7 +47,7 @@ def show(
     from sightline.perception.show import PredictorSource, ResultSource, write_frames_picture
 
     if results and (task or method or weights):
-        raise ValueError("results are drawn as they are; leave out task, method and weights")
+        raise ValueError("--results needs no task, method or weights; leave these out")
     source: PredictorSource | ResultSource
     if results:
         source = ResultSource(folders, data)
