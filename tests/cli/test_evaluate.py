@@ -75,7 +75,7 @@ def test_files_never_replace_each_other_or_what_is_scored(folders, tmp_path, cap
         for what in ("objects", "calibration"):
             assert main(["evaluate", what, *folders, "--json", str(result)]) == 2
             error = capsys.readouterr().err
-            assert "among the results" in error or "would change the data set" in error
+            assert "among the input results" in error or "would change the data set" in error
             assert result.read_bytes() == before
     beside = Path(folders[0]) / "objects.json"
     for _ in range(2):  # a report beside them may be written anew

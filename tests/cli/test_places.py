@@ -27,7 +27,13 @@ NEVER_TOGETHER = {
     ],
     "evaluate objects": [("against", {"csv", "markdown", "plots"})],
 }
-SAID = ("would change", "lies in", "among the results", "is no regular file", "would replace")
+MESSAGES = (
+    "would change",
+    "lies in",
+    "among the input results",
+    "is no regular file",
+    "would replace",
+)
 
 
 def commands(found=None, prefix="") -> Iterator[tuple[str, object]]:
@@ -112,7 +118,7 @@ def test_no_output_takes_the_place_of_an_input(name, tmp_path, monkeypatch):
         settings = defaults | pair
         if name == "robustness":
             settings |= {"data": None} if "compare" in pair else {"out_folder": Path("run")} | pair
-        with pytest.raises(ValueError, match="|".join(SAID)) as caught:
+        with pytest.raises(ValueError, match="|".join(MESSAGES)) as caught:
             command(**settings)
         assert plain_line(str(caught.value)) == str(caught.value)
         assert [path.name for path in (tmp_path / "both").iterdir()] == ["input.json"], pair

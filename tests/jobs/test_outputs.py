@@ -64,7 +64,7 @@ def test_a_report_may_stand_beside_results_and_take_the_place_of_none(tree):
     check_outputs({"--csv": tree / "found" / "report.txt"}, data=[], results=results)
     (tree / "found" / MANIFEST_NAME).write_text("{}")
     for taken in ("found", "found/000001.txt", f"found/{MANIFEST_NAME}"):
-        with pytest.raises(ValueError, match=r"--csv .* is among the results"):
+        with pytest.raises(ValueError, match=r"--csv .* is among the input results"):
             check_outputs({"--csv": tree / taken}, data=[], results=results)
 
 

@@ -40,7 +40,7 @@ def blas_threads() -> int:
 
 
 class PanicError(BaseException):
-    """As compiled libraries raise it."""
+    """Error that is no `Exception`, as in some compiled libraries."""
 
 
 def one_piece_panics(position: int) -> str:

@@ -67,7 +67,7 @@ def _run(
 ) -> None:
     from sightline.simulation.generate import simulate
 
-    if "image_size" in given:  # KITTI's users write the width first; we, everywhere else, do not
+    if "image_size" in given:  # KITTI's users write the width first; settings have the height first
         given["image_size"] = given["image_size"][::-1]
     chosen = choose_set(preset, given)
     result = simulate(
