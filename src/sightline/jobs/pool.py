@@ -60,8 +60,8 @@ def holding_signals() -> Iterator[None]:
     finally:
         for held, handler in previous.items():
             signal.signal(held, handler)
-        for number in dict.fromkeys(received):
-            signal.raise_signal(number)
+        for pending in dict.fromkeys(received):
+            signal.raise_signal(pending)
 
 
 def ignore_interrupts() -> None:
