@@ -119,7 +119,7 @@ def _suite() -> Suite:
 def _row(report: RobustnessReport) -> dict[str, list[float]]:
     """Collect RMSE and MAE of each fault."""
     record = report.record
-    rmse, mae = record.setting.figures[:2]
+    rmse, mae = record.setting.metrics[:2]
     return {
         case.title: [record.score(name, rmse) or 0.0, record.score(name, mae) or 0.0]
         for name, case in record.cases.items()

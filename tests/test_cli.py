@@ -12,7 +12,7 @@ from tests.depth_completion.networks import write_tiny_weights
 
 
 def run(capsys, *arguments):
-    """Exit status, standard output and standard error of a command."""
+    """Run a command; returns exit status, standard output and standard error."""
     try:
         status = cli.main(list(arguments))
     except SystemExit as exit_:
@@ -58,7 +58,7 @@ def test_every_command_explains_itself(capsys, command):
     assert "usage: sightline" in out
 
 
-def test_help_is_answered_without_the_heavy_libraries():
+def test_help_is_printed_without_the_heavy_libraries():
     script = (
         "import sys; from sightline.cli.main import main\n"
         "try: main(['evaluate', 'held-out', '--help'])\n"
@@ -88,7 +88,7 @@ def test_what_scores_does_not_wait_for_libraries_that_it_does_not_need(module, u
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["chekc"], "there is no command chekc; name one of demo, "),
         (["check"], "check needs DATA; see sightline check --help"),
@@ -105,11 +105,11 @@ def test_what_scores_does_not_wait_for_libraries_that_it_does_not_need(module, u
         (["corrupt", "DATA", "out", "--cases", "lidr_blank"], "perhaps lidar_blank is meant"),
     ],
 )
-def test_wrong_arguments_are_refused_in_one_line(capsys, tmp_path, arguments, said):
+def test_wrong_arguments_are_refused_in_one_line(capsys, tmp_path, arguments, message):
     given = [str(tmp_path) if word == "DATA" else word for word in arguments]
     status, _, err = run(capsys, *given)
     assert status == 2
-    assert said in err
+    assert message in err
     assert len(err.splitlines()) == 1
 
 
@@ -133,7 +133,7 @@ def test_a_report_that_cannot_be_written_is_refused_before_anything_is_read(
     assert err.count("\n") == 1
 
 
-def test_a_frame_that_there_is_not_is_answered_with_one_that_there_is(capsys, tmp_path):
+def test_an_unknown_frame_is_refused_with_a_known_one(capsys, tmp_path):
     status, _, err = run(
         capsys, "show", str(PACKAGED_FRAMES), "1", "--out", str(tmp_path / "1.png")
     )
@@ -174,7 +174,7 @@ def test_data_or_weights_that_are_not_there_are_named_in_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_check_tells_faults_by_its_exit_status(capsys, tmp_path):
+def test_check_reports_faults_by_its_exit_status(capsys, tmp_path):
     status, out, _ = run(capsys, "check", str(PACKAGED_FRAMES))
     assert (status, out.splitlines()[-1]) == (0, "no problems")
     (tmp_path / "training").mkdir()
@@ -226,14 +226,14 @@ def test_corrupted_data_can_be_given_to_the_other_commands(capsys, tmp_path):
     out = tmp_path / "cases"
     command_line = ["corrupt", str(PACKAGED_FRAMES), str(out), "--suite", "dgfn7", "--seed", "3"]
     command_line += ["--workers", "1", "--cases", "camera_blank", "lidar_blank"]
-    status, said, _ = run(capsys, *command_line)
-    assert (status, said) == (0, f"{out}: frames of suite dgfn7: 4 written, 0 there already\n")
+    status, printed, _ = run(capsys, *command_line)
+    assert (status, printed) == (0, f"{out}: frames of suite dgfn7: 4 written, 0 there already\n")
     for case in ("camera_blank", "lidar_blank"):
-        status, said, _ = run(capsys, "check", str(out / case))
-        assert (status, said.splitlines()[-1]) == (0, "no problems")
+        status, printed, _ = run(capsys, "check", str(out / case))
+        assert (status, printed.splitlines()[-1]) == (0, "no problems")
         depth = str(tmp_path / case)
-        answering = ["predict", "depth-completion", str(out / case), depth, "--method", "adaptive"]
-        assert run(capsys, *answering)[0] == 0
+        command = ["predict", "depth-completion", str(out / case), depth, "--method", "adaptive"]
+        assert run(capsys, *command)[0] == 0
 
 
 def test_ctrl_c_before_the_command_line_is_imported_is_one_line():
@@ -274,7 +274,7 @@ def test_help_lists_the_training_commands(capsys):
 
 
 @pytest.mark.parametrize(
-    ("error", "status", "said"),
+    ("error", "status", "message"),
     [
         (ValueError("no such\nrecipe"), 2, "sightline: no such recipe\n"),
         (RuntimeError("std::bad_alloc"), 2, f"sightline: {memory_fault(MemoryError())}\n"),
@@ -286,12 +286,12 @@ def test_help_lists_the_training_commands(capsys):
         ),
     ],
 )
-def test_a_training_that_ends_early_says_why_in_one_line(capsys, monkeypatch, error, status, said):
+def test_a_failed_training_says_why_in_one_line(capsys, monkeypatch, error, status, message):
     def fail(*_, **__):
         raise error
 
     monkeypatch.setattr(command, "run_training", fail)
-    assert run(capsys, "fit", "--config", "none") == (status, "", said)
+    assert run(capsys, "fit", "--config", "none") == (status, "", message)
 
 
 def test_a_network_can_stand_wherever_a_method_can(capsys, tmp_path):
@@ -344,7 +344,7 @@ def test_the_help_of_predict_names_the_tasks_own_methods_and_outputs(capsys):
     assert "adaptive" in out
 
 
-def test_a_frame_is_drawn_with_the_answer_of_a_task_that_is_named(capsys, tmp_path):
+def test_a_frame_is_drawn_with_the_prediction_of_a_named_task(capsys, tmp_path):
     command_line = ["show", str(PACKAGED_FRAMES), "000000", "--task", "depth-completion"]
     out = tmp_path / "000000.png"
     status, _, _ = run(capsys, *command_line, "--method", "nearest", "--out", str(out))

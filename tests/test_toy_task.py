@@ -225,7 +225,7 @@ def test_it_draws_a_frame_by_its_weights_alone(frames, trained, tmp_path):
 def test_it_is_listed_and_explains_itself(capsys):
     assert main(["tasks"]) == 0
     listed = capsys.readouterr().out
-    assert "toy-finder: Finds cells" in listed
+    assert "toy-finder: Finds image cells" in listed
     with pytest.raises(SystemExit):
         main(["predict", "toy-finder", "--help"])
     explained = capsys.readouterr().out
@@ -236,7 +236,7 @@ def test_it_is_listed_and_explains_itself(capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "answers by a network: name its weights"),
+        ([], "needs a network: give its weights"),
         (["--weights", "depth-best"], "holds weights for depth-completion, expected toy-finder"),
     ],
 )

@@ -1,7 +1,7 @@
-"""The tasks by name, and what belongs to each: weights, recipes, predictors, exports.
+"""Registry of the tasks, with their weights, recipes, predictors and exports.
 
-The one place that knows all tasks. Light: a task is imported when it is asked for, and its own
-module imports PyTorch only where it computes.
+The only module that knows all tasks. It imports a task on first use, and a task's own module
+imports PyTorch only for computations.
 """
 
 import importlib
@@ -30,7 +30,7 @@ REGISTRY: Final[dict[str, str]] = {
     "detection2d": "sightline.detection2d.registration:TASK",
     "detection3d": "sightline.detection3d.registration:TASK",
 }
-"""Where the object of each task is: "module:object"."""
+"""Location of each task's object: "module:object"."""
 
 PACKAGE_RECIPES: Final = Path(__file__).parent / "recipes"
 """Recipes that `sightline fit --config` knows by name."""
@@ -52,17 +52,17 @@ class Task(Protocol):
 
     @property
     def training_class(self) -> str:
-        """The class of its trainings, by which its recipes are told: "package.module.Class"."""
+        """Training class, which identifies the task's recipes: "package.module.Class"."""
         ...
 
     @property
     def trial_settings(self) -> "dict[str, str]":
-        """Settings that make a training by any of its recipes small: for its tests."""
+        """Settings that make a training by any of its recipes small, for tests."""
         ...
 
     @property
     def default_weights(self) -> str | None:
-        """Default weights; None: weights or a method must be named."""
+        """Default weights; None: weights or a method must be given."""
         ...
 
     @property
@@ -81,15 +81,15 @@ class Task(Protocol):
         ...
 
     def config_type(self) -> type[Any]:
-        """The dataclass of the network's settings."""
+        """Dataclass of the network's settings."""
         ...
 
     def build(self, config: Any) -> Any:  # noqa: ANN401 - each task's own
-        """The network (`nn.Module`) of such settings."""
+        """Build the network (`nn.Module`) from settings."""
         ...
 
     def graphs(self, loaded: "LoadedNetwork[Any]") -> "tuple[ExportGraph, ...]":
-        """Graphs to export from a network; two for a detector of two stages."""
+        """List the graphs to export from a network; two for a two-stage detector."""
         ...
 
     def predictor(
@@ -104,20 +104,20 @@ class Task(Protocol):
         """Make a predictor of a method or of a network's weights; by default the default weights.
 
         Raises:
-            ValueError: Both are named, or there is no such one, or the engine cannot run it.
+            ValueError: Both are given, one does not exist, or the engine cannot run it.
         """
         ...
 
     def scoring(self) -> "Scoring":
-        """Scoring of its predictions with broken sensors."""
+        """Create the scoring of its predictions with broken sensors."""
         ...
 
-    def perception(self, answer: Any) -> "Perception":  # noqa: ANN401 - the task's own
+    def perception(self, prediction: Any) -> "Perception":  # noqa: ANN401 - the task's own
         """Convert a prediction to the form common to all tasks, for pictures and summaries."""
         ...
 
     def demo(self, frames: Path, out: Path) -> "DemoPart | None":
-        """Shows itself on the frames that come with the package; None: has nothing to show."""
+        """Run the task on the packaged frames and draw its results; None: nothing to show."""
         ...
 
 
@@ -126,32 +126,32 @@ if TYPE_CHECKING:
 
 
 def task_names() -> tuple[str, ...]:
-    """The tasks, the one that is taken where none is named first."""
+    """Names of the tasks, the default task first."""
     return tuple(REGISTRY)
 
 
 def find_task(name: str) -> Task:
-    """The task of a name.
+    """Find a task by name.
 
     Raises:
-        ValueError: There is none.
+        ValueError: There is no such task.
     """
     if name not in REGISTRY:
         raise ValueError(f"there is no task {name}; name one of {', '.join(REGISTRY)}")
     module, _, attribute = REGISTRY[name].partition(":")
     task = getattr(importlib.import_module(module), attribute)
-    assert isinstance(task, Task), f"{REGISTRY[name]} declares all that a task has"
+    assert isinstance(task, Task), f"{REGISTRY[name]} implements `Task`"
     return task
 
 
 def further_keys(names: Iterable[str]) -> tuple[str, ...]:
-    """Keys of `Perception.further` that these tasks declare."""
+    """Keys of `Perception.further` declared by these tasks."""
     outputs = [output for name in names for output in find_task(name).outputs]
     return tuple(output.further for output in outputs if output.further)
 
 
 def choose_task(name: str | None, weights: str | Path | None) -> Task:
-    """The task that is named, else the one whose network the weights are of, else the first.
+    """Find the task by name, else by the weights, else the default task.
 
     Raises:
         ValueError: There is no such task, or there are no such weights.
@@ -163,13 +163,13 @@ def choose_task(name: str | None, weights: str | Path | None) -> Task:
     from sightline.files.weights import read_weights
 
     path = find_weights(weights)
-    told = read_weights(path).task
-    if told not in REGISTRY:
+    task_name = read_weights(path).task
+    if task_name not in REGISTRY:
         raise ValueError(
-            f"{path} holds weights for {shortened(told)}, a task that this version does not have; "
-            f"it has {', '.join(REGISTRY)}"
+            f"{path} holds weights for {shortened(task_name)}, a task that this version does not "
+            f"have; it has {', '.join(REGISTRY)}"
         )
-    return find_task(told)
+    return find_task(task_name)
 
 
 @named_arguments
@@ -180,7 +180,7 @@ def load(
     device: str = "cpu",
     threads: int | None = None,
 ) -> "Predictor":
-    """A predictor of whatever task the weights are of.
+    """Load a predictor from weights of any task.
 
     Examples:
         >>> import sightline
@@ -188,29 +188,29 @@ def load(
         >>> predictor.name, predictor.parts
         ('depth-fast-cpu', ('image', 'points'))
 
-    It takes a `CameraLidarSample` and gives a `DepthMap`, a `DetectorAnswer` or `Detections3D`.
+    It takes a `CameraLidarSample` and returns a `DepthMap`, a `DetectorAnswer` or `Detections3D`.
 
     Args:
-        weights: Name of weights that come with the package (`sightline tasks` lists them), or a
-            file (.safetensors, .ckpt).
-        engine: What runs the network: torch, onnxruntime, openvino, or auto, which takes openvino
-            where it is installed, on the CPU, and else torch. For openvino and onnxruntime weights
-            are converted when they are first loaded, which takes some ten seconds, and kept in the
-            user's cache folder.
-        device: cpu or cuda, where PyTorch runs it.
-        threads: Of the CPU; None: the engine's own choice.
+        weights: Name of weights in the package (`sightline tasks` lists them), or a file
+            (.safetensors, .ckpt).
+        engine: Engine of the network: torch, onnxruntime or openvino; auto is openvino on the CPU
+            if it is installed, else torch. For openvino and onnxruntime, weights are converted when
+            they are first loaded, which takes some ten seconds, and stored in the user's cache
+            folder.
+        device: Device for PyTorch: cpu or cuda.
+        threads: Number of CPU threads; None: the engine's default.
 
     Raises:
         TypeError: The weights are neither a name nor a path.
-        ValueError: There are no such weights, they are of no task that this version has, or the
-            engine is not installed or cannot run on the device.
+        ValueError: There are no such weights, this version does not have their task, or the engine
+            is not installed or cannot run on the device.
     """
     task = choose_task(None, find_weights(weights))
     return task.predictor(weights=weights, engine=engine, device=device, threads=threads)
 
 
 def weights_of(task: Task) -> tuple[str, ...]:
-    """Names of the weights that come with the package for a task."""
+    """Names of the package's weights for a task."""
     return tuple(
         name for name in shipped_names() if read_description(find_weights(name)).task == task.name
     )

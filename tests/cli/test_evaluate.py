@@ -25,11 +25,11 @@ def test_scores_by_distance_go_to_people_and_to_files(folders, tmp_path, capsys)
     command = ["evaluate", "objects", *folders, "--missing-as-empty", "--by-distance", "10", "20.5"]
     plots = tmp_path / "plots"
     assert main([*command, *options, "--plots", str(plots)]) in (0, None)
-    told = capsys.readouterr().out
-    assert all(band in told for band in ("0-10 m", "10-20.5 m", "20.5 m on"))
-    assert "1 frame had no result file" in told
+    printed = capsys.readouterr().out
+    assert all(band in printed for band in ("0-10 m", "10-20.5 m", "20.5 m on"))
+    assert "1 frame had no result file" in printed
     assert all((tmp_path / name).stat().st_size > 100 for name in files)
-    assert f"{plots}: 12 pictures" in told
+    assert f"{plots}: 12 pictures" in printed
     bands = ("", "_0-10_m", "_10-20.5_m", "_20.5_m_on")
     names = {f"Car_{metric}{band}.png" for metric in ("bbox", "bev", "3d") for band in bands}
     assert {path.name for path in plots.iterdir()} == names
@@ -37,8 +37,8 @@ def test_scores_by_distance_go_to_people_and_to_files(folders, tmp_path, capsys)
 
 def test_a_table_says_that_few_objects_cannot_fill_the_recall_positions(folders, capsys):
     assert main(["evaluate", "objects", *folders, "--missing-as-empty"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "2 of Car, easy, found without a fault give R40 2.5" in told
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "2 of Car, easy, found without a fault give R40 2.5" in printed
 
 
 def test_of_nothing_there_are_no_pictures(folders, tmp_path, capsys):
@@ -57,25 +57,25 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(folders, t
     file = tmp_path / "file"
     file.write_text("")
     assert main(["evaluate", "objects", *folders, "--plots", str(file)]) == 2
-    told = capsys.readouterr()
-    assert f"{file} is no folder: {file} is a file; name another folder" in told.err
-    assert not told.out
+    printed = capsys.readouterr()
+    assert f"{file} is no folder: {file} is a file; name another folder" in printed.err
+    assert not printed.out
 
 
 def test_files_never_replace_each_other_or_what_is_scored(folders, tmp_path, capsys):
     same = str(tmp_path / "same")
     assert main(["evaluate", "objects", *folders, "--csv", same, "--markdown", same]) == 2
-    assert f"--csv and --markdown both name {same}" in capsys.readouterr().err
+    assert f"--csv and --markdown are both {same}" in capsys.readouterr().err
     for command in (["evaluate", "calibration", *folders], ["health", str(PACKAGED_FRAMES)]):
         assert main([*command, "--json", same, "--picture", same]) == 2
-        assert f"--json and --picture both name {same}" in capsys.readouterr().err
+        assert f"--json and --picture are both {same}" in capsys.readouterr().err
     for folder in folders:
         result = Path(folder) / "000000.txt"
         before = result.read_bytes()
         for what in ("objects", "calibration"):
             assert main(["evaluate", what, *folders, "--json", str(result)]) == 2
-            said = capsys.readouterr().err
-            assert "among the results" in said or "would change the data set" in said
+            error = capsys.readouterr().err
+            assert "among the input results" in error or "would change the data set" in error
             assert result.read_bytes() == before
     beside = Path(folders[0]) / "objects.json"
     for _ in range(2):  # a report beside them may be written anew

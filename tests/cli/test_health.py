@@ -39,10 +39,10 @@ def test_a_sensor_that_delivered_nothing_is_a_result(tmp_path, capsys, sensor, f
 
 
 @pytest.mark.parametrize(
-    ("thinned", "is_told"), [(("000000", "000001"), True), (("000000",), False)]
+    ("thinned", "is_reported"), [(("000000", "000001"), True), (("000000",), False)]
 )
-def test_limits_of_fewer_beams_are_taken_and_told_where_all_sweeps_have_fewer_rings(
-    tmp_path, recwarn, thinned, is_told
+def test_limits_of_fewer_beams_are_chosen_and_reported_where_all_sweeps_have_fewer_rings(
+    tmp_path, recwarn, thinned, is_reported
 ):
     shutil.copytree(PACKAGED_FRAMES, tmp_path / "KITTI")
     for name in thinned:
@@ -53,10 +53,10 @@ def test_limits_of_fewer_beams_are_taken_and_told_where_all_sweeps_have_fewer_ri
     report = tmp_path / "health.json"
     assert main(["health", str(tmp_path / "KITTI"), "--json", str(report)]) == 0
     content = json.loads(report.read_text())
-    assert ("32 beams" in content["limits"]["lidar"]) == is_told
-    assert any("judged as of 32 beams" in each for each in content["warnings"]) == is_told
-    assert any("judged as of 32 beams" in str(each.message) for each in recwarn.list) == is_told
-    assert content["frames"][1]["alarms"]["lidar"] is not is_told
+    assert ("32 beams" in content["limits"]["lidar"]) == is_reported
+    assert any("judged as of 32 beams" in each for each in content["warnings"]) == is_reported
+    assert any("judged as of 32 beams" in str(each.message) for each in recwarn.list) == is_reported
+    assert content["frames"][1]["alarms"]["lidar"] is not is_reported
 
 
 def test_the_kind_of_sensors_can_be_given(tmp_path):
@@ -70,7 +70,7 @@ def test_the_kind_of_sensors_can_be_given(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (["health", "nowhere"], "nowhere: does not exist"),
         (["health", str(PACKAGED_FRAMES), "--limits", "none.json"], "none.json"),
@@ -90,10 +90,10 @@ def test_the_kind_of_sensors_can_be_given(tmp_path):
         (["evaluate", "calibration", "r", "l", "--fit-list", "train.txt"], "name what to fit on"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, capsys, given, said):
+def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, capsys, given, message):
     monkeypatch.chdir(tmp_path)
     assert main(given) == 2
     err = capsys.readouterr().err
-    assert said in err
+    assert message in err
     assert err.count("\n") == 1
     assert not (tmp_path / "limits.json").exists()

@@ -19,10 +19,10 @@ def flat(commands, words=()):
 
 
 @pytest.mark.parametrize("command", list(flat(_commands())))
-def test_the_help_of_a_command_tells_of_each_argument_in_whole_sentences(command):
-    # A line of a docstring that is not indented cuts off what --help tells, without an error.
-    told = {each.arg_name: each.description or "" for each in parse(command.__doc__).params}
-    texts = {name: told.get(name, "") for name in signature(command).parameters}
+def test_the_help_of_a_command_describes_each_argument_in_whole_sentences(command):
+    # An unindented line of a docstring cuts off the text of --help, without an error.
+    descriptions = {each.arg_name: each.description or "" for each in parse(command.__doc__).params}
+    texts = {name: descriptions.get(name, "") for name in signature(command).parameters}
     assert not {name for name, text in texts.items() if not text.endswith((".", ")"))}
 
 
@@ -45,7 +45,7 @@ def test_types_are_named_in_words(hint, words):
 def test_help_shows_no_python_types(command, capsys):
     with pytest.raises(SystemExit):
         main([*command, "--help"])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "(required, type: path)" in said
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "(required, type: path)" in printed
     for word in ("class '", "Optional[", "Literal[", "null", "()"):
-        assert word not in said
+        assert word not in printed

@@ -59,7 +59,7 @@ def test_sighup_stays_ignored_under_nohup():
     )
 
 
-def test_an_error_that_a_library_makes_of_the_exception_is_told_as_the_interruption():
+def test_an_error_that_a_library_makes_of_the_exception_is_reported_as_the_interruption():
     script = """
 import signal, sys
 from sightline import __main__

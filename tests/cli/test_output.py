@@ -28,10 +28,10 @@ def test_a_printed_line_stays_one_line_and_shows_control_characters(capsys):
 
 def test_errors_and_warnings_are_one_line_each(capsys):
     assert fail(FORGED, 2) == 2
-    (said,) = lines_of(capsys.readouterr().err)
-    assert said == r"sightline: 000001\x1b[2J\x1b]0;owned\x07 no problems\u202e\udce9"
+    (line,) = lines_of(capsys.readouterr().err)
+    assert line == r"sightline: 000001\x1b[2J\x1b]0;owned\x07 no problems\u202e\udce9"
     (warned,) = lines_of(format_warning(FORGED, UserWarning, "file.py", 1))
-    assert warned == said.replace("sightline:", "sightline: warning:")
+    assert warned == line.replace("sightline:", "sightline: warning:")
 
 
 def test_warnings_of_a_command_are_gathered_by_kind_with_their_number(capsys):
@@ -71,7 +71,7 @@ def test_every_printed_line_of_the_commands_goes_this_way():
 
 
 def shell(command, folder):
-    """Runs `sightline`, put in the place of the braces, in a shell."""
+    """Run a shell command, with the `sightline` command in place of the braces."""
     words = ["sh", "-c", command.format(f"'{sys.executable}' -m sightline")]
     return subprocess.run(
         words, cwd=folder, capture_output=True, text=True, check=False, timeout=300
@@ -79,7 +79,7 @@ def shell(command, folder):
 
 
 @pytest.mark.parametrize("closed", ["2>&-", "0<&- 1>&- 2>&-", "2>/dev/full"])
-def test_an_error_without_a_place_to_tell_it_keeps_its_exit_status(tmp_path, closed):
+def test_an_error_without_a_place_to_print_it_keeps_its_exit_status(tmp_path, closed):
     done = shell(f"{{}} check nothing {closed}", tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
 
@@ -88,21 +88,21 @@ def test_closed_streams_leave_no_descriptor_to_files(tmp_path):
     (tmp_path / "program.py").write_text(
         "import os; from sightline import __main__\n"
         "__main__._open_standard_streams()\n"
-        "with open('said', 'w') as said:\n"
-        "    print(said.fileno() > 2, [os.fstat(each).st_rdev for each in range(3)], file=said)\n"
+        "with open('state', 'w') as state:\n"
+        "    print(state.fileno() > 2, [os.fstat(each).st_rdev for each in range(3)], file=state)\n"
     )
     shell(f"'{sys.executable}' program.py <&- >&- 2>&-", tmp_path)
     null = Path(os.devnull).stat().st_rdev
-    assert (tmp_path / "said").read_text() == f"True {[null] * 3}\n"
+    assert (tmp_path / "state").read_text() == f"True {[null] * 3}\n"
 
 
-def test_output_that_cannot_be_written_is_told_with_its_reason(tmp_path):
+def test_output_that_cannot_be_written_is_reported_with_its_reason(tmp_path):
     done = shell("{} tasks > /dev/full", tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("sightline: standard output cannot be written: no space")
 
 
-def test_a_folder_that_is_gone_is_told(tmp_path):
+def test_a_deleted_folder_is_reported(tmp_path):
     done = shell("mkdir gone; cd gone; rmdir ../gone; {} check .", tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("sightline: the current folder no longer exists")

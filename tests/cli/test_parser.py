@@ -61,7 +61,7 @@ def test_several_names_are_taken_however_people_write_them(words):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--beams", "many"], "argument --beams: expected numbers, got many"),
         (["--beams", "64,"], "argument --beams: expected numbers, got 64,"),
@@ -70,10 +70,10 @@ def test_several_names_are_taken_however_people_write_them(words):
         (["--beams", "64", "DATA"], "got 64 DATA; write them last or as --beams=1,2"),
     ],
 )
-def test_what_are_no_numbers_is_refused_in_one_line_that_says_how(capsys, words, said):
+def test_what_are_no_numbers_is_refused_in_one_line_that_says_how(capsys, words, message):
     with pytest.raises(SystemExit):
         run(command, "DATA", *words)
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     with pytest.raises(SystemExit):
         run(framed, "--image-size", "1,2,3")
     assert "argument --image-size: expected 2 numbers, got 3" in capsys.readouterr().err
@@ -85,7 +85,7 @@ def test_a_path_is_taken_whatever_bytes_its_name_has(name):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ("a: " + "[" * 30_000 + "]" * 30_000, "nested more than 50 deep"),  # a segmentation fault
         ("a: " + "[" * 3000 + "]" * 3000, "nested more than 50 deep"),
@@ -99,10 +99,10 @@ def test_a_path_is_taken_whatever_bytes_its_name_has(name):
     ],
 )
 def test_settings_that_are_nested_deeply_or_multiply_are_refused_in_one_line(
-    tmp_path, capsys, settings, said
+    tmp_path, capsys, settings, message
 ):
     path = tmp_path / "settings.yaml"
     path.write_text(settings)
     with pytest.raises(SystemExit):
         main(["predict", "depth-completion", "KITTI", "out", "--config", str(path)])
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Every command refuses places among its inputs: all its arguments are walked, new ones too."""
+"""Refusal of outputs among the inputs, for all arguments of every command."""
 
 import inspect
 from collections.abc import Iterator
@@ -27,7 +27,13 @@ NEVER_TOGETHER = {
     ],
     "evaluate objects": [("against", {"csv", "markdown", "plots"})],
 }
-SAID = ("would change", "lies in", "among the results", "is no regular file", "would replace")
+MESSAGES = (
+    "would change",
+    "lies in",
+    "among the input results",
+    "is no regular file",
+    "would replace",
+)
 
 
 def commands(found=None, prefix="") -> Iterator[tuple[str, object]]:
@@ -43,7 +49,7 @@ COMMANDS = {name: command for name, command in commands() if name != "simulate"}
 
 
 def given(name, path, kind):
-    """A path as the argument takes it."""
+    """Value of a path for an argument."""
     if name == "healthy":
         return (f"camera={path}",)
     if name == "compare":
@@ -56,7 +62,7 @@ def given(name, path, kind):
 
 
 def pairs(command):
-    """Arguments of an input and of an output, which name one place or one within the other."""
+    """Yield arguments of an input and an output with the same path, or one inside the other."""
     parameters = inspect.signature(command).parameters
     kinds = {name: each.annotation for name, each in parameters.items()}
     outputs = [name for name in kinds if name in OUTPUTS]
@@ -103,7 +109,7 @@ def test_no_output_takes_the_place_of_an_input(name, tmp_path, monkeypatch):
         else parameter.default
         for each, parameter in parameters.items()
     }
-    if "data" in defaults:  # which is asked for, though it has no place in the signature
+    if "data" in defaults:  # required, though it is optional in the signature
         defaults["data"] = Path("other")
     for pair in pairs(command):
         never = NEVER_TOGETHER.get(name, ())
@@ -112,7 +118,7 @@ def test_no_output_takes_the_place_of_an_input(name, tmp_path, monkeypatch):
         settings = defaults | pair
         if name == "robustness":
             settings |= {"data": None} if "compare" in pair else {"out_folder": Path("run")} | pair
-        with pytest.raises(ValueError, match="|".join(SAID)) as caught:
+        with pytest.raises(ValueError, match="|".join(MESSAGES)) as caught:
             command(**settings)
         assert plain_line(str(caught.value)) == str(caught.value)
         assert [path.name for path in (tmp_path / "both").iterdir()] == ["input.json"], pair

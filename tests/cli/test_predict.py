@@ -10,7 +10,7 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 
 @pytest.fixture
 def two_threads():
-    """As many as PyTorch takes by itself on two cores."""
+    """PyTorch's default number of threads on two cores."""
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     yield

@@ -4,7 +4,7 @@ from sightline.cli.main import main
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (
             "evaluate objects R L --bootstrap 2.5",
@@ -54,11 +54,11 @@ from sightline.cli.main import main
         ),
     ],
 )
-def test_a_command_that_is_not_understood_is_answered_in_its_own_words(words, said, capsys):
+def test_a_command_that_is_not_understood_is_answered_in_its_own_words(words, message, capsys):
     with pytest.raises(SystemExit) as ended:
         main(words.split())
     assert ended.value.code == 2
-    assert capsys.readouterr().err == f"sightline: {' '.join(said.split())}\n"
+    assert capsys.readouterr().err == f"sightline: {' '.join(message.split())}\n"
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_a_command_that_is_not_understood_is_answered_in_its_own_words(words, sa
 def test_a_dash_is_no_file(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(words) == 2
-    said = capsys.readouterr().err
-    assert "stands for no file" in said
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "stands for no file" in error
+    assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -11,8 +11,8 @@ from sightline.simulation.settings import PRESETS, SimulatedSet, SimulationConfi
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
-    """What `generate.simulate` was asked for."""
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+    """Arguments of the calls of `generate.simulate`."""
     calls: list[dict] = []
 
     def note(out: Path, **arguments: object) -> JobResult:
@@ -38,11 +38,11 @@ def test_a_small_set_is_made_by_one_command(tmp_path: Path, capsys):
     assert read_image_size(tmp_path / "training/image_2/000000.png") == (94, 310)
 
 
-def test_what_is_not_given_is_as_the_settings_have_it(asked: list[dict], capsys):
+def test_what_is_not_given_is_as_the_settings_have_it(calls: list[dict], capsys):
     assert run() == 0
     assert capsys.readouterr().out == "street: frames: 3 written, 1 there already\n"
     chosen = SimulatedSet()
-    assert asked == [
+    assert calls == [
         {
             "out": Path("street"),
             "frames": chosen.frames,
@@ -58,22 +58,22 @@ def test_what_is_not_given_is_as_the_settings_have_it(asked: list[dict], capsys)
 
 def test_every_setting_is_an_option_with_its_text_and_default(capsys):
     run("--help")
-    said = " ".join(capsys.readouterr().out.split())
+    text = " ".join(capsys.readouterr().out.split())
     for settings in (SimulatedSet, SimulationConfig):
         for setting in fields(settings):
             if setting.name != "config":
-                assert f"--{setting.name.replace('_', '-')}" in said, setting.name
-    assert "It scales the image before cropping: half of KITTI's shows" in said
-    assert "Default: 1242 375." in said
-    assert "default: null" not in said
+                assert f"--{setting.name.replace('_', '-')}" in text, setting.name
+    assert "It scales the image before cropping: half of KITTI's shows" in text
+    assert "Default: 1242 375." in text
+    assert "default: null" not in text
 
 
-def test_options_reach_the_settings_of_their_names(asked: list[dict]):
+def test_options_reach_the_settings_of_their_names(calls: list[dict]):
     options = "--frames 7 --validation-frames 2 --velodyne velodyne_reduced --seed 5"
     options += " --image-size 1920,1200 --focal-px 600 --samples-per-pixel 4 --lidar vlp-16"
     options += " --rolling-shutter --no-camera --hard --workers 3 --shard-index 1 --num-shards 2"
     assert run(*options.split()) == 0
-    assert asked[0] == {
+    assert calls[0] == {
         "out": Path("street"),
         "frames": 7,
         "workers": 3,
@@ -93,27 +93,27 @@ def test_options_reach_the_settings_of_their_names(asked: list[dict]):
         ),
     }
     run("--sequence-length", "3", "--image-size", "1920", "1200")
-    assert asked[1]["config"] == SimulationConfig(sequence_length=3, image_size=(1200, 1920))
+    assert calls[1]["config"] == SimulationConfig(sequence_length=3, image_size=(1200, 1920))
 
 
-def test_a_preset_gives_what_is_not_asked_for_wherever_it_stands(asked: list[dict]):
+def test_a_preset_gives_unspecified_settings_wherever_it_stands(calls: list[dict]):
     run("--seed", "0", "--preset", "street-2k")
     run("--preset", "street-2k", "--seed", "0")
-    assert asked[0] == asked[1]
+    assert calls[0] == calls[1]
     preset = PRESETS["street-2k"]
-    assert asked[0]["frames"] == preset.frames
-    assert asked[0]["velodyne"] == "velodyne_reduced"
-    assert asked[0]["config"] == SimulationConfig(seed=0, image_size=preset.config.image_size)
+    assert calls[0]["frames"] == preset.frames
+    assert calls[0]["velodyne"] == "velodyne_reduced"
+    assert calls[0]["config"] == SimulationConfig(seed=0, image_size=preset.config.image_size)
 
 
-def test_hard_streets_of_a_preset_can_be_refused(asked: list[dict]):
+def test_hard_streets_of_a_preset_can_be_refused(calls: list[dict]):
     run("--preset", "street-hard-500")
     run("--preset", "street-hard-500", "--no-hard")
-    assert [call["config"].hard for call in asked] == [True, False]
+    assert [call["config"].hard for call in calls] == [True, False]
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--seed", "-1"], "seed must not be negative, got -1"),
         (["--seed", "1.5"], "--seed: expected a whole number, got 1.5"),
@@ -133,11 +133,11 @@ def test_hard_streets_of_a_preset_can_be_refused(asked: list[dict]):
     ],
 )
 def test_senseless_settings_are_refused_in_one_line_before_the_folder_is_claimed(
-    tmp_path: Path, monkeypatch, capsys, options: list[str], said: str
+    tmp_path: Path, monkeypatch, capsys, options: list[str], message: str
 ):
     monkeypatch.chdir(tmp_path)
     assert run(*options) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert message in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

@@ -435,7 +435,7 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
     rewrite_calibration(tmp_path)
     for place, name in enumerate("abc"):
         write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[: 25 + place])
-    with pytest.warns(UserWarning, match=r"too little of the road .*: 1.73 m, as KITTI's, is"):
+    with pytest.warns(UserWarning, match=r"too little of the road .*: KITTI's 1.73 m is assumed"):
         assert open_dataset(tmp_path)[0].lidar_height_m is None
     (summary,) = summarize_tree(tmp_path)
     assert "warning: its clouds show too little of the road" in str(summary)

@@ -149,7 +149,7 @@ def test_the_command_prints_differences_and_writes_them(street, tmp_path, capsys
     assert main([*command, "--plots", str(tmp_path / "plots")]) == 2
     assert "leave --by-distance, --csv" in capsys.readouterr().err
     assert main([*command, "--json", str(against / "000000.txt")]) == 2
-    assert "among the results that are to be read" in capsys.readouterr().err
+    assert "among the input results" in capsys.readouterr().err
 
 
 def test_a_comparison_without_resamples_is_refused(street):

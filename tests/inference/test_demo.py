@@ -7,7 +7,7 @@ from sightline.inference.demo import DemoPart, Headline, run_demo
 
 
 class Page(HTMLParser):
-    """Tags in order, and the words in each kind of tag."""
+    """Parsed page: its tags in order, and the words in each kind of tag."""
 
     def __init__(self, text):
         super().__init__()
@@ -43,13 +43,13 @@ def nothing(frames, out):
 
 
 def report_of(out, *parts):
-    said = run_demo(out, parts)
-    return said, Page((out / "report.html").read_text())
+    summary = run_demo(out, parts)
+    return summary, Page((out / "report.html").read_text())
 
 
 def test_headline_and_picture_stand_above_all_parts(tmp_path):
-    said, page = report_of(tmp_path, plain, nothing, with_headline)
-    assert said.splitlines()[:2] == ["3 < 4", "good"]
+    summary, page = report_of(tmp_path, plain, nothing, with_headline)
+    assert summary.splitlines()[:2] == ["3 < 4", "good"]
     assert page.words["h1"] == "It <goes> on"
     assert page.words["h2"] == "First & plainSecond"
     names = [tag for tag, _ in page.tags]
@@ -60,7 +60,7 @@ def test_headline_and_picture_stand_above_all_parts(tmp_path):
     assert "3 < 4" in page.words["div"]
 
 
-def test_the_report_tells_its_version_and_date_and_fits_phones(tmp_path):
+def test_the_report_contains_its_version_and_date_and_fits_phones(tmp_path):
     before = datetime.now(UTC)
     _, page = report_of(tmp_path, plain)
     days = {f"{day:%d %B %Y}" for day in (before, datetime.now(UTC))}

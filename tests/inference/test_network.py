@@ -60,7 +60,7 @@ def test_weights_that_come_with_the_package_go_by_their_name(tmp_path, monkeypat
         load_network(TASK, "depth-huge")
 
 
-def test_the_hash_tells_files_apart(tmp_path):
+def test_the_hash_distinguishes_files(tmp_path):
     one, same, other = (
         load_network(TASK, write_tiny_weights(tmp_path / f"{name}.safetensors", seed=seed)).sha256
         for name, seed in (("one", 0), ("same", 0), ("other", 1))
@@ -68,7 +68,7 @@ def test_the_hash_tells_files_apart(tmp_path):
     assert one == same != other
 
 
-def test_an_exported_file_tells_which_weights_it_is_from(tmp_path):
+def test_an_exported_file_names_its_weights(tmp_path):
     loaded = load_network(TASK, write_tiny_weights(tmp_path / "mine.safetensors"))
     (graph,) = TASK.graphs(loaded)
     assert graph.metadata.task == "depth-completion"
@@ -81,7 +81,7 @@ def test_an_exported_file_tells_which_weights_it_is_from(tmp_path):
 
 
 @pytest.mark.parametrize("filled_input", [False, True])
-def test_example_inputs_are_what_the_network_takes(tmp_path, filled_input):
+def test_example_inputs_fit_the_network(tmp_path, filled_input):
     path = write_tiny_weights(tmp_path / "mine.safetensors", filled_input=filled_input)
     loaded = load_network(TASK, path)
     inputs = example_inputs(loaded.network)
@@ -90,7 +90,7 @@ def test_example_inputs_are_what_the_network_takes(tmp_path, filled_input):
 
 
 def write_odd(path, *, task="depth-completion", changes=None, drop=()):
-    """Weights of a tiny network with a changed description or without some tensors."""
+    """Write weights of a tiny network with a changed description or without some tensors."""
     good = read_weights(write_tiny_weights(path))
     tensors = {name: tensor for name, tensor in good.tensors.items() if name not in drop}
     config = {**asdict(tiny_config()), **(changes or {})}
@@ -99,7 +99,7 @@ def write_odd(path, *, task="depth-completion", changes=None, drop=()):
 
 
 @pytest.mark.parametrize(
-    ("odd", "said"),
+    ("odd", "message"),
     [
         ({"task": "detection2d"}, "holds weights for detection2d, expected depth-completion"),
         ({"changes": {"wormholes": 3}}, "made by sightline 9.9.*wormholes"),
@@ -122,9 +122,9 @@ def write_odd(path, *, task="depth-completion", changes=None, drop=()):
         ({"changes": {"w" * 9999: 1}}, "does not fit this version's network"),
     ],
 )
-def test_what_cannot_be_built_is_refused_in_one_line(tmp_path, odd, said):
+def test_weights_of_an_invalid_network_are_refused_in_one_line(tmp_path, odd, message):
     path = write_odd(tmp_path / "odd.safetensors", **odd)
-    with pytest.raises(ValueError, match=said) as raised:
+    with pytest.raises(ValueError, match=message) as raised:
         load_network(TASK, path)
     assert "\n" not in str(raised.value)
     assert "odd.safetensors" in str(raised.value)
@@ -143,7 +143,7 @@ def whole_file(tmp_path_factory) -> bytes:
     return write_tiny_weights(tmp_path_factory.mktemp("whole") / "whole.safetensors").read_bytes()
 
 
-byte = st.integers(0, 255) | st.sampled_from(b'0189-.e"{}[],:')  # what the description is made of
+byte = st.integers(0, 255) | st.sampled_from(b'0189-.e"{}[],:')  # characters of the description
 damages = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), byte), min_size=1, max_size=8)
 
 
@@ -163,9 +163,9 @@ def test_any_damaged_file_gives_a_network_or_one_line_that_names_it(
     try:
         network = load_network(TASK, path).network
     except ValueError as error:
-        said = str(error).replace(str(path.parent), "")
-        assert path.name in said
-        assert said.isprintable()
-        assert len(said) < 500
+        message = str(error).replace(str(path.parent), "")
+        assert path.name in message
+        assert message.isprintable()
+        assert len(message) < 500
     else:
         assert all(tensor.isfinite().all() for tensor in network.state_dict().values())

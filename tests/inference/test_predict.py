@@ -27,10 +27,10 @@ from tests.inference.trees import IMAGE_SIZE, contents_of, write_object_tree
 
 
 @dataclass(frozen=True)
-class Answering:
-    """A predictor out of a function."""
+class FunctionPredictor:
+    """Predictor made of a function."""
 
-    answer: Callable
+    function: Callable
     name: str = "sparse"
     parts: tuple[str, ...] = ("points",)
     needs: tuple[str, ...] = ()
@@ -38,7 +38,7 @@ class Answering:
     made_by: dict[str, str] = field(default_factory=dict)
 
     def __call__(self, sample):
-        return self.answer(sample)
+        return self.function(sample)
 
 
 @pytest.fixture
@@ -52,13 +52,13 @@ def out(tmp_path):
 
 
 def sparse(sample):
-    """The projected sweep itself: quick, and each frame's is its own."""
+    """Predict the projected sweep: quick, and different for each frame."""
     depth_m = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
     return DepthMap(depth_m=depth_m, valid=depth_m > 0)
 
 
-def write(data, out, answer=sparse, *, workers=1, overwrite=False, **told):
-    predictor = Answering(answer, **told)
+def write(data, out, function=sparse, *, workers=1, overwrite=False, **fields):
+    predictor = FunctionPredictor(function, **fields)
     return predict(TASK, predictor, data, out, workers=workers, overwrite=overwrite)
 
 
@@ -121,15 +121,15 @@ def test_shards_part_the_samples(data, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("shard_index", "num_shards", "said"),
+    ("shard_index", "num_shards", "message"),
     [
         (-1, 2, "shard_index must be between 0 and num_shards - 1"),
         (2, 2, "shard_index must be between 0 and num_shards - 1"),
         (0, 0, "num_shards must be at least 1, got 0"),
     ],
 )
-def test_a_shard_that_there_is_not_is_refused(data, out, shard_index, num_shards, said):
-    with pytest.raises(ValueError, match=said):
+def test_an_invalid_shard_is_refused(data, out, shard_index, num_shards, message):
+    with pytest.raises(ValueError, match=message):
         write_nearest(data, out, shard_index=shard_index, num_shards=num_shards)
 
 
@@ -155,7 +155,7 @@ def test_overwrite_makes_all_files_anew(data, out):
 
 
 @pytest.mark.parametrize(
-    ("other", "said"),
+    ("other", "message"),
     [
         ({"name": "other"}, "method sparse instead of other"),
         ({"made_by": {"weights_sha256": "ab"}}, "weights_sha256 none instead of ab"),
@@ -163,16 +163,16 @@ def test_overwrite_makes_all_files_anew(data, out):
     ],
 )
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_results_of_different_methods_or_versions_do_not_mix(data, out, other, said, overwrite):
+def test_results_of_different_methods_or_versions_do_not_mix(data, out, other, message, overwrite):
     write(data, out)
     before = contents_of(out)
-    with pytest.raises(ValueError, match=f"out holds files made with {said}, .* mix") as raised:
+    with pytest.raises(ValueError, match=f"out holds files made with {message}, .* mix") as raised:
         write(data, out, overwrite=overwrite, **other)
     assert "\n" not in str(raised.value)
     assert contents_of(out) == before
 
 
-def test_answers_for_two_data_sets_do_not_mix_though_frames_have_the_same_names(tmp_path, out):
+def test_predictions_for_two_data_sets_do_not_mix_though_frames_have_the_same_names(tmp_path, out):
     cases = [write_object_tree(tmp_path / suite / "camera_blank", 2) for suite in ("a", "b")]
     write(cases[0], out)
     with pytest.raises(ValueError, match="files made with data a/camera_blank instead of b/camera"):
@@ -182,7 +182,7 @@ def test_answers_for_two_data_sets_do_not_mix_though_frames_have_the_same_names(
 
 @pytest.mark.parametrize("place", [".", "training/depth", "testing/depth", "mine"])
 def test_nothing_is_written_into_the_data_set(data, tmp_path, place):
-    """There `training/depth` would be read as true depth from then on."""
+    """A folder `training/depth` in it would later be read as true depth."""
     linked = tmp_path / "linked"
     linked.mkdir()
     (linked / "training").symlink_to(data / "training")
@@ -212,7 +212,7 @@ def test_of_two_jobs_at_one_time_that_differ_one_is_refused_before_it_writes(dat
         assert list(out.glob("*.png")) == []
         return sparse(sample)
 
-    predict(TASK, Answering(begin_another, name="first"), data, out, sample_list=["000000"],
+    predict(TASK, FunctionPredictor(begin_another, name="first"), data, out, sample_list=["000000"],
             workers=1)  # fmt: skip
     assert sorted(path.name for path in out.iterdir()) == ["000000.png", "sightline.json"]
 
@@ -310,8 +310,8 @@ def test_ctrl_c_ends_a_parallel_job_in_one_line_without_half_written_files(tmp_p
     )
     wait_for_files(job, out, 3)
     (os.killpg if to_all else os.kill)(job.pid, signal.SIGINT)
-    _, said = job.communicate(timeout=60)
-    assert said == "interrupted\n"
+    _, errors = job.communicate(timeout=60)
+    assert errors == "interrupted\n"
     left = [path.name for path in out.iterdir() if path.suffix != ".png"]
     assert left == ["sightline.json"]
     written = sorted(out.glob("*.png"))
@@ -381,7 +381,7 @@ def test_a_switch_changes_what_is_written_and_stands_in_the_manifest(data, tmp_p
         return DepthMap(depth_m=depth_m, valid=is_even.clone())
 
     out = tmp_path / "out"
-    predict(TASK, Answering(half_valid), data, out, switches=["valid_only"], workers=1)
+    predict(TASK, FunctionPredictor(half_valid), data, out, switches=["valid_only"], workers=1)
     written = read_depth_png(out / "000000.png")
     assert (written[:, ::2] == 5).all()
     assert (written[:, 1::2] == 0).all()
@@ -389,4 +389,4 @@ def test_a_switch_changes_what_is_written_and_stands_in_the_manifest(data, tmp_p
     with pytest.raises(ValueError, match="valid_only True instead of none"):
         write(data, out, half_valid)
     with pytest.raises(ValueError, match="depth-completion has no switch fast; it has valid_only"):
-        predict(TASK, Answering(half_valid), data, out, switches=["fast"])
+        predict(TASK, FunctionPredictor(half_valid), data, out, switches=["fast"])

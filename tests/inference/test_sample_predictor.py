@@ -27,42 +27,44 @@ def predictors():
     return [*networks, method, MultiTaskPredictor({"depth-completion": method})]
 
 
-def tensors_of(answer):
-    """All tensors of an answer, boxes within boxes included."""
-    if isinstance(answer, torch.Tensor):
-        return [answer]
-    slots = [name for kind in type(answer).__mro__ for name in getattr(kind, "__slots__", ())]
-    parts = [getattr(answer, name, None) for name in (*slots, *getattr(answer, "__dict__", {}))]
-    return [tensor for part in parts if part is not answer for tensor in tensors_of(part)]
+def tensors_of(prediction):
+    """All tensors of a prediction, nested ones included."""
+    if isinstance(prediction, torch.Tensor):
+        return [prediction]
+    slots = [name for kind in type(prediction).__mro__ for name in getattr(kind, "__slots__", ())]
+    parts = [
+        getattr(prediction, name, None) for name in (*slots, *getattr(prediction, "__dict__", {}))
+    ]
+    return [tensor for part in parts if part is not prediction for tensor in tensors_of(part)]
 
 
-def test_a_list_of_samples_gives_the_answers_of_its_samples_in_order(predictors, samples):
+def test_a_list_of_samples_gives_the_predictions_of_its_samples_in_order(predictors, samples):
     for predictor in predictors:
-        answers = predictor(samples)
-        assert isinstance(answers, list)
-        for answer, sample in zip(answers, samples, strict=True):
+        predictions = predictor(samples)
+        assert isinstance(predictions, list)
+        for prediction, sample in zip(predictions, samples, strict=True):
             alone = tensors_of(predictor(sample))
             assert alone
-            for one, other in zip(tensors_of(answer), alone, strict=True):
+            for one, other in zip(tensors_of(prediction), alone, strict=True):
                 assert torch.equal(one, other)
         assert predictor([]) == []
         assert len(predictor(tuple(samples[:1]))) == 1
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (np.zeros((9, 4), np.float32), "got numpy.ndarray;"),
         (torch.zeros(9, 4), "got torch.Tensor;"),
         ("000000", "got str;"),
         (None, "got NoneType;"),
         ({"image": None}, "got dict;"),
-        ([3], "got int at place 0 of the list;"),
+        ([3], "got int at position 0 of the list;"),
     ],
 )
-def test_anything_but_a_sample_is_a_type_error_that_names_it(predictors, given, said):
+def test_anything_but_a_sample_is_a_type_error_that_names_it(predictors, given, message):
     for predictor in predictors:
-        with pytest.raises(TypeError, match=f"takes a CameraLidarSample or a list.*{said}"):
+        with pytest.raises(TypeError, match=f"takes a CameraLidarSample or a list.*{message}"):
             predictor(given)
 
 
@@ -72,7 +74,7 @@ def test_a_sample_of_a_list_that_lacks_a_sensor_is_refused_by_its_name(predictor
         predictors[2]([samples[0], blind])
 
 
-def test_answers_do_not_depend_on_pytorchs_default_type_of_numbers(predictors, samples):
+def test_predictions_do_not_depend_on_pytorchs_default_type_of_numbers(predictors, samples):
     expected = [tensors_of(predictor(samples[0])) for predictor in predictors[:3]]
     torch.set_default_dtype(torch.float64)
     try:
@@ -87,12 +89,12 @@ def test_answers_do_not_depend_on_pytorchs_default_type_of_numbers(predictors, s
         torch.set_default_dtype(torch.float32)
 
 
-def test_several_arguments_are_told_to_become_a_list(predictors, samples):
+def test_several_arguments_are_refused_with_a_hint_at_lists(predictors, samples):
     with pytest.raises(TypeError, match=r"got 2 arguments; put .* predictor\(\[a, b\]\)"):
         predictors[0](*samples)
 
 
-def test_predictors_answer_alike_where_pytorch_makes_tensors_elsewhere(predictors, samples):
+def test_predictions_do_not_depend_on_pytorchs_default_device(predictors, samples):
     torch.set_default_device("meta")
     try:
         loaded = load("depth-fast-cpu", engine="torch", threads=1)
@@ -103,7 +105,7 @@ def test_predictors_answer_alike_where_pytorch_makes_tensors_elsewhere(predictor
 
 
 def test_a_predictor_that_was_used_can_be_used_in_a_forked_process(predictors, samples):
-    torch.zeros(2000, 2000).exp().sum()  # by several threads, which the fork loses
+    torch.zeros(2000, 2000).exp().sum()  # in several threads, which a fork loses
     expected = predictors[0](samples[0]).depth_m
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
@@ -114,7 +116,7 @@ def test_a_predictor_that_was_used_can_be_used_in_a_forked_process(predictors, s
     process = context.Process(target=send, daemon=True)
     process.start()
     try:
-        assert receiver.poll(60), "the forked process does not answer"
+        assert receiver.poll(60), "the forked process sent no result"
         assert receiver.recv()
     finally:
         process.kill()

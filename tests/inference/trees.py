@@ -1,4 +1,4 @@
-"""Small data sets in KITTI's layouts, for the tests of this folder."""
+"""Small data sets in KITTI's layouts."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ IMAGE_SIZE = (24, 32)
 
 
 def small_calibration() -> Calibration:
-    """Looks along the LiDAR's x axis from its origin."""
+    """Calibration of a camera at the LiDAR's origin that looks along its x axis."""
     return Calibration(
         image_from_camera=torch.tensor(
             [[20.0, 0, 16, 0], [0, 20, 12, 0], [0, 0, 1, 0]], dtype=torch.float64
@@ -23,7 +23,7 @@ def small_calibration() -> Calibration:
 
 
 def write_object_tree(root: Path, num_frames: int, *, num_points: int = 200) -> Path:
-    """Frames 000000 and on, of points in front of the camera."""
+    """Write frames 000000 and following, with points in front of the camera."""
     generator = torch.Generator().manual_seed(0)
     for number in range(num_frames):
         name = f"{number:06}"
@@ -33,12 +33,12 @@ def write_object_tree(root: Path, num_frames: int, *, num_points: int = 200) -> 
         write_points(root / "training" / "velodyne" / f"{name}.bin", points)
         write_object_calibration(root / "training" / "calib" / f"{name}.txt", small_calibration())
         image = torch.zeros(3, *IMAGE_SIZE, dtype=torch.uint8)
-        image[:, 0] = 255  # a picture of one colour is doubted
-        image[1, 0, : number + 1] = 128  # nor are two pictures equal
+        image[:, 0] = 255  # images of one colour cause a warning
+        image[1, 0, : number + 1] = 128  # as do equal images
         write_image(root / "training" / "image_2" / f"{name}.png", image)
     return root
 
 
 def contents_of(folder: Path) -> dict[str, bytes]:
-    """Every file of a folder, by name."""
+    """Bytes of every file of a folder, by name."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}

@@ -22,7 +22,7 @@ SETTINGS = {"task": "toy", "seed": 3, "size": (2, 4)}
 
 @dataclass(frozen=True)
 class Note:
-    """Writes its number, unless it is 3."""
+    """Work item that writes its number, except for 3."""
 
     folder: Path
     number: int
@@ -40,29 +40,29 @@ def claim(folder, settings=SETTINGS, results=("*.txt",)):
     acquire_output_dir(folder, settings, results=results)
 
 
-def claim_when_told(folder, settings, start, said):
+def claim_at_start(folder, settings, start, errors):
     start.wait()
     try:
         claim(folder, settings)
-        said.put("")
+        errors.put("")
     except ValueError as error:
-        said.put(str(error))
+        errors.put(str(error))
 
 
 def claims_at_once(folder, settings):
-    """What each of several processes is told, which claim a folder in the same moment."""
+    """Errors of several processes that claim a folder at the same moment; empty: none."""
     context = multiprocessing.get_context("spawn")
-    start, said = context.Barrier(len(settings)), context.Queue()
+    start, errors = context.Barrier(len(settings)), context.Queue()
     jobs = [
-        context.Process(target=claim_when_told, args=(folder, each, start, said))
+        context.Process(target=claim_at_start, args=(folder, each, start, errors))
         for each in settings
     ]
     for job in jobs:
         job.start()
-    answers = [said.get(timeout=60) for _ in jobs]
+    messages = [errors.get(timeout=60) for _ in jobs]
     for job in jobs:
         job.join()
-    return answers
+    return messages
 
 
 def test_a_claim_stands_in_the_folder_and_is_repeated_by_the_same_job(tmp_path):
@@ -76,17 +76,17 @@ def test_a_claim_stands_in_the_folder_and_is_repeated_by_the_same_job(tmp_path):
 
 def test_of_jobs_that_claim_a_folder_at_once_those_of_one_kind_get_it(tmp_path):
     folder = tmp_path / "out"
-    answers = claims_at_once(folder, [{"method": name} for name in ("a", "b", "a", "b")])
+    messages = claims_at_once(folder, [{"method": name} for name in ("a", "b", "a", "b")])
     method = json.loads((folder / "sightline.json").read_text())["method"]
     other = {"a": "b", "b": "a"}[method]
-    assert answers.count("") == 2
-    refused = [answer for answer in answers if answer]
-    assert all(f"made with method {method} instead of {other}" in answer for answer in refused)
+    assert messages.count("") == 2
+    refused = [message for message in messages if message]
+    assert all(f"made with method {method} instead of {other}" in message for message in refused)
     assert [path.name for path in folder.iterdir()] == ["sightline.json"]
 
 
 @pytest.mark.parametrize(
-    ("there", "said"),
+    ("there", "message"),
     [
         (SETTINGS | {"seed": 4}, "holds files made with seed 4 instead of 3, which would mix"),
         ({"task": "toy", "size": [2, 4]}, "seed none instead of 3"),
@@ -94,27 +94,27 @@ def test_of_jobs_that_claim_a_folder_at_once_those_of_one_kind_get_it(tmp_path):
         (dict(reversed(SETTINGS.items())), "the same settings, written otherwise"),
     ],
 )
-def test_a_job_of_other_settings_is_refused_by_name(tmp_path, there, said):
+def test_a_job_of_other_settings_is_refused_by_name(tmp_path, there, message):
     claim(tmp_path, there)
     before = (tmp_path / "sightline.json").read_bytes()
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         claim(tmp_path)
     assert (tmp_path / "sightline.json").read_bytes() == before
 
 
 @pytest.mark.parametrize(
-    ("there", "said"),
+    ("there", "message"),
     [
         ({"engine": "openvino"}, r"files made with depth engine openvino instead of torch, which"),
         ({}, "files made with depth engine none instead of torch, which"),
         (None, "files made with depth none instead of method best, weights_sha256 ab"),
     ],
 )
-def test_of_settings_inside_settings_those_that_differ_are_named(tmp_path, there, said):
+def test_differing_nested_settings_are_named(tmp_path, there, message):
     task = {"method": "best", "weights_sha256": "ab" * 32, "engine": "torch"}
     same = {name: task[name] for name in ("method", "weights_sha256")}
     claim(tmp_path, {"depth": None if there is None else same | there})
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         claim(tmp_path, {"depth": task})
 
 
@@ -217,8 +217,8 @@ def test_a_forged_manifest_is_refused_in_one_short_line(tmp_path, capsys, forged
     assert len(str(caught.value)) < 3_000
     fail(str(caught.value), 2)
     assert capsys.readouterr().err.removesuffix("\n").isprintable()
-    told = read_claim(tmp_path)
-    assert told is None or isinstance(told, dict)
+    content = read_claim(tmp_path)
+    assert content is None or isinstance(content, dict)
 
 
 @pytest.mark.parametrize("kind", ["folder", "large"])

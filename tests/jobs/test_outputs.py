@@ -1,4 +1,4 @@
-"""Outputs never change what is read, nor each other."""
+"""Outputs never change the inputs or each other."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from sightline.jobs.output_dirs import MANIFEST_NAME, check_outputs, check_outsi
 
 @pytest.fixture
 def tree(tmp_path):
-    """A data set with a picture, a folder and a picture that are links, and results."""
+    """Data set with a picture, a linked folder, a linked picture, and results."""
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     (elsewhere / "000001.png").write_text("picture")
@@ -64,13 +64,13 @@ def test_a_report_may_stand_beside_results_and_take_the_place_of_none(tree):
     check_outputs({"--csv": tree / "found" / "report.txt"}, data=[], results=results)
     (tree / "found" / MANIFEST_NAME).write_text("{}")
     for taken in ("found", "found/000001.txt", f"found/{MANIFEST_NAME}"):
-        with pytest.raises(ValueError, match=r"--csv .* is among the results"):
+        with pytest.raises(ValueError, match=r"--csv .* is among the input results"):
             check_outputs({"--csv": tree / taken}, data=[], results=results)
 
 
 def test_two_outputs_are_never_the_same_file(tree):
     (tree / "again").symlink_to(tree / "a.json")
-    with pytest.raises(ValueError, match=r"--json and --csv both name .*again"):
+    with pytest.raises(ValueError, match=r"--json and --csv are both .*again"):
         check_outputs({"--json": tree / "a.json", "--csv": tree / "again"}, data=[])
 
 
@@ -112,6 +112,6 @@ def test_every_command_refuses_outputs_among_its_inputs(tree, monkeypatch, capsy
     Path("a.json").write_text("{}")
     before = sorted(tree.rglob("*"))
     assert main(command) == 2
-    said = capsys.readouterr().err
-    assert any(each in said for each in ("would change", "both name", "lies in", "among the"))
+    error = capsys.readouterr().err
+    assert any(each in error for each in ("would change", "are both", "lies in", "among the"))
     assert sorted(tree.rglob("*")) == before

@@ -14,7 +14,7 @@ from sightline.jobs.pool import holding_signals, run_pieces
 
 
 def later_first(position: int) -> str:
-    """The earlier the piece, the longer it takes."""
+    """Piece that takes longer the earlier it is."""
     time.sleep(0.2 if position == 0 else 0.0)
     return f"{position}"
 
@@ -31,7 +31,7 @@ def one_piece_raises(position: int) -> str:
     return ""
 
 
-def who_and_with_how_many_threads(position: int) -> str:  # noqa: ARG001
+def process_and_thread_counts(position: int) -> str:  # noqa: ARG001
     return f"{os.getpid()} {torch.get_num_threads()} {cv2.getNumThreads()} {blas_threads()}"
 
 
@@ -40,7 +40,7 @@ def blas_threads() -> int:
 
 
 class PanicError(BaseException):
-    """As compiled libraries raise it."""
+    """Error that is no `Exception`, as in some compiled libraries."""
 
 
 def one_piece_panics(position: int) -> str:
@@ -75,19 +75,15 @@ def test_a_job_without_pieces_is_done_at_once(workers: int):
 
 
 def test_workers_are_other_processes_with_a_thread_each():
-    found = {answer.split()[0] for answer in run_pieces(who_and_with_how_many_threads, 8, 2)}
+    found = {line.split()[0] for line in run_pieces(process_and_thread_counts, 8, 2)}
     assert str(os.getpid()) not in found
-    threads = {
-        tuple(answer.split()[1:]) for answer in run_pieces(who_and_with_how_many_threads, 8, 2)
-    }
+    threads = {tuple(line.split()[1:]) for line in run_pieces(process_and_thread_counts, 8, 2)}
     assert threads == {("1", "1", "1")}
 
 
 def test_matrix_products_have_one_thread_while_a_job_runs_in_this_process():
     before = blas_threads()
-    assert {answer.split()[3] for answer in run_pieces(who_and_with_how_many_threads, 2, 1)} == {
-        "1"
-    }
+    assert {line.split()[3] for line in run_pieces(process_and_thread_counts, 2, 1)} == {"1"}
     assert blas_threads() == before
 
 
@@ -96,13 +92,13 @@ def test_a_worker_that_is_killed_ends_the_job_with_an_error():
         list(run_pieces(one_piece_ends_its_process, 4, 2))
 
 
-def test_what_a_piece_raises_is_shown_with_its_traceback():
+def test_an_error_of_a_piece_is_raised_with_its_traceback():
     with pytest.raises(RuntimeError, match=r"piece 1 (.|\n)*one_piece_raises(.|\n)*by chance"):
         list(run_pieces(one_piece_raises, 4, 2))
 
 
 def test_a_job_that_is_not_finished_leaves_no_process():
-    pieces = run_pieces(who_and_with_how_many_threads, 50, 2)
+    pieces = run_pieces(process_and_thread_counts, 50, 2)
     worker = int(next(pieces).split()[0])
     pieces.close()
     with pytest.raises(ProcessLookupError):
@@ -175,7 +171,7 @@ def test_a_signal_is_held_until_the_block_ends_whoever_handles_it(number):
 
 def test_ctrl_c_ends_a_job_at_whichever_of_twenty_moments_of_its_start_it_comes():
     def calls_until_the_first_result(struck: int | None) -> int:
-        """Strikes Ctrl-C at a call of a function, counted over the job's start."""
+        """Raise Ctrl-C at the given function call of the job's start."""
         count = 0
 
         def strike(*_):
@@ -201,22 +197,22 @@ def test_ctrl_c_ends_a_job_at_whichever_of_twenty_moments_of_its_start_it_comes(
 
 
 class Stubborn:
-    """A process that ends once it has been told to, and notes what is done to it."""
+    """Process that ends when terminated, and records its calls."""
 
-    def __init__(self, number, said):
-        self.number, self.said, self.is_told = number, said, False
+    def __init__(self, number, calls):
+        self.number, self.calls, self.is_terminated = number, calls, False
 
     def join(self, timeout):
         assert timeout >= 0
-        if self.is_told:
-            self.said.append(f"join {self.number}")
+        if self.is_terminated:
+            self.calls.append(f"join {self.number}")
 
     def terminate(self):
-        self.is_told = True
-        self.said.append(f"end {self.number}")
+        self.is_terminated = True
+        self.calls.append(f"end {self.number}")
 
     def is_alive(self):
-        return not self.is_told
+        return not self.is_terminated
 
     def kill(self):
         raise AssertionError("it has ended")
@@ -224,9 +220,9 @@ class Stubborn:
 
 def test_workers_that_do_not_finish_are_all_ended_before_one_is_waited_for(monkeypatch):
     monkeypatch.setattr(parallel, "_PATIENCE_S", 0.0)
-    said = []
+    calls = []
     pool = parallel._Pool(str)
     ends = [parallel.multiprocessing.Pipe()[0] for _ in range(3)]
-    pool._processes = {end: Stubborn(number, said) for number, end in enumerate(ends)}
+    pool._processes = {end: Stubborn(number, calls) for number, end in enumerate(ends)}
     pool.close()
-    assert said == ["end 0", "end 1", "end 2", "join 0", "join 1", "join 2"]
+    assert calls == ["end 0", "end 1", "end 2", "join 0", "join 1", "join 2"]

@@ -12,10 +12,10 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_nothing_is_said_of_a_short_job_where_stderr_is_no_terminal(capsys):
+def test_nothing_is_printed_for_a_short_job_where_stderr_is_no_terminal(capsys):
     assert list(track(range(3), description="scoring")) == [0, 1, 2]
-    shown = capsys.readouterr()
-    assert shown.out == shown.err == ""
+    captured = capsys.readouterr()
+    assert captured.out == captured.err == ""
 
 
 def test_a_long_job_says_now_and_then_how_far_it_is_where_stderr_is_no_terminal(
@@ -25,9 +25,9 @@ def test_a_long_job_says_now_and_then_how_far_it_is_where_stderr_is_no_terminal(
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     for _ in track(range(100), description="scoring"):
         now[0] += 1
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    assert shown.err.splitlines() == [
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.splitlines() == [
         "scoring: 10 of 100, 1.00/s, 0:01:30 left",
         "scoring: 40 of 100, 1.00/s, 0:01:00 left",
         "scoring: 70 of 100, 1.00/s, 0:00:30 left",

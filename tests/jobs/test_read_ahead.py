@@ -5,7 +5,7 @@ import pytest
 from sightline.jobs.read_ahead import map_ahead
 
 
-def test_answers_come_in_order_and_only_a_few_items_are_drawn_ahead_of_whoever_asks():
+def test_results_are_in_order_and_only_a_few_items_are_read_ahead():
     drawn = []
 
     def items():
@@ -13,10 +13,10 @@ def test_answers_come_in_order_and_only_a_few_items_are_drawn_ahead_of_whoever_a
             drawn.append(number)
             yield number
 
-    answers = map_ahead(lambda number: -number, items(), workers=1)
-    assert next(answers) == 0
+    results = map_ahead(lambda number: -number, items(), workers=1)
+    assert next(results) == 0
     assert len(drawn) < 10
-    assert list(answers) == [-number for number in range(1, 100)]
+    assert list(results) == [-number for number in range(1, 100)]
 
 
 def test_stopping_early_leaves_no_thread_and_no_item_behind():
@@ -28,10 +28,10 @@ def test_stopping_early_leaves_no_thread_and_no_item_behind():
             stop.wait()
 
     before = threading.active_count()
-    answers = map_ahead(work, range(9), workers=1)
-    next(answers)
+    results = map_ahead(work, range(9), workers=1)
+    next(results)
     threading.Timer(0.1, stop.set).start()
-    answers.close()
+    results.close()
     assert len(begun) <= 2
     timers = [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
     assert threading.active_count() - len(timers) == before

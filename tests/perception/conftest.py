@@ -5,11 +5,11 @@ from tests.inference.trees import write_object_tree
 
 @pytest.fixture
 def data(tmp_path):
-    """A small object tree of four frames."""
+    """Small object tree of four frames."""
     return write_object_tree(tmp_path / "data", 4)
 
 
 @pytest.fixture
 def out(tmp_path):
-    """A folder that is not there yet."""
+    """Output folder, not yet created."""
     return tmp_path / "out"

@@ -1,4 +1,4 @@
-"""Predictors out of functions: quick, and each frame's answer is its own."""
+"""Quick predictors made of functions, with a different prediction for each frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,8 +13,8 @@ from sightline.structures.predictions import DepthMap, Detections2D
 
 
 @dataclass(frozen=True)
-class Answering:
-    answer: Callable
+class FunctionPredictor:
+    function: Callable
     name: str
     parts: tuple[str, ...]
     needs: tuple[str, ...]
@@ -22,7 +22,7 @@ class Answering:
     made_by: dict[str, str] = field(default_factory=dict)
 
     def __call__(self, sample):
-        return self.answer(sample)
+        return self.function(sample)
 
 
 def sparse_depth(sample):
@@ -32,7 +32,7 @@ def sparse_depth(sample):
 
 
 def one_box(sample):
-    """As wide as the frame's number tells, and as sure as there are sensors."""
+    """Predict one box: its width depends on the frame number, its score on the sensors."""
     width = float(int(sample.sample_id) + 2)
     score = 0.4 * sum(part is not None for part in (sample.image, sample.points))
     boxes = Boxes2D(torch.tensor([[1.0, 2.0, 1.0 + width, 12.0]]))
@@ -41,12 +41,14 @@ def one_box(sample):
 
 
 def perceiver(depth=sparse_depth, boxes=one_box, *, depth_name="sparse"):
-    """Needs of both as those of the shipped networks."""
+    """Perceiver of both predictors; they need the same parts as the shipped networks."""
     return MultiTaskPredictor(
         {
-            "depth-completion": Answering(
+            "depth-completion": FunctionPredictor(
                 depth, depth_name, ("image", "points"), ("points",), ("depth", "uncertainty")
             ),
-            "detection2d": Answering(boxes, "one-box", ("image", "points"), (), ("results",)),
+            "detection2d": FunctionPredictor(
+                boxes, "one-box", ("image", "points"), (), ("results",)
+            ),
         }
     )

@@ -1,4 +1,4 @@
-"""Lines and times that somebody has forged, damaged or removed."""
+"""Forged, damaged or removed lines and times."""
 
 import json
 
@@ -12,7 +12,7 @@ from tests.perception.test_perceive import contents_of, lines_of, results_of
 
 @pytest.fixture
 def done(data, out):
-    """A finished run, and its results."""
+    """Results of a finished run."""
     perceive(data, out, perceiver=perceiver())
     return results_of(out)
 
@@ -51,30 +51,30 @@ def test_a_forged_line_is_made_anew(data, out, done, changes):
     forge(out / "lines" / "000001.json", **changes)
     again = perceive(data, out, perceiver=perceiver())
     assert (again.written, again.skipped) == (1, 3)
-    assert again.answered == {"depth-completion": 4, "detection2d": 4}
+    assert again.predicted == {"depth-completion": 4, "detection2d": 4}
     assert results_of(out) == done
 
 
 @pytest.mark.parametrize(
     "text", ['{"frame": "\x1b[31m"}', '{"frame":"000001"}', "[" * 10_000, '{"a": 1}\n{"a": 2}', ""]
 )
-def test_what_is_no_line_is_none(tmp_path, text):
-    folder = tmp_path / "of_lines"
+def test_invalid_lines_are_left_out(tmp_path, text):
+    folder = tmp_path / "lines"
     folder.mkdir()
     (folder / "000001.json").write_text(text)
     assert read_lines(folder) == read_timings(folder) == {}
 
 
-def test_a_sensor_that_came_later_is_asked_about(data, out):
+def test_a_frame_is_predicted_again_once_its_sensor_has_data(data, out):
     sweep = data / "training" / "velodyne" / "000002.bin"
     content = sweep.read_bytes()
     sweep.unlink()
     first = perceive(data, out, perceiver=perceiver())
-    assert first.answered == {"depth-completion": 3, "detection2d": 4}
+    assert first.predicted == {"depth-completion": 3, "detection2d": 4}
     assert perceive(data, out, perceiver=perceiver()).written == 0
     sweep.write_bytes(content)
     again = perceive(data, out, perceiver=perceiver())
-    assert (again.written, again.answered["depth-completion"]) == (1, 4)
+    assert (again.written, again.predicted["depth-completion"]) == (1, 4)
     assert "lacks" not in str(lines_of(out)["000002"])
 
 
@@ -90,7 +90,7 @@ def test_a_sensor_that_came_later_is_asked_about(data, out):
         '{"frame": "000001", "milliseconds": {}}\n{"frame": "x", "milliseconds": {}}\n',
     ],
 )
-def test_times_that_are_lost_or_forged_are_left_out_and_said(data, out, done, forged):
+def test_times_that_are_lost_or_forged_are_left_out_with_a_warning(data, out, done, forged):
     path = out / "timings" / "000001.json"
     path.unlink() if forged is None else path.write_text(forged)
     with pytest.warns(UserWarning, match=r"timings\.jsonl lacks the time of 1 of 4 frames, 000001"):
@@ -101,7 +101,7 @@ def test_times_that_are_lost_or_forged_are_left_out_and_said(data, out, done, fo
 
 
 @pytest.mark.usefixtures("done")
-def test_damaged_lines_of_frames_that_are_not_asked_for_are_said(data, out):
+def test_damaged_lines_of_frames_outside_the_list_cause_a_warning(data, out):
     (out / "lines" / "000001.json").write_text("{}")
     with pytest.warns(UserWarning, match=r"perception\.jsonl lacks the line of 1 of 4 .*000001"):
         perceive(data, out, perceiver=perceiver(), sample_list=["000000"])

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.open import open_dataset
 from sightline.inference.predict import predict
 from sightline.perception import perceive as perceive_module
 from sightline.perception.perceive import perceive
@@ -24,7 +25,7 @@ def lines_of(out):
 
 
 def results_of(out):
-    """All files of the results by folder, and the lines, to the byte."""
+    """Bytes of all result files by folder, and of the lines."""
     folders = {name: contents_of(out / name) for name in FOLDERS}
     return folders, (out / "perception.jsonl").read_bytes()
 
@@ -32,7 +33,7 @@ def results_of(out):
 def test_its_files_are_those_that_predict_writes_manifest_and_all(data, out, tmp_path):
     done = perceive(data, out, perceiver=perceiver())
     assert (done.written, done.skipped) == (4, 0)
-    assert done.answered == {"depth-completion": 4, "detection2d": 4}
+    assert done.predicted == {"depth-completion": 4, "detection2d": 4}
     for name, predictor in perceiver().predictors.items():
         predict(find_task(name), predictor, data, tmp_path / name, workers=1)
         assert contents_of(out / name) == contents_of(tmp_path / name)
@@ -42,8 +43,8 @@ def test_its_files_are_those_that_predict_writes_manifest_and_all(data, out, tmp
 
 def test_shipped_networks_give_the_files_that_predict_writes(tmp_path):
     weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": "depth-fast-cpu"}
-    asked = MultiTaskPredictor.load(weights | {"detection3d": None}, threads=1)
-    perceive(PACKAGED_FRAMES, tmp_path / "out", perceiver=asked, sample_list=["000001"])
+    loaded = MultiTaskPredictor.load(weights | {"detection3d": None}, threads=1)
+    perceive(PACKAGED_FRAMES, tmp_path / "out", perceiver=loaded, sample_list=["000001"])
     for name, chosen in weights.items():
         task = find_task(name)
         predictor = task.predictor(weights=chosen, threads=1)
@@ -54,6 +55,16 @@ def test_shipped_networks_give_the_files_that_predict_writes(tmp_path):
     assert {each["class"] for each in line["detections2d"]} <= {"Car", "Pedestrian", "Cyclist"}
     assert max(each["score"] for each in line["detections2d"]) > 0.5
     assert 2 < line["depth"]["nearest_m"] < line["depth"]["median_m"] < line["depth"]["farthest_m"]
+
+
+def test_earlier_names_of_predictions_still_work_with_a_warning(data, out):
+    sample = open_dataset(data, parts=("image", "points"))[0]
+    with pytest.warns(DeprecationWarning, match="answer is now predict_by_task"):
+        predictions = perceiver().answer(sample)
+    assert predictions.by_task.keys() == {"depth-completion", "detection2d"}
+    done = perceive(data, out, perceiver=perceiver())
+    with pytest.warns(DeprecationWarning, match="answered is now predicted"):
+        assert done.answered == done.predicted
 
 
 def test_a_frame_is_loaded_once_for_all_tasks(data, out, monkeypatch):
@@ -69,7 +80,7 @@ def test_a_frame_is_loaded_once_for_all_tasks(data, out, monkeypatch):
     assert loaded == [0, 1, 2, 3]
 
 
-def test_a_line_says_what_was_found(data, out):
+def test_a_line_holds_the_predictions(data, out):
     perceive(data, out, perceiver=perceiver())
     line = lines_of(out)["000002"]
     depth = line.pop("depth")
@@ -92,11 +103,11 @@ def test_a_line_says_what_was_found(data, out):
     assert depth["median_expected_error_m"] == pytest.approx(0.1 * depth["median_m"], abs=1e-3)
 
 
-def test_a_frame_without_a_sensor_is_answered_by_those_that_can_do_without_it(data, out):
+def test_only_tasks_that_can_work_without_a_missing_sensor_predict(data, out):
     (data / "training" / "image_2" / "000001.png").unlink()
     (data / "training" / "velodyne" / "000002.bin").unlink()
     done = perceive(data, out, perceiver=perceiver())
-    assert done.answered == {"depth-completion": 3, "detection2d": 4}
+    assert done.predicted == {"depth-completion": 3, "detection2d": 4}
     lines = lines_of(out)
     assert lines["000001"]["sensors"] == {"camera": False, "lidar": True}
     assert lines["000001"]["detections2d"][0]["score"] == 0.4
@@ -141,7 +152,7 @@ def test_what_is_lost_or_damaged_is_made_anew(data, out, lost):
 
 
 @pytest.mark.parametrize("forged", ["1", "[]", '{"tasks": 1}', '{"tasks": {"detection2d": 1}}'])
-def test_a_line_that_is_none_of_ours_is_made_anew(data, out, forged):
+def test_a_line_of_other_content_is_made_anew(data, out, forged):
     perceive(data, out, perceiver=perceiver())
     before = results_of(out)
     (out / "lines" / "000001.json").write_text(forged)
@@ -151,17 +162,17 @@ def test_a_line_that_is_none_of_ours_is_made_anew(data, out, forged):
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
 def test_a_shard_that_ends_while_another_writes_keeps_its_lines(data, out, monkeypatch):
-    write, of_others = perceive_module.atomic_write_text, []
+    write, text_of_shard = perceive_module.atomic_write_text, []
 
-    def overtaken(path, text):  # all the other shard does falls between our reading and writing
-        if path.name == "perception.jsonl" and not of_others:
-            of_others.append(text)
+    def overtaken(path, text):  # the other shard runs between this one's reading and writing
+        if path.name == "perception.jsonl" and not text_of_shard:
+            text_of_shard.append(text)
             perceive(data, out, perceiver=perceiver(), shard_index=1, num_shards=2)
         write(path, text)
 
     monkeypatch.setattr(perceive_module, "atomic_write_text", overtaken)
     perceive(data, out, perceiver=perceiver(), shard_index=0, num_shards=2)
-    assert len(of_others[0].splitlines()) == 2
+    assert len(text_of_shard[0].splitlines()) == 2
     assert len(lines_of(out)) == 4
 
 
@@ -169,7 +180,7 @@ def test_a_shard_that_ends_while_another_writes_keeps_its_lines(data, out, monke
 def test_lines_that_another_shard_writes_after_the_reading_are_not_missed(data, out, monkeypatch):
     join = perceive_module._join_timings
 
-    def overtaken(folder):  # the other shard writes its lines after ours were joined
+    def overtaken(folder):  # the other shard writes its lines after these were joined
         monkeypatch.setattr(perceive_module, "_join_timings", join)
         perceive(data, out, perceiver=perceiver(), shard_index=1, num_shards=2)
         return join(folder)
@@ -192,7 +203,7 @@ def test_workers_and_shards_change_nothing(data, out, tmp_path):
 def test_frames_of_an_earlier_list_stay_in_the_lines(data, out):
     perceive(data, out, perceiver=perceiver(), sample_list=["000003"])
     done = perceive(data, out, perceiver=perceiver(), sample_list=["000000"])
-    assert done.answered == {"depth-completion": 1, "detection2d": 1}
+    assert done.predicted == {"depth-completion": 1, "detection2d": 1}
     assert list(lines_of(out)) == ["000000", "000003"]
 
 
@@ -207,10 +218,10 @@ def test_other_weights_or_other_tasks_do_not_mix(data, out):
         perceive(data, out, perceiver=alone)
 
 
-def test_further_outputs_are_written_where_asked_for(data, out):
+def test_further_outputs_are_written_if_requested(data, out):
     perceive(data, out, perceiver=perceiver(), all_outputs=True)
     assert "000003.png" in contents_of(out / "depth-completion-uncertainty")
-    assert not (out / "detection2d-gates").exists()  # it gives none
+    assert not (out / "detection2d-gates").exists()  # its predictor gives none
 
 
 def test_a_bad_frame_is_named_in_one_line(data, out):
@@ -220,9 +231,9 @@ def test_a_bad_frame_is_named_in_one_line(data, out):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
-        ({"video": "v.mp4", "num_shards": 2}, "a shard has no whole video"),
+        ({"video": "v.mp4", "num_shards": 2}, "a shard cannot make the whole video"),
         ({"video": "v.avi"}, r"expected a name that ends in \.mp4"),
         ({"video": "v.mp4", "fps": 0.0}, "a video of 0.0 frames per second"),
         ({"video": "v.mp4", "fps": 0.0001}, "a video of 0.0001 frames per second"),
@@ -232,8 +243,8 @@ def test_a_bad_frame_is_named_in_one_line(data, out):
         ({"workers": 0}, "workers must be at least 1"),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_any_work(data, out, settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_invalid_settings_are_refused_before_any_work(data, out, settings, message):
+    with pytest.raises(ValueError, match=message):
         perceive(data, out, perceiver=perceiver(), **settings)
     assert not out.exists()
 
@@ -257,17 +268,17 @@ def test_pictures_that_cannot_be_written_are_refused_before_any_work(data, out, 
 
 def test_no_tasks_and_unknown_ones_are_refused():
     everything = dict.fromkeys(("detection2d", "detection3d", "depth-completion"), "none")
-    with pytest.raises(ValueError, match="all tasks are left out; ask at least one of"):
+    with pytest.raises(ValueError, match="all tasks are left out; use at least one of"):
         MultiTaskPredictor.load(everything)
     with pytest.raises(ValueError, match="there is no task tarot"):
         MultiTaskPredictor.load({"tarot": "deck"})
 
 
 def test_a_method_without_a_network_can_be_named():
-    asked = MultiTaskPredictor.load(
+    loaded = MultiTaskPredictor.load(
         {"depth-completion": "nearest", "detection2d": None, "detection3d": "none"}
     )
-    assert {name: each.name for name, each in asked.predictors.items()} == {
+    assert {name: each.name for name, each in loaded.predictors.items()} == {
         "depth-completion": "nearest"
     }
 
@@ -281,15 +292,15 @@ def test_a_video_and_a_rerun_file_are_made_of_the_results(data, out, tmp_path):
     from rerun.chunk import RrdReader
 
     reader = cv2.VideoCapture(str(video))
-    shown = []
+    frames = []
     while (read := reader.read())[0]:
-        shown.append(read[1])
-    assert len(shown) == 4
-    assert (shown[0].astype(int) - shown[1]).std() > 1  # no camera, then one
+        frames.append(read[1])
+    assert len(frames) == 4
+    assert (frames[0].astype(int) - frames[1]).std() > 1  # no camera, then one
     assert "/lidar/points" in {chunk.entity_path for chunk in RrdReader(scene).stream()}
 
 
-def test_the_answers_of_a_blank_frame_are_lines_without_depths(data, out):
+def test_the_predictions_of_a_blank_frame_are_lines_without_depths(data, out):
     def nothing(sample):
         depth = sparse_depth(sample)
         return type(depth)(

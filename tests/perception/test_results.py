@@ -9,7 +9,7 @@ RESULTS = {"task": "detection2d", "output": "boxes", "method": "a", "data": "b"}
 
 
 @pytest.mark.parametrize(
-    ("claim", "said"),
+    ("claim", "message"),
     [
         ({"job": "perceive", "folders": ["", ""]}, "is empty"),
         ({"job": "perceive", "folders": [".."]}, "begins with a dot"),
@@ -19,9 +19,9 @@ RESULTS = {"task": "detection2d", "output": "boxes", "method": "a", "data": "b"}
         ({"task": {}, "output": 1}, "no results that can be drawn"),
     ],
 )
-def test_a_forged_manifest_is_refused_in_one_line(tmp_path, claim, said):
+def test_a_forged_manifest_is_refused_in_one_line(tmp_path, claim, message):
     (tmp_path / MANIFEST_NAME).write_text(json.dumps(claim))
-    with pytest.raises(ValueError, match=said) as refused:
+    with pytest.raises(ValueError, match=message) as refused:
         open_results([tmp_path])
     assert "\n" not in str(refused.value)
 

@@ -40,19 +40,19 @@ def test_results_that_are_there_twice_are_refused(data, results, tmp_path):
 
 def test_what_perceive_has_written_is_read_back(data, results):
     sample = open_dataset(data)[1]
-    told = read_perception(open_results([results]), sample)
+    perception = read_perception(open_results([results]), sample)
     expected = sparse_depth(sample)
-    assert told.depth.depth_m.numpy() == pytest.approx(expected.depth_m.numpy(), abs=1 / 512)
+    assert perception.depth.depth_m.numpy() == pytest.approx(expected.depth_m.numpy(), abs=1 / 512)
     measured = expected.depth_m > 0
-    error_m = told.depth.uncertainty_m
+    error_m = perception.depth.uncertainty_m
     assert error_m[measured].numpy() == pytest.approx(
         expected.uncertainty_m[measured].numpy(), abs=1 / 512
     )
     assert error_m[~measured].isinf().all()
-    assert torch.equal(told.depth.valid, expected.valid)
-    assert told.detections2d.class_names == ("Car",)
-    assert told.detections2d.boxes.tensor.tolist() == [[1.0, 2.0, 4.0, 12.0]]
-    assert told.detections3d is None
+    assert torch.equal(perception.depth.valid, expected.valid)
+    assert perception.detections2d.class_names == ("Car",)
+    assert perception.detections2d.boxes.tensor.tolist() == [[1.0, 2.0, 4.0, 12.0]]
+    assert perception.detections3d is None
 
 
 def test_expected_errors_alone_are_refused(data, results):
@@ -70,16 +70,18 @@ def test_results_of_another_image_size_are_refused(results):
         read_perception(open_results([results]), sample)
 
 
-def test_files_of_others_are_told_by_their_suffix(tmp_path):
+def test_files_of_others_are_recognised_by_their_suffix(tmp_path):
     sample = open_dataset(PACKAGED_FRAMES)[0]
     boxes = Boxes3D(torch.tensor([[15.0, 1.0, -0.8, 4.0, 1.7, 1.5, 0.2]]))
     found = Detections3D(class_names=("Car",), boxes=boxes, scores=torch.tensor([0.75]))
     write_results(tmp_path / f"{sample.sample_id}.txt", sample, found)
-    told = read_perception(open_results([tmp_path]), sample)
-    assert told.detections3d.boxes.tensor.numpy() == pytest.approx(boxes.tensor.numpy(), abs=0.02)
-    assert told.detections3d.scores.tolist() == [0.75]
-    assert len(told.detections2d.boxes) == 1
-    assert told.depth is None
+    perception = read_perception(open_results([tmp_path]), sample)
+    assert perception.detections3d.boxes.tensor.numpy() == pytest.approx(
+        boxes.tensor.numpy(), abs=0.02
+    )
+    assert perception.detections3d.scores.tolist() == [0.75]
+    assert len(perception.detections2d.boxes) == 1
+    assert perception.depth is None
 
 
 @pytest.mark.parametrize("folder", ["nowhere", "empty"])
@@ -117,7 +119,7 @@ def test_true_depth_of_an_object_tree_is_drawn_as_the_errors_of_a_prediction(dat
 def test_results_of_other_data_are_drawn_with_one_warning(data, results, tmp_path):
     moved = data.rename(tmp_path / "moved")
     words = ["show", str(moved), "000001", "--out", str(tmp_path / "one.png")]
-    with pytest.warns(UserWarning, match=f"made from .*, not from {moved}; look") as warned:
+    with pytest.warns(UserWarning, match=f"made from .*, not from {moved}; check") as warned:
         assert main([*words, "--results", str(results)]) == 0
     assert len(warned) == 1
 
@@ -133,18 +135,18 @@ def test_unsure_detections_are_not_drawn(data, results, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
-        (["000001", "--results", "RESULTS", "--task", "detection2d"], "results are drawn as they"),
+        (["000001", "--results", "RESULTS", "--task", "detection2d"], "--results needs no task"),
         (["000001", "--results", "DATA"], "holds no results that can be drawn"),
         (["000009", "--results", "RESULTS"], "000009"),
     ],
 )
-def test_what_cannot_be_shown_is_refused_in_one_line(data, results, capsys, words, said):
+def test_what_cannot_be_shown_is_refused_in_one_line(data, results, capsys, words, message):
     given = {"RESULTS": str(results), "DATA": str(data)}
     assert main(["show", str(data), *(given.get(word, word) for word in words)]) == 2
     err = capsys.readouterr().err
-    assert said in err
+    assert message in err
     assert err.count("\n") == 1
 
 
@@ -156,7 +158,7 @@ def test_a_frame_without_results_is_refused(data, results, capsys):
     assert f"{results} has no result of frame 000001" in capsys.readouterr().err
 
 
-def test_of_parts_that_know_the_same_the_first_is_believed():
+def test_the_first_of_several_perceptions_wins():
     boxes = Boxes2D(torch.zeros(1, 4))
     first, second = (
         Perception(
@@ -172,5 +174,5 @@ def test_of_parts_that_know_the_same_the_first_is_believed():
     assert joined.detections2d.class_names == ("Car",)
     assert joined.depth is third.depth
     assert joined.filter_by_score(0.2).detections2d.class_names == ("Car",)
-    unsure = dataclasses.replace(joined, detections3d=None).filter_by_score(0.3)
-    assert unsure.detections2d.class_names == ()
+    filtered = dataclasses.replace(joined, detections3d=None).filter_by_score(0.3)
+    assert filtered.detections2d.class_names == ()

@@ -1,4 +1,4 @@
-"""Runs for the tests of this folder."""
+"""Records and a suite for tests of the bench."""
 
 from sightline.corruptions.blank import CameraBlank, LidarBlank
 from sightline.corruptions.corruption import NoCorruption
@@ -11,10 +11,10 @@ AP = BenchMetric(name="ap", title="average precision", unit="%", highest=100.0)
 RMSE = BenchMetric(name="rmse_mm", title="RMSE", unit="mm")
 
 
-def record_of(figure, clean, table, *, sensors=None, **setting):
-    """A record of one figure: {kind: {severity: score}}."""
+def record_of(metric, clean, table, *, sensors=None, **setting):
+    """Make a record of one metric: {kind: {severity: score}}."""
     cases = {"clean": CaseInfo(title="", kind="clean", severity=None, sensors=(), parameters={})}
-    scores = {"clean": {figure.name: clean}}
+    scores = {"clean": {metric.name: clean}}
     for kind, row in table.items():
         for severity, score in row.items():
             cases[f"{kind}-{severity}"] = CaseInfo(
@@ -24,7 +24,7 @@ def record_of(figure, clean, table, *, sensors=None, **setting):
                 sensors=(sensors or {}).get(kind, ("camera",)),
                 parameters={"strength": severity},
             )
-            scores[f"{kind}-{severity}"] = {figure.name: score}
+            scores[f"{kind}-{severity}"] = {metric.name: score}
     values = {
         "task": "toy",
         "scoring": "toy points",
@@ -32,7 +32,7 @@ def record_of(figure, clean, table, *, sensors=None, **setting):
         "velodyne": "velodyne",
         "frames": 2,
         "frames_sha256": "ab",
-        "figures": (figure,),
+        "metrics": (metric,),
         "suite": "levels",
         "seed": 0,
     }
@@ -61,4 +61,4 @@ LEVELS = Suite(
         _case("lidar_blank", LidarBlank()),
     ),
 )
-"""A suite with levels, and with kinds that have none."""
+"""Suite with levels, and with kinds without levels."""

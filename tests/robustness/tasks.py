@@ -1,4 +1,4 @@
-"""Tasks for the tests of this folder: an oracle that finds labelled objects, as far as it sees."""
+"""Task for tests of the bench: an oracle that finds the labelled objects."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ LABELS = PACKAGED_FRAMES / "training" / "label_2"
 
 @dataclass(frozen=True)
 class Oracle:
-    """Knows all labels, and tells every second of them where the image is black."""
+    """Predictor that returns all labels, or every second one if the image is black."""
 
     name: str = "oracle"
     parts = ("image", "points")
@@ -30,9 +30,9 @@ class Oracle:
         return "".join(f"{line} 0.9\n" for line in lines[::step] if not line.startswith("DontCare"))
 
 
-def _write(path, sample, answer):
+def _write(path, sample, output):
     del sample
-    atomic_write_text(path, answer)
+    atomic_write_text(path, output)
 
 
 def _read(path, sample):
@@ -40,8 +40,8 @@ def _read(path, sample):
     return path.read_text()
 
 
-def _panels(answered, width_px):
-    del answered
+def _panels(prediction, width_px):
+    del prediction
     return (Panel("detections", np.zeros((20, width_px, 3), np.uint8)),)
 
 

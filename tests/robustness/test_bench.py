@@ -1,4 +1,4 @@
-"""The bench as a whole, on the embedded frames."""
+"""Whole bench, on the packaged frames."""
 
 import gc
 import json
@@ -19,9 +19,9 @@ from sightline.evaluation.held_out import evaluate_held_out
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.robustness import bench
-from sightline.robustness.answers import MethodRun, answer_in_cases
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.frames import open_frames
+from sightline.robustness.predictions import MethodRun, predict_in_cases
 from sightline.robustness.record import read_record
 from sightline.robustness.scoring import BenchFrame, Scoring
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -69,7 +69,7 @@ def oracle_run(tmp_path_factory, _with_levels):
     return detect(out), out
 
 
-def test_a_run_that_is_asked_for_fewer_cases_loses_none(tmp_path):
+def test_a_run_with_fewer_requested_cases_keeps_all(tmp_path):
     whole = detect(tmp_path / "run", cases=("camera_blank",))
     assert set(whole.record.scores) == {"clean", "camera_blank"}
     again = detect(tmp_path / "run", cases=("clean",))
@@ -129,7 +129,7 @@ def test_what_is_not_found_scores_0_and_what_is_not_there_is_not_scored(tmp_path
     assert scores["Car_bbox_0.7_hard_R40"] == 0
     expected = 0 if any("Cyclist" in text for text in labels) else None
     assert scores["Cyclist_3d_0.5_hard_R40"] == expected
-    assert list(scores) == [figure.name for figure in SCORING.figures]
+    assert list(scores) == [metric.name for metric in SCORING.metrics]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -138,9 +138,9 @@ def test_a_run_that_was_killed_resumes_to_the_same_files(
 ):
     _, whole = oracle_run
     out = tmp_path / "oracle"
-    original = type(SCORING).keep
+    original = type(SCORING).store
     with monkeypatch.context() as patch:
-        patch.setattr(type(SCORING), "keep", _stops_after(4, original))
+        patch.setattr(type(SCORING), "store", _stops_after(4, original))
         with pytest.raises(KeyboardInterrupt):
             detect(out)
     assert 0 < len(list(out.glob("answers/*/*.txt"))) < 12
@@ -152,13 +152,13 @@ def test_a_run_that_was_killed_resumes_to_the_same_files(
 def _stops_after(count, original):
     done = []
 
-    def keep(self, path, answered):
+    def store(self, path, prediction):
         if len(done) == count:
             raise KeyboardInterrupt
         done.append(path)
-        original(self, path, answered)
+        original(self, path, prediction)
 
-    return keep
+    return store
 
 
 def test_a_second_call_makes_nothing_anew_and_more_cases_extend_a_run(oracle_run, tmp_path):
@@ -177,20 +177,20 @@ def test_a_second_call_makes_nothing_anew_and_more_cases_extend_a_run(oracle_run
 
 
 def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):
-    """Memory is flat: of many samples only the one at work is alive."""
+    """Memory is constant: only the current sample is alive."""
     alive = weakref.WeakSet()
-    most = []
+    counts = []
 
     class ResultWriter:
         suffix = ".txt"
 
-        def pose(self, sample):
+        def prepare(self, sample):
             return BenchFrame(sample, None)
 
-        def keep(self, path, answered):
-            del answered
+        def store(self, path, prediction):
+            del prediction
             gc.collect()
-            most.append(len(alive))
+            counts.append(len(alive))
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("")
 
@@ -212,27 +212,27 @@ def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):
         def __call__(self, sample):
             return sample.sample_id
 
-    asked = MethodRun(predictor=Blind(), cases=LEVELS.cases[:1], folder=tmp_path)
-    done = answer_in_cases(Many(), [asked], ResultWriter(), seed=0, workers=1, description="")
+    method_run = MethodRun(predictor=Blind(), cases=LEVELS.cases[:1], folder=tmp_path)
+    done = predict_in_cases(Many(), [method_run], ResultWriter(), seed=0, workers=1, description="")
     assert (done.written, done.skipped) == (60, 0)
-    assert max(most) <= 2
+    assert max(counts) <= 2
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"suite": "dgfn8"}, "perhaps dgfn7"),
         ({"cases": ("camera_blan",)}, "perhaps camera_blank is meant"),
         ({"seed": -1}, "seed must not be negative"),
         ({"workers": 0}, "workers must be at least 1"),
         ({"picture_px": 20}, "picture_px must be between 100 and 4000, got 20"),
-        ({"shown": "000009"}, "frame 000009 to show is none of the run's: perhaps"),
+        ({"shown": "000009"}, "frame 000009 to draw is none of the run's: perhaps"),
         ({"sample_list": ("000007",)}, "has no frame 000007"),
         ({"baseline": "nothing.json"}, "nothing.json"),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_anything_is_done(tmp_path, settings, said):
-    with pytest.raises((ValueError, OSError), match=re.escape(said)):
+def test_invalid_settings_are_refused_before_anything_is_done(tmp_path, settings, message):
+    with pytest.raises((ValueError, OSError), match=re.escape(message)):
         detect(tmp_path / "out", **settings)
     assert not (tmp_path / "out").exists()
 
@@ -294,8 +294,8 @@ def test_a_lidar_without_a_camera_can_be_put_to_faults_of_its_own(tmp_path):
     assert report.record.scores["clean"]["rmse_mm"] > 0
 
 
-def test_what_a_frame_meets_does_not_hang_on_what_a_method_looks_at():
-    """Fog on an image, say, thickens with the depth that the sweep tells."""
+def test_corruptions_of_a_frame_do_not_depend_on_the_parts_that_a_method_uses():
+    """For example, fog in an image becomes denser with the depth from the sweep."""
     settings = {"sample_list": None, "velodyne": "velodyne"}
     for parts in ({"image"}, {"points"}):
         sample = open_frames(PACKAGED_FRAMES, parts, LEVELS.cases[:1], **settings)[0]
@@ -323,9 +323,9 @@ def test_the_labels_of_a_recording_are_scored_against_like_those_of_a_tree(tmp_p
 
 
 @pytest.mark.parametrize("name", task_names())
-def test_every_task_says_how_it_is_scored(name):
+def test_every_task_has_a_scoring(name):
     scoring = find_task(name).scoring()
     assert isinstance(scoring, Scoring)
     assert isinstance(find_task(name), bench.BenchTask)
-    names = [figure.name for figure in scoring.figures]
+    names = [metric.name for metric in scoring.metrics]
     assert len(set(names)) == len(names) > 0

@@ -1,4 +1,4 @@
-"""Records, manifests and kept scores that somebody has forged or damaged."""
+"""Forged or damaged records, manifests and stored scores."""
 
 import json
 import re
@@ -23,7 +23,7 @@ FORGED = f"{ESCAPES}\n# forged\r\n<script>alert(1)</script> ![x](https://x.test)
 
 
 def check_clean(text, *, is_page=False):
-    """No character moves a cursor, no line and no tag is forged."""
+    """Check that a text has no control characters and no forged lines or tags."""
     assert all(line.isprintable() for line in text.split("\n"))
     assert not any(line.lstrip().startswith("# forged") for line in text.split("\n"))
     assert "<script>alert" not in text
@@ -42,11 +42,16 @@ def test_texts_of_a_forged_record_are_one_line_each(tmp_path):
     record = record_of(AP, 90.0, {"fog": {1: 80.0}})
     (tmp_path / "a").mkdir()
     RobustnessReport(record=replace(record, notes=("sound",))).write(tmp_path / "a")
-    told = json.loads((tmp_path / "a" / "robustness.json").read_text())
-    told |= {"notes": [FORGED], "method": FORGED, "data": FORGED, "made_by": {FORGED: FORGED}}
-    told["cases"]["fog-1"] |= {"title": FORGED, "kind": FORGED}
-    told["figures"][0] |= {"title": FORGED, "unit": FORGED}
-    (tmp_path / "forged.json").write_text(json.dumps(told))
+    content = json.loads((tmp_path / "a" / "robustness.json").read_text())
+    content |= {
+        "notes": [FORGED],
+        "method": FORGED,
+        "data": FORGED,
+        "made_by": {FORGED: FORGED},
+    }
+    content["cases"]["fog-1"] |= {"title": FORGED, "kind": FORGED}
+    content["figures"][0] |= {"title": FORGED, "unit": FORGED}
+    (tmp_path / "forged.json").write_text(json.dumps(content))
     forged = read_record(tmp_path / "forged.json")
     (tmp_path / "b").mkdir()
     RobustnessReport(record=forged, baseline=forged).write(tmp_path / "b")
@@ -83,8 +88,8 @@ def test_texts_of_a_forged_record_are_one_line_each(tmp_path):
 )
 def test_a_record_of_wrong_values_is_refused_in_one_line(tmp_path, change):
     RobustnessReport(record=record_of(AP, 90.0, {"fog": {1: 80.0}})).write(tmp_path)
-    told = json.loads((tmp_path / "robustness.json").read_text()) | change
-    (tmp_path / "forged.json").write_text(json.dumps(told))
+    content = json.loads((tmp_path / "robustness.json").read_text()) | change
+    (tmp_path / "forged.json").write_text(json.dumps(content))
     with pytest.raises(ValueError, match=r"forged\.json.*; give the robustness\.json") as caught:
         read_record(tmp_path / "forged.json")
     assert len(str(caught.value)) < 500
@@ -94,9 +99,9 @@ def test_a_record_of_wrong_values_is_refused_in_one_line(tmp_path, change):
 @pytest.mark.parametrize("lacking", ["method", "made_by", "task", "figures", "cases", "scores"])
 def test_a_record_without_a_part_is_refused(tmp_path, lacking):
     RobustnessReport(record=record_of(AP, 90.0, {"fog": {1: 80.0}})).write(tmp_path)
-    told = json.loads((tmp_path / "robustness.json").read_text())
-    del told[lacking]
-    (tmp_path / "forged.json").write_text(json.dumps(told))
+    content = json.loads((tmp_path / "robustness.json").read_text())
+    del content[lacking]
+    (tmp_path / "forged.json").write_text(json.dumps(content))
     with pytest.raises(ValueError, match=f"is no record of a robustness run .*{lacking}"):
         read_record(tmp_path / "forged.json")
 
@@ -136,27 +141,27 @@ def test_texts_of_a_forged_manifest_are_one_line_each(written, tmp_path):  # noq
 def test_a_manifest_of_wrong_values_is_refused_in_one_line(written, tmp_path, changes):  # noqa: F811
     cases, found, _ = written
     forged = forged_cases(cases, tmp_path / "cases", **changes)
-    with pytest.raises(ValueError, match="is not what `sightline corrupt` writes; give") as caught:
+    with pytest.raises(ValueError, match="is no output of `sightline corrupt`; give") as caught:
         score_results(OracleTask(), forged, found, tmp_path / "out", SETTINGS)
     assert len(str(caught.value)) < 500
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    "kept", ["", "null", "[]", "{}", '{"Car_bbox_0.7_easy_R40": NaN}', '{"a": 1}', "[" * 100_000]
+    "stored", ["", "null", "[]", "{}", '{"Car_bbox_0.7_easy_R40": NaN}', '{"a": 1}', "[" * 100_000]
 )
-def test_kept_scores_that_are_none_are_made_again(tmp_path, monkeypatch, kept):
+def test_invalid_stored_scores_are_made_again(tmp_path, monkeypatch, stored):
     monkeypatch.setitem(suites.SUITES, "levels", LEVELS)
     settings = BenchSettings(workers=1, suite="levels", cases=("lidar_blank",))
     out = tmp_path / "out"
     run_bench(OracleTask(), PACKAGED_FRAMES, out, settings, method="oracle")
     before = (out / "robustness.json").read_bytes()
-    (out / "scores" / "lidar_blank.json").write_text(kept)
+    (out / "scores" / "lidar_blank.json").write_text(stored)
     run_bench(OracleTask(), PACKAGED_FRAMES, out, settings, method="oracle")
     assert (out / "robustness.json").read_bytes() == before
 
 
-def test_a_folder_that_is_called_as_no_case_is_said_with_the_case_that_may_be_meant(
+def test_a_folder_that_is_called_as_no_case_is_reported_with_the_most_similar_case(
     written,  # noqa: F811
     tmp_path,
 ):
@@ -167,11 +172,13 @@ def test_a_folder_that_is_called_as_no_case_is_said_with_the_case_that_may_be_me
     (mine / "notes\x1b").mkdir()
     report = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
     assert report.no_cases == ("camera_blnk (perhaps camera_blank is meant)", "notes\\x1b")
-    said = "WARNING: 2 folders of results named as no case of suite levels, not scored: camera_blnk"
-    assert any(note.startswith(said) for note in report.notes())
-    assert said in (tmp_path / "out" / "robustness.md").read_text()
-    told = json.loads((tmp_path / "out" / "robustness.json").read_text())
-    assert told["folders_not_scored"] == list(report.no_cases)
+    warning = (
+        "WARNING: 2 folders of results named as no case of suite levels, not scored: camera_blnk"
+    )
+    assert any(note.startswith(warning) for note in report.notes())
+    assert warning in (tmp_path / "out" / "robustness.md").read_text()
+    content = json.loads((tmp_path / "out" / "robustness.json").read_text())
+    assert content["folders_not_scored"] == list(report.no_cases)
     for path in mine.iterdir():
         if path.name not in ("clean", "camera_blnk"):
             shutil.rmtree(path)

@@ -1,4 +1,4 @@
-"""The measures against loops over a plain table."""
+"""Measures, compared with loops over a plain table."""
 
 import math
 
@@ -24,9 +24,9 @@ rmse = st.sampled_from([0.0, 0.5, 800.0, 950.0, 20000.0])
 
 @st.composite
 def tables(draw):
-    """A figure, a clean score, a table of kinds by severities, and a second one like it."""
-    figure = draw(st.sampled_from([AP, RMSE]))
-    scores = ap if figure is AP else rmse
+    """Draw a metric, a clean score, and two tables of kinds by severities."""
+    metric = draw(st.sampled_from([AP, RMSE]))
+    scores = ap if metric is AP else rmse
     severities = draw(
         st.dictionaries(
             st.sampled_from(["fog", "rain", "noise", "beams"]),
@@ -41,70 +41,70 @@ def tables(draw):
         }
         for _ in range(2)
     )
-    return figure, draw(scores), first, second
+    return metric, draw(scores), first, second
 
 
-def same(ours, expected):
-    """Whether two numbers are one but for the order of sums, or both undefined."""
-    if ours is None or expected is None:
-        return ours is None and expected is None
-    return math.isclose(ours, expected, rel_tol=1e-12, abs_tol=1e-9)
+def same(actual, expected):
+    """Whether two numbers are equal up to the order of sums, or both undefined."""
+    if actual is None or expected is None:
+        return actual is None and expected is None
+    return math.isclose(actual, expected, rel_tol=1e-12, abs_tol=1e-9)
 
 
 @given(tables())
 def test_the_measures_are_what_loops_say_for_scores_and_for_errors(drawn):
-    figure, clean, table, baseline = drawn
+    metric, clean, table, baseline = drawn
     levels = {kind: list(row.values()) for kind, row in table.items()}
     assert same(mean_corrupted(levels), reference.mpc(table))
     rates, errors = {}, {}
     for kind, row in table.items():
-        rates[kind] = reference.rr(row, clean, figure.highest)
-        errors[kind] = reference.ce(row, baseline[kind], figure.highest)
+        rates[kind] = reference.rr(row, clean, metric.highest)
+        errors[kind] = reference.ce(row, baseline[kind], metric.highest)
         theirs = list(baseline[kind].values())
-        assert same(resilience(levels[kind], clean, figure), rates[kind])
-        assert same(corruption_error(levels[kind], theirs, figure), errors[kind])
+        assert same(resilience(levels[kind], clean, metric), rates[kind])
+        assert same(corruption_error(levels[kind], theirs, metric), errors[kind])
     assert same(mean_of_kinds(rates), reference.mean_or_none(rates.values()))
     assert same(mean_of_kinds(errors), reference.mean_or_none(errors.values()))
     by_case = {f"{kind}-{level}": s for kind, row in table.items() for level, s in row.items()}
-    kind, level, score = reference.worst(table, figure.highest)
-    assert worst_case(by_case, figure) == (f"{kind}-{level}", score)
+    kind, level, score = reference.worst(table, metric.highest)
+    assert worst_case(by_case, metric) == (f"{kind}-{level}", score)
 
 
 @given(
-    figure=st.sampled_from([AP, RMSE]),
+    metric=st.sampled_from([AP, RMSE]),
     score=ap,
     healthy=st.lists(ap, max_size=2),
 )
-def test_the_gap_is_to_the_best_healthy_sensor(figure, score, healthy):
-    gap = healthy_gap(score, healthy, figure)
-    assert same(gap, reference.gap(score, healthy, figure.highest))
+def test_the_gap_is_to_the_best_healthy_sensor(metric, score, healthy):
+    gap = healthy_gap(score, healthy, metric)
+    assert same(gap, reference.gap(score, healthy, metric.highest))
 
 
 @given(tables())
 def test_a_whole_run_is_measured_as_its_parts_are(drawn):
-    figure, clean, table, other = drawn
-    record, baseline = (record_of(figure, clean, each) for each in (table, other))
-    measures = measure(record, figure, baseline)
+    metric, clean, table, other = drawn
+    record, baseline = (record_of(metric, clean, each) for each in (table, other))
+    measures = measure(record, metric, baseline)
     assert same(measures.mpc, reference.mpc(table))
     for kind, each in measures.kinds.items():
-        assert same(each.rr, reference.rr(table[kind], clean, figure.highest))
-        assert same(each.ce, reference.ce(table[kind], other[kind], figure.highest))
+        assert same(each.rr, reference.rr(table[kind], clean, metric.highest))
+        assert same(each.ce, reference.ce(table[kind], other[kind], metric.highest))
         assert each.gap is None
     assert measures.gap is None
 
 
 @given(tables())
 def test_a_method_held_against_itself_makes_as_many_errors(drawn):
-    figure, clean, table, _ = drawn
-    record = record_of(figure, clean, table)
-    for each in measure(record, figure, record).kinds.values():
+    metric, clean, table, _ = drawn
+    record = record_of(metric, clean, table)
+    for each in measure(record, metric, record).kinds.values():
         assert each.ce is None or math.isclose(each.ce, 1)
 
 
 def test_nothing_lost_is_an_rr_of_1_and_half_as_many_errors_a_ce_of_a_half_for_every_figure():
-    for figure, clean, halved in ((AP, 60.0, 80.0), (RMSE, 900.0, 450.0)):
-        assert resilience([clean, clean], clean, figure) == 1
-        assert math.isclose(corruption_error([halved], [clean], figure), 0.5)
+    for metric, clean, halved in ((AP, 60.0, 80.0), (RMSE, 900.0, 450.0)):
+        assert resilience([clean, clean], clean, metric) == 1
+        assert math.isclose(corruption_error([halved], [clean], metric), 0.5)
     assert resilience([30.0], 60.0, AP) == resilience([1800.0], 900.0, RMSE) == 0.5
 
 

@@ -1,4 +1,4 @@
-"""What a run leaves behind: tables, files, pages; and two runs held against each other."""
+"""Outputs of a run: tables, files and pages; and comparisons of runs."""
 
 import csv
 import io
@@ -15,7 +15,7 @@ from rich.console import Console
 
 from sightline.cli.main import main
 from sightline.files.problem import FileError
-from sightline.robustness.charts import heat_color, kept_share, nice_top
+from sightline.robustness.charts import heat_color, nice_top, remaining_share
 from sightline.robustness.compare import compare_runs
 from sightline.robustness.record import read_record
 from sightline.robustness.report import RobustnessReport
@@ -39,7 +39,7 @@ def text(report):
 
 
 class Page(HTMLParser):
-    """What of a page matters here; refuses tags that are not closed in their order."""
+    """Parts of a page to check; refuses tags that are not closed in order."""
 
     VOID = ("meta", "img", "br", "link")
 
@@ -65,12 +65,12 @@ class Page(HTMLParser):
 
 
 def test_the_tables_say_what_was_measured_by_hand():
-    said = text(report_of())
+    shown = text(report_of())
     # mPC: ((70 + 40) / 2 + 77) / 2; RR of fog 55 / 80; CE of fog (30 + 60) / (60 + 80)
-    assert re.search(r"camera fog +70\.0 +40\.0 +55\.0 +0\.69 +0\.64", said)
-    assert re.search(r"lidar rain +77\.0 +77\.0 +0\.96 +0\.50", said)
-    assert re.search(r"mean of kinds +66\.0 +0\.82 +0\.57", said)
-    assert re.search(r"average precision, % +80\.0 +66\.0 +0\.82 +0\.57 +40\.0 camera_fog-3", said)
+    assert re.search(r"camera fog +70\.0 +40\.0 +55\.0 +0\.69 +0\.64", shown)
+    assert re.search(r"lidar rain +77\.0 +77\.0 +0\.96 +0\.50", shown)
+    assert re.search(r"mean of kinds +66\.0 +0\.82 +0\.57", shown)
+    assert re.search(r"average precision, % +80\.0 +66\.0 +0\.82 +0\.57 +40\.0 camera_fog-3", shown)
 
 
 def test_a_run_leaves_a_record_that_reads_back_a_table_and_a_page(tmp_path):
@@ -79,9 +79,9 @@ def test_a_run_leaves_a_record_that_reads_back_a_table_and_a_page(tmp_path):
     report.write(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(report.files)
     assert read_record(tmp_path / "robustness.json") == report.record
-    told = json.loads((tmp_path / "robustness.json").read_text())["measures"]["ap"]
-    assert told["mPC"] == 66.0
-    assert told["gap"] == {"case": "camera_fog-3", "score": -10.0}
+    measures = json.loads((tmp_path / "robustness.json").read_text())["measures"]["ap"]
+    assert measures["mPC"] == 66.0
+    assert measures["gap"] == {"case": "camera_fog-3", "score": -10.0}
     rows = list(csv.DictReader(io.StringIO((tmp_path / "robustness.csv").read_text())))
     assert [row["case"] for row in rows] == list(report.record.cases)
     assert rows[1]["severity"] == "1"
@@ -126,14 +126,14 @@ def test_an_axis_ends_little_above_what_it_shows(value):
 
 
 def test_colours_tell_what_is_left_of_scores_and_of_errors_alike():
-    assert kept_share(40.0, 80.0, AP) == kept_share(1600.0, 800.0, RMSE) == 0.5
-    assert kept_share(90.0, 80.0, AP) == 1
-    assert kept_share(0.0, 0.0, AP) is None
-    assert kept_share(0.0, 0.0, RMSE) == kept_share(0.0, 800.0, RMSE) == 1
-    assert kept_share(None, 80.0, AP) is None
+    assert remaining_share(40.0, 80.0, AP) == remaining_share(1600.0, 800.0, RMSE) == 0.5
+    assert remaining_share(90.0, 80.0, AP) == 1
+    assert remaining_share(0.0, 0.0, AP) is None
+    assert remaining_share(0.0, 0.0, RMSE) == remaining_share(0.0, 800.0, RMSE) == 1
+    assert remaining_share(None, 80.0, AP) is None
 
 
-def test_scores_are_told_even_where_no_clean_performance_could_be_lost(tmp_path):
+def test_scores_are_reported_even_where_no_clean_performance_could_be_lost(tmp_path):
     hopeless = record_of(AP, 0.0, {"camera_fog": {1: 12.5, 3: 0.0}})
     RobustnessReport(record=hopeless).write(tmp_path)
     assert '<td class="cell">12.5</td>' in (tmp_path / "report.html").read_text()
@@ -156,9 +156,11 @@ def two(tmp_path):
 def test_two_runs_are_printed_and_drawn_side_by_side(two, tmp_path, capsys):
     page = tmp_path / "both.html"
     assert main(["robustness", "--compare", *map(str, two), "-o", str(page)]) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"camera_fog-1 +70\.0 +40\.0 +\+30\.0", said)
-    assert re.search(r"average precision, % +80\.0 +66\.0 +0\.82 +60\.0 +42\.0 +0\.70 +0\.57", said)
+    shown = capsys.readouterr().out
+    assert re.search(r"camera_fog-1 +70\.0 +40\.0 +\+30\.0", shown)
+    assert re.search(
+        r"average precision, % +80\.0 +66\.0 +0\.82 +60\.0 +42\.0 +0\.70 +0\.57", shown
+    )
     drawn = Page(page.read_text())
     assert drawn.links == []
     assert drawn.tags.count("svg") == 1  # of the kind that has several severities
@@ -179,9 +181,9 @@ def test_three_runs_are_compared_each_with_the_first_and_drawn(two, tmp_path, ca
     paths = [*map(str, two), str(tmp_path / "third" / "robustness.json")]
     page = tmp_path / "three.html"
     assert main(["robustness", "--compare", *paths, "-o", str(page)]) == 0
-    said = capsys.readouterr().out
-    assert len(re.findall(r"lead over", said)) == 2
-    assert re.search(r"clean +80\.0 +60\.0 +50\.0 +\+20\.0 +\+30\.0", said)
+    shown = capsys.readouterr().out
+    assert len(re.findall(r"lead over", shown)) == 2
+    assert re.search(r"clean +80\.0 +60\.0 +50\.0 +\+20\.0 +\+30\.0", shown)
     drawn = page.read_text()
     assert all(f'class="bar {style}"' in drawn for style in ("ours", "other", "third"))
 
@@ -210,14 +212,14 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
     err = capsys.readouterr().err
     assert f"the run {path} is of suite others instead of levels" in err
     assert err.count("\n") == 1
-    for arguments, said in (
-        (["--compare", str(two[0])], "two runs or more are compared, got 1"),
+    for arguments, message in (
+        (["--compare", str(two[0])], "a comparison needs two runs or more, got 1"),
         (["out"], "robustness needs a data set"),
         (["--data", "x"], "robustness needs a folder for the run"),
-        (["--data", "x", "out", "-o", "page.html"], "--page draws runs that are done"),
-        (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is not"),
+        (["--data", "x", "out", "-o", "page.html"], "--page draws finished runs"),
+        (["--data", "x", "out", "--healthy", "radar=A.json"], "--healthy radar=A.json is invalid"),
         (["--data", "x", "out", "--healthy", "lidar=A", "lidar=B"], "two methods of the lidar"),
-        (["out", "--compare", str(two[0]), path], "--compare reads two runs that are done"),
+        (["out", "--compare", str(two[0]), path], "--compare reads finished runs"),
         (["--data", "x", "out", "--results", "y", "z"], "--results is one folder, got y z"),
     ):
         try:
@@ -225,10 +227,10 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
         except SystemExit as exit_:
             status = exit_.code
         assert status == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err
 
 
-def test_other_files_under_the_same_name_are_told_wherever_runs_are_held_together(tmp_path):
+def test_other_files_under_the_same_name_cause_a_warning_in_comparisons(tmp_path):
     def record(digest):
         return record_of(AP, 80.0, TABLE, files_digest=digest)
 
@@ -236,8 +238,8 @@ def test_other_files_under_the_same_name_are_told_wherever_runs_are_held_togethe
     for number, digest in enumerate(("0123", "4567", None)):
         RobustnessReport(record=record(digest)).write(tmp_path / str(number))
         paths.append(tmp_path / str(number) / "robustness.json")
-    said = "data kitti/toy hold other files, by names or sizes, for toy (2) than for toy (1)"
-    assert said in " ".join(compare_runs(paths).notes())
+    shown = "data kitti/toy hold other files, by names or sizes, for toy (2) than for toy (1)"
+    assert shown in " ".join(compare_runs(paths).notes())
     assert compare_runs([paths[0], paths[2]]).notes() == ()  # a record of before does not know
     again = compare_runs([paths[0], paths[1], paths[0]]).notes()
     assert sum("toy (3) is the run of toy (1), with the same scores" in note for note in again) == 1

@@ -1,4 +1,4 @@
-"""Result files of any other detector, on what `sightline corrupt` wrote."""
+"""Result files of other detectors for the cases from `sightline corrupt`."""
 
 import json
 import re
@@ -26,7 +26,7 @@ SETTINGS = BenchSettings(workers=1)
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """What `corrupt` wrote, what a method found in it, and what the bench says of that method."""
+    """Cases from `corrupt`, result files of a method, and its report from the bench."""
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(suites.SUITES, "levels", LEVELS)
@@ -66,7 +66,7 @@ def test_one_frame_is_drawn_as_each_case_has_it_with_what_was_found(written, tmp
     assert page.count("data:image/jpeg") == 3  # sound, dead pixels, blank
     with pytest.raises(ValueError, match="picture_px 300 instead of 400"):
         score_results(OracleTask(), few, found, out, replace(settings, picture_px=400))
-    with pytest.raises(ValueError, match="frame 7 to show is none of the run's"):
+    with pytest.raises(ValueError, match="frame 7 to draw is none of the run's"):
         score_results(OracleTask(), few, found, out, replace(settings, shown="7"))
 
 
@@ -117,9 +117,9 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
     manifest["cases"]["camera_dead_pixels-1"]["share"] = [0.2, 0.2]
     (other / "sightline.json").write_text(json.dumps(manifest))
     task = OracleTask()
-    for given, said in (
+    for given, message in (
         ((task, cases, mine, SETTINGS), "no result for 1 of 2 frames, the first of them 000001"),
-        ((task, PACKAGED_FRAMES, found, SETTINGS), "is not what `sightline corrupt` writes"),
+        ((task, PACKAGED_FRAMES, found, SETTINGS), "is no output of `sightline corrupt`"),
         ((task, other, found, SETTINGS), "written with another case camera_dead_pixels-1"),
         ((task, cases, cases, SETTINGS), "has no result for 2 of 2 frames"),
         ((task, cases, found, replace(SETTINGS, suite="dgfn7")), "with suite levels, not dgfn7"),
@@ -131,7 +131,7 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
         ),
         ((DEPTH, cases, found, SETTINGS), "results of other methods cannot be scored"),
     ):
-        with pytest.raises(ValueError, match=re.escape(said)):
+        with pytest.raises(ValueError, match=re.escape(message)):
             score_results(given[0], given[1], given[2], out, given[3])
     shutil.rmtree(mine / "lidar_blank")
     with pytest.raises(ValueError, match="has no folder lidar_blank"):
@@ -139,7 +139,7 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
     assert not out.exists()
 
 
-def test_cases_without_results_are_left_out_and_said(written, tmp_path):
+def test_cases_without_results_are_left_out_with_a_note(written, tmp_path):
     cases, found, report = written
     mine = tmp_path / "mine"
     shutil.copytree(found, mine)
@@ -161,7 +161,7 @@ def test_cases_without_results_are_left_out_and_said(written, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_few_objects_are_said_beside_the_scores(written):
+def test_few_objects_are_noted_beside_the_scores(written):
     _, _, report = written
     assert any("read that one" in note for note in report.notes())
     assert report.absent_cases == ()

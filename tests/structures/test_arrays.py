@@ -35,17 +35,17 @@ def test_a_size_may_come_from_an_array_but_not_contradict_the_image():
     size = np.array(IMAGE.shape[:2])
     made = CameraLidarSample.from_arrays(CALIBRATION, points=POINTS, image_size=tuple(size))
     assert made.image_size == (375, 1242)
-    with pytest.raises(ValueError, match=r"is 375x1242 .*, but image_size says 1242x375; give"):
+    with pytest.raises(ValueError, match=r"is 375x1242 .*, but image_size is 1242x375; give"):
         CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, image_size=(1242, 375))
 
 
-def test_the_height_of_the_lidar_is_told_by_the_points_where_nobody_says_it():
+def test_the_height_of_the_lidar_is_estimated_from_the_points_if_it_is_not_given():
     made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=POINTS)
     assert made.lidar_height_m == pytest.approx(1.73, abs=0.1)
-    said = CameraLidarSample.from_arrays(
+    higher = CameraLidarSample.from_arrays(
         CALIBRATION, image=IMAGE, points=POINTS, lidar_height_m=2.23
     )
-    assert said.higher_than_kitti_m == pytest.approx(0.5)
+    assert higher.higher_than_kitti_m == pytest.approx(0.5)
     assert SAMPLE.higher_than_kitti_m == 0
 
 
@@ -67,12 +67,12 @@ def test_numbers_may_be_of_any_type(height_m):
 
 
 def test_a_grey_picture_becomes_three_channels_and_a_view_of_it_a_picture_of_its_own():
-    with pytest.warns(UserWarning, match="images are grey: their level is taken for red"):
+    with pytest.warns(UserWarning, match="images are grey"):
         planes = image_planes(IMAGE[::-1, ::2, 0])
     assert planes.shape == (3, 375, 621)
     assert torch.equal(planes[0], planes[2])
     with pytest.warns(UserWarning, match="images are grey"):
-        assert torch.equal(image_planes(IMAGE[::-1, ::2, :1]), planes)  # as OpenCV has it
+        assert torch.equal(image_planes(IMAGE[::-1, ::2, :1]), planes)  # BGR, as in OpenCV
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none()
         pytest.warns(UserWarning, match="2 of 4 points are left out, 2 whose x, y, z are not fin"),
     ):
         assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
-    with pytest.warns(UserWarning, match="the points are none"):
+    with pytest.warns(UserWarning, match="there are no points"):
         assert sweep_points(np.zeros((0, 4))).shape == (0, 4)
 
 
@@ -110,7 +110,7 @@ def test_an_organised_cloud_is_a_cloud_and_points_without_an_echo_are_none():
 
 
 @pytest.mark.parametrize(
-    ("points", "max_intensity", "said"),
+    ("points", "max_intensity", "message"),
     [
         (np.zeros((5, 2)), 1.0, r"float64 of shape \(5, 2\), expected numbers in rows of x, y, z"),
         (POINTS[:500].T, 1.0, r"float32 of shape \(4, 500\), expected numbers in rows"),
@@ -121,13 +121,13 @@ def test_an_organised_cloud_is_a_cloud_and_points_without_an_echo_are_none():
         (POINTS, 0.0, "max_intensity must be positive"),
     ],
 )
-def test_what_is_no_cloud_in_metres_is_refused(points, max_intensity, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_is_no_cloud_in_metres_is_refused(points, max_intensity, message):
+    with pytest.raises(ValueError, match=message):
         sweep_points(points, max_intensity)
 
 
 def test_points_that_float32_cannot_hold_are_left_out_as_those_that_are_not_finite():
-    points = np.float64([[3, 1, 0, 1], [np.finfo(np.float64).max, 1, 0, 1]])  # a mark of no echo
+    points = np.float64([[3, 1, 0, 1], [np.finfo(np.float64).max, 1, 0, 1]])  # marks a missing echo
     with pytest.warns(UserWarning, match="1 of 2 points are left out"):
         assert sweep_points(points).tolist() == [[3, 1, 0, 1]]
 
@@ -139,8 +139,8 @@ def test_each_loss_of_plain_rows_is_counted_and_of_organised_rows_only_most_of_t
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert len(sweep_points(points)) == 9 - lost
-    told = [str(each.message) for each in caught]
-    assert [f"{lost} of 9 points are left out" in each for each in told] == [True] * bool(lost)
+    messages = [str(each.message) for each in caught]
+    assert [f"{lost} of 9 points are left out" in each for each in messages] == [True] * bool(lost)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert len(sweep_points(points.reshape(3, 3, 4))) == 9 - lost
@@ -153,7 +153,7 @@ def test_whole_numbers_that_are_evenly_spread_are_taken_for_ring_numbers(first):
     points[:, 3] = np.arange(4000) % 64 + first
     with pytest.raises(ValueError, match=rf"{first} to {first + 63} .* like ring numbers; giv"):
         sweep_points(points)
-    points[:, 3] = np.minimum(points[:, 3], 9)  # brightness, of which most is one number
+    points[:, 3] = np.minimum(points[:, 3], 9)  # brightness with one frequent value
     with pytest.raises(ValueError, match="expected 0 to 1; set max_intensity"):
         sweep_points(points)
 
@@ -168,9 +168,11 @@ def test_whole_numbers_that_are_evenly_spread_are_taken_for_ring_numbers(first):
 )
 def test_a_structured_array_is_refused_with_the_stack_of_its_fields(fields, stacked):
     points = np.zeros(9, [(name, np.float32) for name in fields.split()])
-    with pytest.raises(ValueError, match=re.escape(f"for name in ({stacked})], axis=-1)")) as told:
+    with pytest.raises(
+        ValueError, match=re.escape(f"for name in ({stacked})], axis=-1)")
+    ) as caught:
         sweep_points(points)
-    assert f"fields {', '.join(fields.split())}, expected" in str(told.value)
+    assert f"fields {', '.join(fields.split())}, expected" in str(caught.value)
 
 
 def test_columns_after_the_fourth_are_left_out_with_a_warning():
@@ -182,7 +184,7 @@ def test_a_scale_far_above_all_intensities_is_doubted():
     for max_intensity in (255, 1e8):
         with pytest.warns(UserWarning, match="reach no hundredth of max_intensity"):
             sweep_points(POINTS, max_intensity)
-    sweep_points(POINTS * np.float32([1, 1, 1, 0]), 255)  # a sensor that tells none
+    sweep_points(POINTS * np.float32([1, 1, 1, 0]), 255)  # a sensor without intensities
 
 
 @pytest.mark.parametrize("columns", [[0, 1, 2, 4, 3], [0, 1, 2, 4]])
@@ -202,7 +204,7 @@ def test_negative_intensities_are_not_blamed_on_their_scale():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (
             {"image_size": (0, 1242)},
@@ -215,8 +217,8 @@ def test_negative_intensities_are_not_blamed_on_their_scale():
         ({"lidar_tilt_deg": (3,)}, r"lidar_tilt_deg is \(3,\), expected roll and pitch"),
     ],
 )
-def test_sizes_and_heights_that_no_sensor_has_are_refused(given, said):
-    with pytest.raises(ValueError, match=said):
+def test_sizes_and_heights_that_no_sensor_has_are_refused(given, message):
+    with pytest.raises(ValueError, match=message):
         CameraLidarSample.from_arrays(CALIBRATION, **{"image_size": (375, 1242), **given})
 
 
@@ -232,7 +234,7 @@ def test_points_that_the_image_does_not_show_are_warned_of():
 
 
 def test_a_cloud_of_no_points_is_taken_with_a_warning():
-    with pytest.warns(UserWarning, match="the points are none: .* give None where there is no Li"):
+    with pytest.warns(UserWarning, match="there are no points: .* give None if there is no LiDAR"):
         made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=np.zeros((0, 4)))
     assert made.points.shape == (0, 4)
 

@@ -13,7 +13,7 @@ from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FramesBatch(FieldwiseBatch):
-    """As a detector would have it: images of one size, boxes that differ in number."""
+    """Batch like a detector's: images of one size, boxes that differ in number."""
 
     sample_ids: tuple[str, ...]
     image: Float32[Tensor, "batch 3 height width"]

@@ -1,4 +1,4 @@
-"""LiDARs that are tilted or turned: frames of points, labels and boxes, and how they are found."""
+"""Tilted or rotated LiDARs: frames of points, labels and boxes, and estimates of the mounting."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ angles = st.floats(-25, 25)
 
 
 def mounted_arrays(tilt, yaw_deg=0.0):
-    """Calibration and points of the simulated frame, of a LiDAR that is turned, then tilted."""
+    """Calibration and points of the simulated frame, for a LiDAR that is rotated, then tilted."""
     cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
     level_from_lidar = np.eye(4)
     level_from_lidar[:2, :2] = [[cos, sin], [-sin, cos]]
@@ -111,7 +111,7 @@ def test_a_tilt_and_a_height_that_are_given_are_taken_as_they_are():
 
 def test_a_height_that_has_to_be_assumed_is_warned_of():
     calibration, points = mounted_arrays(LEVEL)
-    with pytest.warns(UserWarning, match=r"too little of the road .* 1.73 m, as KITTI's, is ass"):
+    with pytest.warns(UserWarning, match=r"too little of the road .* KITTI's 1.73 m is assumed"):
         made = CameraLidarSample.from_arrays(calibration, image=IMAGE, points=points[:20])
     assert made.higher_than_kitti_m == 0
 
@@ -165,8 +165,10 @@ def test_detections_go_to_the_level_frame_and_back(tilted):
     level = level_detections(mounted, tilted)
     torch.testing.assert_close(level.boxes.tensor, boxes.tensor, rtol=0, atol=1e-4)
     assert mounted_detections(found, SAMPLE) is found
-    sample, told = level_view(tilted, Perception(detections3d=mounted))
-    torch.testing.assert_close(told.detections3d.boxes.tensor, boxes.tensor, rtol=0, atol=1e-4)
+    sample, perception = level_view(tilted, Perception(detections3d=mounted))
+    torch.testing.assert_close(
+        perception.detections3d.boxes.tensor, boxes.tensor, rtol=0, atol=1e-4
+    )
     assert sample.level_from_lidar is None
 
 

@@ -1,4 +1,4 @@
-"""A task as small as can be, whole: it finds cells of the image that objects stand in.
+"""Minimal complete task: finds image cells that contain objects.
 
-Nothing outside this folder knows it but one line of a registry, which the test of it adds.
+Nothing outside this folder refers to it, except for a line of the registry, added by its test.
 """

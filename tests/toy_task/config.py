@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class FinderConfig:
-    """Two stages: features of cells, and how likely an object's middle lies in each."""
+    """Settings of two stages: features of cells, and the likelihood of an object in each."""
 
     channels: int = 4
-    """Of the features."""
+    """Number of feature channels."""
     cell_px: int = 4
     """Height and width of a cell."""

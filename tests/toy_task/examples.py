@@ -1,4 +1,4 @@
-"""What it trains on: images, points, and the boxes of each frame, as many as there are."""
+"""Training samples: images, points and the boxes of each frame."""
 
 from dataclasses import dataclass
 
@@ -19,24 +19,24 @@ from sightline.training.data import SamplePreparation
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FinderBatch(FieldwiseBatch):
-    """Samples of one image size, each with truth of its own length."""
+    """Samples of one image size, each with its own number of boxes."""
 
     sample_ids: tuple[str, ...]
     image: Float32[Tensor, "batch 3 height width"]
     sparse_depth_m: Float32[Tensor, "batch 1 height width"]
     boxes: tuple[Boxes2D, ...]
-    """Of the objects of each frame: ragged."""
+    """Boxes of each frame's objects: ragged."""
 
 
-def inputs_of(sample: CameraLidarSample) -> dict[str, Tensor]:
-    """What the network takes of a sample: a batch of one."""
+def network_inputs(sample: CameraLidarSample) -> dict[str, Tensor]:
+    """Network inputs of a sample: a batch of one."""
     depth = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
     image = torch.zeros(3, *sample.image_size) if sample.image is None else sample.image / 255
     return {"image": image[None].float(), "sparse_depth_m": depth[None, None]}
 
 
 class FinderExamples(SamplePreparation):
-    """Crops at random places, every second one in a mirror, with the labels that they show."""
+    """Crops at random positions, half of them mirrored, with their labels."""
 
     parts = frozenset({"image", "points", "objects"})
 
@@ -52,4 +52,4 @@ class FinderExamples(SamplePreparation):
         if training and rng.random() < 0.5:
             part = mirror(part)
         boxes = part.objects.boxes2d[part.objects.has_box3d]
-        return FinderBatch(sample_ids=(sample.sample_id,), boxes=(boxes,), **inputs_of(part))
+        return FinderBatch(sample_ids=(sample.sample_id,), boxes=(boxes,), **network_inputs(part))

@@ -1,4 +1,4 @@
-"""The network: two modules, which are exported as two graphs."""
+"""Network of two modules, which are exported as two graphs."""
 
 from typing import NamedTuple
 
@@ -10,13 +10,13 @@ from tests.toy_task.config import FinderConfig
 
 
 class FinderOutput(NamedTuple):
-    """What the second stage gives."""
+    """Output of the second stage."""
 
     logits: Float[Tensor, "batch 1 rows columns"]
 
 
 class Features(nn.Module):
-    """The first stage."""
+    """First stage: features of cells."""
 
     def __init__(self, config: FinderConfig) -> None:
         super().__init__()
@@ -32,7 +32,7 @@ class Features(nn.Module):
 
 
 class Likelihood(nn.Module):
-    """The second stage."""
+    """Second stage: likelihood in each cell."""
 
     def __init__(self, config: FinderConfig) -> None:
         super().__init__()
@@ -43,7 +43,7 @@ class Likelihood(nn.Module):
 
 
 class FinderNet(nn.Module):
-    """Both."""
+    """Both stages."""
 
     def __init__(self, config: FinderConfig) -> None:
         super().__init__()

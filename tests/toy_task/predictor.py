@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import load_network
 from tests.toy_task.cells import LikelyCells
-from tests.toy_task.examples import inputs_of
+from tests.toy_task.examples import network_inputs
 
 
 class FinderPredictor:
@@ -26,7 +26,7 @@ class FinderPredictor:
         ]
 
     def __call__(self, sample):
-        inputs = inputs_of(sample)
+        inputs = network_inputs(sample)
         margins = [-size % self._cell_px for size in sample.image_size]
         padding = (0, margins[1], 0, margins[0])
         padded = {name: F.pad(planes, padding) for name, planes in inputs.items()}

@@ -1,4 +1,4 @@
-"""The finder as a task."""
+"""Declaration of the toy task."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,23 +9,23 @@ from sightline.inference.predictor import Output
 _KEY: Final = "likely_cells"
 
 
-def _write_cells(path, sample, answer):
+def _write_cells(path, sample, prediction):
     from tests.toy_task.cells import write_cells
 
-    write_cells(path, sample, answer)
+    write_cells(path, sample, prediction)
 
 
-def _read_cells(path, sample, told):
+def _read_cells(path, sample, perception):
     from tests.toy_task.cells import read_cells
 
     del sample
-    return replace(told, further={**told.further, _KEY: read_cells(path)})
+    return replace(perception, further={**perception.further, _KEY: read_cells(path)})
 
 
-def _write_highest(path, sample, answer):
+def _write_highest(path, sample, prediction):
     from tests.toy_task.cells import write_highest
 
-    write_highest(path, sample, answer)
+    write_highest(path, sample, prediction)
 
 
 def _cases(names, channels, stride):
@@ -42,7 +42,7 @@ def _cases(names, channels, stride):
 
 class FinderTask:
     name = "toy-finder"
-    summary = "Finds cells that objects stand in."
+    summary = "Finds image cells that contain objects."
     training_class = "tests.toy_task.task.Finder"
     trial_settings: Final = {"data.init_args.batch_size": "2"}
     default_weights = None
@@ -106,7 +106,7 @@ class FinderTask:
         from tests.toy_task.predictor import FinderPredictor
 
         if method is not None or weights is None:
-            raise ValueError("toy-finder answers by a network: name its weights")
+            raise ValueError("toy-finder needs a network: give its weights")
         return FinderPredictor(self, weights, engine, device, threads)
 
     def scoring(self):
@@ -114,10 +114,10 @@ class FinderTask:
 
         return SCORING
 
-    def perception(self, answer):
+    def perception(self, prediction):
         from sightline.structures.predictions import Perception
 
-        return Perception(further={_KEY: answer})
+        return Perception(further={_KEY: prediction})
 
     def demo(self, frames, out):
         del frames, out

@@ -14,7 +14,7 @@ class CellScoring:
     suffix = ".npy"
     parts = ("objects",)
     takes_results = True
-    figures = (BenchMetric(name="hits", title="hits", unit="%", highest=100.0),)
+    metrics = (BenchMetric(name="hits", title="hits", unit="%", highest=100.0),)
 
     def check(self, dataset):
         del dataset
@@ -23,11 +23,11 @@ class CellScoring:
         del dataset
         return ()
 
-    def pose(self, sample):
+    def prepare(self, sample):
         return BenchFrame(sample, None)
 
-    def keep(self, path, answered):
-        write_cells(path, answered.posed.sample, answered.answer)
+    def store(self, path, prediction):
+        write_cells(path, prediction.frame.sample, prediction.output)
 
     def read(self, path, sample):
         del sample
@@ -40,8 +40,8 @@ class CellScoring:
         ]
         return {"hits": 100.0 * float(np.mean(hits))}
 
-    def draw(self, answered, width_px):
-        picture = answered.answer.draw(answered.corrupted.sample)
+    def draw(self, prediction, width_px):
+        picture = prediction.output.draw(prediction.corrupted.sample)
         return (Panel("cells", scaled_to_width(picture, width_px)),)
 
     @staticmethod

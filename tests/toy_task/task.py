@@ -1,4 +1,4 @@
-"""How it is trained and scored."""
+"""Training and scores of the toy task."""
 
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
@@ -19,20 +19,20 @@ _NETWORK, _OPTIMIZER = FinderConfig(), OptimizerConfig()
 
 
 class FinderLosses(NamedTuple):
-    """One term."""
+    """Losses with a single term."""
 
     total: Tensor
 
 
 class FinderScores(MeanMetric):
-    """The mean over frames of the share of cells that are told wrongly."""
+    """Mean over frames of the share of wrongly classified cells."""
 
     def compute(self) -> dict[str, Tensor]:
         return {"wrong_share": super().compute()}
 
 
 class Finder(TrainingModule):
-    """The finder in training."""
+    """Training of the toy task."""
 
     task_name: ClassVar[str] = "toy-finder"
     monitored: ClassVar[tuple[str, Literal["min", "max"]]] = ("validation/wrong_share", "min")

@@ -428,7 +428,7 @@ def test_a_run_folder_in_a_data_set_is_refused_before_anything_is_made(
     (data / "training").mkdir(parents=True)
     run = ["--config", "toy", "--data.root", str(tmp_path), "--run_folder", str(data / folder)]
     sources = [f'--data.{use}=[{{"path": "set"}}]' for use in ("training", "validation")]
-    with pytest.raises(ValueError, match=r"would change the data set .*set, which is only read"):
+    with pytest.raises(ValueError, match=r"would change the data set .*set, which is an input"):
         run_training(subcommand, [*run, *sources], recipes)
     assert [path.name for path in data.rglob("*")] == ["training"]
 

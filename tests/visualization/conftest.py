@@ -1,4 +1,4 @@
-"""A camera, a black picture and a sample for the tests of pictures."""
+"""Camera, black picture and sample for tests of pictures."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ IMAGE_SIZE = (120, 400)
 
 @pytest.fixture
 def calibration() -> Calibration:
-    """Focal length 200 px, principal point in the middle, camera in the LiDAR's place."""
+    """Calibration: focal length 200 px, central principal point, camera at the LiDAR's position."""
     return Calibration(
         image_from_camera=torch.tensor(
             [[200.0, 0.0, 199.5, 0.0], [0.0, 200.0, 59.5, 0.0], [0.0, 0.0, 1.0, 0.0]],

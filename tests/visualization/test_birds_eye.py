@@ -1,4 +1,4 @@
-"""Pictures from above."""
+"""Bird's-eye views."""
 
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ def test_points_drawn_some_at_a_time_cover_each_other_as_when_drawn_at_once(monk
     colors = rng.integers(0, 256, (200, 3), dtype=np.uint8)
     pictures = []
     for at_a_time in (1000, 7):
-        monkeypatch.setattr(canvas, "_POINTS_AT_A_TIME", at_a_time)
+        monkeypatch.setattr(canvas, "_POINTS_PER_BATCH", at_a_time)
         picture = np.full((30, 30, 3), 40, np.uint8)
         canvas.put_points(picture, pixels, colors, diameter_px=3.0)
         pictures.append(picture)

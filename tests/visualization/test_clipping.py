@@ -1,4 +1,4 @@
-"""Clipping against points sampled densely along the edge and judged one by one."""
+"""Clipping, compared with densely sampled points of the edge."""
 
 import numpy as np
 import pytest

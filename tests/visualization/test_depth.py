@@ -17,7 +17,7 @@ def test_pixels_without_a_depth_are_dark():
 
 
 def brightness(rgb):
-    """CIE lightness (L* of 1976) of colours in sRGB, 0 to 100: what even the colour-blind see."""
+    """CIE lightness (L* of 1976) of colours in sRGB, 0 to 100; visible to colour-blind people."""
     linear = np.where(rgb <= 10, rgb / 255 / 12.92, ((rgb / 255 + 0.055) / 1.055) ** 2.4)
     luminance = linear @ np.array([0.2126, 0.7152, 0.0722])
     return 116 * np.cbrt(luminance) - 16

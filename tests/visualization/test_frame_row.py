@@ -1,4 +1,4 @@
-"""Frames at a glance: of one size, with what is missing said."""
+"""Pictures of frames: of one size, with notices for missing parts."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import torch
 
 from sightline.structures.predictions import DepthMap, Perception
 from sightline.visualization.frame_row import RowLayout, draw_row, draw_rows
-from tests.visualization.test_rerun_file import told
+from tests.visualization.test_rerun_file import some_perception
 
 
 @pytest.mark.parametrize("size", [(375, 1242), (1200, 1920), (1, 300), (300, 1), (1080, 1080)])
@@ -30,15 +30,15 @@ def test_pictures_are_of_the_layouts_size_for_any_image(sample):
 @pytest.mark.parametrize("part", ["image", "points"])
 def test_a_missing_sensor_changes_the_picture_and_the_head(sample, part):
     layout = RowLayout.of(sample.image_size)
-    whole = draw_row(sample, told(sample), layout)
-    lacking = draw_row(replace(sample, **{part: None}), told(sample), layout)
+    whole = draw_row(sample, some_perception(sample), layout)
+    lacking = draw_row(replace(sample, **{part: None}), some_perception(sample), layout)
     assert not np.array_equal(whole[:34], lacking[:34])
     assert not np.array_equal(whole[34:], lacking[34:])
 
 
 def test_each_kind_of_result_changes_the_picture(sample):
     layout = RowLayout.of(sample.image_size)
-    everything = told(sample)
+    everything = some_perception(sample)
     whole = draw_row(sample, everything, layout)
     for kind in ("detections2d", "detections3d", "depth"):
         assert not np.array_equal(
@@ -46,7 +46,7 @@ def test_each_kind_of_result_changes_the_picture(sample):
         )
 
 
-def test_depth_that_may_not_be_believed_is_a_hole(sample):
+def test_untrusted_depth_is_drawn_as_missing(sample):
     layout = RowLayout.of(sample.image_size)
     depth_m = torch.full(sample.image_size, 12.0)
     nothing = DepthMap(depth_m=depth_m, valid=torch.zeros_like(depth_m, dtype=torch.bool))

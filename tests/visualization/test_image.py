@@ -1,4 +1,4 @@
-"""Boxes and points on the image: where pixels change, and where they must not."""
+"""Boxes and points on the image: changed and unchanged pixels."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ CAR_AHEAD = [10.0, 1.0, -0.5, 4.0, 1.8, 1.5, 0.4]
 
 
 def pixel_of(point: np.ndarray) -> tuple[int, int]:
-    """Row and column of a LiDAR point, by the fixture's camera (written out once more)."""
+    """Row and column of a LiDAR point, by the fixture's camera, computed independently."""
     x, y, z = point
     return round(59.5 - 200 * z / x), round(199.5 - 200 * y / x)
 
@@ -99,17 +99,17 @@ def test_edges_of_faces_that_the_camera_sees_are_drawn_and_the_others_are_not(
     drawn = picture.max(axis=2) > 100
     seen = [edge[:2] for edge in edges() if is_seen(corners, edge[0], edge[2])]
     assert 4 <= len(seen) <= 9
-    shown = [pixels_along(corners, *edge) for edge in seen]
-    for row, column in np.concatenate(shown):
+    drawn = [pixels_along(corners, *edge) for edge in seen]
+    for row, column in np.concatenate(drawn):
         assert drawn[row - 1 : row + 2, column - 1 : column + 2].any()
     hidden = [edge[:2] for edge in edges() if edge[:2] not in seen]
     for row, column in np.concatenate([pixels_along(corners, *edge) for edge in hidden]):
-        if np.abs(np.concatenate(shown) - (row, column)).max(axis=1).min() > 5:
+        if np.abs(np.concatenate(drawn) - (row, column)).max(axis=1).min() > 5:
             assert not drawn[row, column]
 
 
 def pixels_along(corners, start, end):
-    """Rows and columns of a fine chain of points on an edge."""
+    """Rows and columns of dense points on an edge."""
     shares = np.linspace(0.05, 0.95, 60)
     return np.array([pixel_of((1 - s) * corners[start] + s * corners[end]) for s in shares])
 

@@ -24,7 +24,7 @@ def curve(precision, reached):
 
 
 def rows_and_columns(picture, color):
-    """Of the pixels of a colour above the legend."""
+    """Positions of the pixels of a colour above the legend."""
     return np.nonzero((picture[:360] == color).all(axis=-1))
 
 
@@ -37,7 +37,7 @@ def test_a_curve_lies_as_high_as_its_precision_and_ends_where_its_slots_do():
     assert ends[0] == pytest.approx(ends[1] / 2, abs=5)
 
 
-def test_all_curves_are_drawn_and_told_below():
+def test_all_curves_are_drawn_and_listed_below():
     one = draw_precision_recall("Car, 3d", {"easy": curve(0.75, 41)})
     both = draw_precision_recall("Car, 3d", {"easy": curve(0.75, 41), "moderate": curve(0.5, 41)})
     assert both.shape[0] > one.shape[0]

@@ -10,7 +10,7 @@ def reliability(targets):
     return Reliability(counts=counts, mean_score=scores, mean_target=np.array(targets))
 
 
-def test_bars_grow_with_what_scores_should_have_told():
+def test_bars_grow_with_the_mean_target():
     low = draw_reliability("low", reliability([0.0, np.nan, 0.2, 0.3]))
     high = draw_reliability("high", reliability([0.1, np.nan, 0.8, 0.9]))
     blue = [int((p[..., 2].astype(int) - p[..., 0] > 60).sum()) for p in (low, high)]

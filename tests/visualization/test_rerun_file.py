@@ -1,4 +1,4 @@
-"""Files of the Rerun viewer, opened by its own reader."""
+"""Files of the Rerun viewer, read by its own reader."""
 
 import errno
 from dataclasses import replace
@@ -16,7 +16,7 @@ from sightline.visualization import rerun_file
 from sightline.visualization.rerun_file import pinhole_of, write_rerun
 
 
-def told(sample):
+def some_perception(sample):
     depth_m = torch.full(sample.image_size, 12.0)
     return Perception(
         detections2d=Detections2D(
@@ -34,24 +34,24 @@ def told(sample):
 
 
 def as_plain(column):
-    """Python's values; times in nanoseconds, which Python's own have not."""
+    """Python values of a column; times in nanoseconds."""
     is_time = str(column.type).startswith("duration")
     return (column.cast("int64") if is_time else column).to_pylist()
 
 
 @pytest.fixture
 def rows(sample, tmp_path):
-    """Of two frames, the second without sensors."""
+    """File of two frames, the second without sensors."""
     pytest.importorskip("rerun.chunk")
     whole = replace(sample, timestamp_s=2.5)
     blind = replace(sample, image=None, points=None, timestamp_s=2.6)
     path = tmp_path / "scene.rrd"
-    assert write_rerun(path, [(whole, told(sample)), (blind, Perception())]) == 2
+    assert write_rerun(path, [(whole, some_perception(sample)), (blind, Perception())]) == 2
     return read(path)
 
 
 def read(path):
-    """What a file holds: by entity, each row with its frame's number."""
+    """Contents of a file: rows with frame numbers, by entity."""
     reader = pytest.importorskip("rerun.chunk").RrdReader(path)
     assert len(reader.recordings()) == 1
     assert len(reader.blueprints()) == 1

@@ -1,4 +1,4 @@
-"""The page of a frame, with all its parts and without some."""
+"""Page of a frame, with all parts and with missing ones."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def test_a_page_grows_by_a_panel_for_each_depth_map_that_is_there(sample):
 
 
 def test_labels_are_no_detections_from_above_either(sample):
-    """Where only 2D boxes were found, what stands in the bird's-eye view is still a label."""
+    """With 2D detections only, the boxes in the bird's-eye view are labels."""
     nothing = Detections2D(class_names=(), boxes=Boxes2D(torch.zeros(0, 4)), scores=torch.zeros(0))
     blue = np.array(class_color("Car"))
 
@@ -54,7 +54,7 @@ def test_labels_are_no_detections_from_above_either(sample):
 def test_the_errors_that_a_network_expects_have_a_panel_of_their_own(sample):
     dense = depth_map(sample.image_size)
     error_m = torch.full(sample.image_size, 0.4)
-    error_m[:10] = torch.inf  # where there is no value
+    error_m[:10] = torch.inf  # without a value
     plain = frame_sheet(sample, dense)
     page = frame_sheet(sample, replace(dense, uncertainty_m=error_m))
     assert_is_picture(page)
@@ -153,7 +153,7 @@ def test_a_page_of_a_very_narrow_image_is_no_larger_than_others(sample, size):
 
 
 def many_objects(count):
-    """Cars one behind the other, the farthest first."""
+    """Labels of cars one behind the other, the farthest first."""
     boxes3d = torch.tensor([[0.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]]).repeat(count, 1)
     boxes3d[:, 0] = torch.arange(count, 0, -1) * 0.1
     return ObjectLabels(
@@ -170,7 +170,7 @@ def test_of_very_many_labels_the_nearest_are_drawn_and_the_page_says_so(sample):
     crowd, near = many_objects(10_000), many_objects(500)
     page = frame_sheet(replace(sample, objects=crowd))
     alone = frame_sheet(replace(sample, objects=near))
-    head = 46  # the line with what there is, which tells of the others
+    head = 46  # height of the head, which counts the other objects
     assert np.array_equal(page[head:], alone[head:])
     assert not np.array_equal(page[:head], alone[:head])
 

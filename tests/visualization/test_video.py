@@ -9,7 +9,7 @@ from sightline.visualization.video import write_video
 
 
 def pictures(count, size=(64, 96)):
-    """A bright bar that moves to the right."""
+    """Pictures of a bright bar that moves to the right."""
     for number in range(count):
         picture = np.full((*size, 3), (40, 60, 90), np.uint8)
         picture[:, 8 * number : 8 * number + 16] = (250, 180, 20)
@@ -69,14 +69,14 @@ def mixed():
 
 
 @pytest.mark.parametrize(
-    ("shown", "said"),
+    ("frames", "message"),
     [
-        (pictures(0), "there is no frame to show"),
+        (pictures(0), "there are no frames"),
         (pictures(1, (63, 96)), r"frames of 96x63 px .*expected even numbers; pad or crop them"),
         (mixed(), "a frame of 98x64 px follows one of 96x64"),
     ],
 )
-def test_pictures_that_make_no_video_are_refused(tmp_path, shown, said):
-    with pytest.raises(ValueError, match=said):
-        write_video(tmp_path / "bar.mp4", shown)
+def test_pictures_that_make_no_video_are_refused(tmp_path, frames, message):
+    with pytest.raises(ValueError, match=message):
+        write_video(tmp_path / "bar.mp4", frames)
     assert list(tmp_path.iterdir()) == []

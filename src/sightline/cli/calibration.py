@@ -64,8 +64,7 @@ def evaluate_calibration(
         raise ValueError("--out needs --fit-results and one --calibrator, whose scores are written")
     if fit_results is None and (calibrator != "all" or fit_labels or fit_list):
         raise ValueError(
-            "--calibrator, --fit-labels and --fit-list say how to fit; name what to fit on as well "
-            "(--fit-results)"
+            "--calibrator, --fit-labels and --fit-list need results to fit on; add --fit-results"
         )
     from sightline.evaluation.calibration import (
         CalibrationSettings,

@@ -37,7 +37,7 @@ def corrupt(
         seed: Seed of the random boxes, discs and noise.
         cases: Cases of the suite to write; a kind (lidar_fog) selects its five. Default: all.
         sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or
-            a text file with one name a line. Default: all.
+            a text file with one name per line. Default: all.
         velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
         masks: Also writes masks of the pixels of each sensor that may have changed.
         workers: Number of processes.

@@ -8,7 +8,7 @@ from sightline.export.names import EngineChoice
 from sightline.files.problem import install_command
 
 
-def tell_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
+def announce_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
     """Prints the engine that runs the network, unless the arguments determine it.
 
     Args:
@@ -20,5 +20,5 @@ def tell_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
         return
     hint = "--engine torch for PyTorch" if taken != "torch" else ""
     if taken == "torch" and not has_openvino():
-        hint = f"for openvino, mostly two to three times as fast: {install_command('export')}"
+        hint = f"for openvino, usually two to three times as fast: {install_command('export')}"
     warn(f"engine {taken}{f' ({hint})' if hint else ''}")

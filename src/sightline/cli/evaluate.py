@@ -7,7 +7,7 @@ would import the evaluation for `--help`.
 from pathlib import Path
 from typing import Literal
 
-from sightline.cli.engine import tell_engine
+from sightline.cli.engine import announce_engine
 from sightline.cli.object_plots import write_object_plots
 from sightline.cli.output import say
 from sightline.cli.parser import Device
@@ -159,7 +159,7 @@ def depth_command(
         by_distance: End distances [m] of bands of true depth, e.g. 10 20 40 80: adds RMSE, MAE,
             bias and the share of errors above 1 m for each band, pooled over pixels.
         sparse: Sparse depth maps, a 16-bit depth PNG or a folder of them (velodyne_raw of KITTI's
-            depth benchmark, not sweeps in .bin files): adds the same figures at LiDAR returns,
+            depth benchmark, not sweeps in .bin files): adds the same metrics at LiDAR returns,
             within 3 px of one and beyond, and the share of sound returns that predictions deviate
             from.
         against: Predictions of another method: adds the difference to it, image by image, with its
@@ -225,7 +225,7 @@ def held_out_command(
     from sightline.evaluation.held_out import evaluate_held_out
 
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
-    tell_engine(engine, completer.made_by.get("engine"), device)
+    announce_engine(engine, completer.made_by.get("engine"), device)
     parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
     samples = (dataset[index] for index in range(len(dataset)))

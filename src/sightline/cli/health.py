@@ -64,7 +64,7 @@ def health(
     check_first(fit_first)
     if limits is not None and (images or lidar_beams or fit_first):
         raise ValueError(
-            "--limits says what is usual already; leave out --images, --lidar-beams and --fit-first"
+            "--limits replaces --images, --lidar-beams and --fit-first; leave these out"
         )
     sensors: tuple[Part, ...] = ("image", "points")
     dataset = open_dataset(
@@ -73,8 +73,8 @@ def health(
     chosen = _limits(data, dataset, limits, images, lidar_beams, fit_first)
     monitor = DriveMonitor(HealthMonitor(chosen.limits))
     samples = (dataset[index] for index in range(len(dataset)))
-    shown = track(samples, description="looking at sensors", total=len(dataset))
-    frames = tuple(monitor(sample) for sample in shown)
+    tracked = track(samples, description="checking sensors", total=len(dataset))
+    frames = tuple(monitor(sample) for sample in tracked)
     report = HealthReport(
         frames=frames,
         limits={"camera": chosen.camera, "lidar": chosen.lidar},
@@ -84,8 +84,8 @@ def health(
         write_rgb(picture, draw_health(report.frames, report.notes))
         say(picture)
     deliver(report, json)
-    for sensor, said in report.limits.items():
-        say(f"{sensor}: limits {said}")
+    for sensor, origin in report.limits.items():
+        say(f"{sensor}: limits {origin}")
     for warning in report.warnings:
         warnings.warn(warning, stacklevel=2)
 
@@ -102,7 +102,7 @@ def _limits(
     from sightline.data.recording_tree import IMAGES
     from sightline.health.limits import read_limits
     from sightline.health.shipped import (
-        LOOKED_AT,
+        NUM_CHECKED_FRAMES,
         ChosenLimits,
         check_frames,
         choose_shipped,
@@ -112,10 +112,12 @@ def _limits(
     if limits is not None:
         return ChosenLimits(limits=read_limits(limits), camera=str(limits), lidar=str(limits))
     count = len(dataset)
-    spread = {round(n * (count - 1) / max(LOOKED_AT - 1, 1)) for n in range(LOOKED_AT)}
-    looked_at = check_frames([dataset[index] for index in sorted(spread) if index < count])
+    spread = {
+        round(n * (count - 1) / max(NUM_CHECKED_FRAMES - 1, 1)) for n in range(NUM_CHECKED_FRAMES)
+    }
+    checked = check_frames([dataset[index] for index in sorted(spread) if index < count])
     are_jpeg = any((data / IMAGES).glob("*.jp*g"))
-    chosen = choose_shipped(looked_at, images=images, beams=beams, are_jpeg_files=are_jpeg)
+    chosen = choose_shipped(checked, images=images, beams=beams, are_jpeg_files=are_jpeg)
     if fit_first is None:
         return chosen
     first = check_frames([dataset[index] for index in range(min(fit_first, count))])

@@ -16,12 +16,12 @@ class PlainHelpFormatter(DefaultHelpFormatter):
     """Formatter that names types in words, and no default where it is None."""
 
     def _get_type_str(self, action: Action) -> str | None:
-        """Name the type of an argument's values; None: nothing to say."""
+        """Name the type of an argument's values; None: no type is printed."""
         if isinstance(action, ActionYesNo):
             return None
         hint = getattr(action, "_typehint", None) or action.type
-        is_listed = get_origin(hint) is Literal  # the choices are its name
-        return None if hint is None or is_listed else plain_type(hint)
+        has_choices = get_origin(hint) is Literal  # the help lists the choices
+        return None if hint is None or has_choices else plain_type(hint)
 
     def _get_help_string(self, action: Action) -> str:
         text = super()._get_help_string(action)

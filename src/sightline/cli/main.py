@@ -171,7 +171,7 @@ def _commands() -> dict[str, Any]:
         },
         "robustness": robustness,
         "reproduce": {
-            "_help": "Print a paper's tables beside our own figures.",
+            "_help": "Print a paper's tables beside our own results.",
             "gated-fusion": reproduce_gated_fusion,
             "two-stage": reproduce_two_stage,
             "shift-conv": reproduce_shift_conv,

@@ -92,15 +92,15 @@ def gathered_warnings() -> Iterator[None]:
 class _Plain:
     """Wrapper of a rich renderable that escapes control characters."""
 
-    def __init__(self, shown: "RenderableType") -> None:
-        self._shown = shown
+    def __init__(self, renderable: "RenderableType") -> None:
+        self._renderable = renderable
 
     def __rich_console__(
         self, console: "Console", options: "ConsoleOptions"
     ) -> "Iterator[Segment]":
         from rich.segment import Segment
 
-        for text, style, control in console.render(self._shown, options):
-            is_own = control is not None or text.isprintable() or not text.strip("\n")
-            shown = text if is_own else "\n".join(map(escaped, text.split("\n")))
-            yield Segment(shown, style, control)
+        for text, style, control in console.render(self._renderable, options):
+            is_safe = control is not None or text.isprintable() or not text.strip("\n")
+            plain = text if is_safe else "\n".join(map(escaped, text.split("\n")))
+            yield Segment(plain, style, control)

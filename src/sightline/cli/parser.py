@@ -66,19 +66,19 @@ def _check_depth(value: str) -> None:
 
 
 def _check_extent(loaded: object) -> None:
-    """Refuse settings that are nested deeply, or many, by aliases: whoever copies them hangs."""
-    held, num_values = [(loaded, 0)], 0
-    while held:
-        value, depth = held.pop()
+    """Refuse settings that are nested deeply, or large by aliases: copying them would hang."""
+    pending, num_values = [(loaded, 0)], 0
+    while pending:
+        value, depth = pending.pop()
         num_values += 1
         if depth > _MAX_DEPTH:
             raise yaml.YAMLError(f"is nested more than {_MAX_DEPTH} deep")
         if num_values > _MAX_VALUES:
-            raise yaml.YAMLError(f"holds more than {_MAX_VALUES} values, its aliases counted along")
+            raise yaml.YAMLError(f"holds more than {_MAX_VALUES} values, including its aliases")
         if isinstance(value, dict):
-            held += [(each, depth + 1) for each in value.values()]
+            pending += [(each, depth + 1) for each in value.values()]
         elif isinstance(value, list):
-            held += [(each, depth + 1) for each in value]
+            pending += [(each, depth + 1) for each in value]
 
 
 jsonargparse.set_loader("yaml", _load_value, (yaml.YAMLError,))
@@ -145,6 +145,6 @@ class _ValueList(argparse.Action):
                 f"expected numbers, got {' '.join(values)}; write them last or as {option}=1,2",
             ) from None
         if count is not None and len(parsed) != count:
-            what = "names" if value_type is str else "numbers"
-            raise argparse.ArgumentError(self, f"expected {count} {what}, got {len(parsed)}")
+            kind = "names" if value_type is str else "numbers"
+            raise argparse.ArgumentError(self, f"expected {count} {kind}, got {len(parsed)}")
         setattr(namespace, self.dest, parsed)

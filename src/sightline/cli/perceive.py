@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sightline.cli.declared import declare
-from sightline.cli.engine import tell_engine
+from sightline.cli.engine import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
@@ -14,44 +14,44 @@ from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
 from sightline.tasks import find_task, task_names, weights_of
 
-_HELP = """Asks all tasks about every frame: result files of each, and one line of JSON a frame.
+_HELP = """Runs all tasks on every frame; writes their result files and one line of JSON per frame.
 
-Each frame is loaded once. OUT holds a folder for each task, the same as `sightline predict` makes,
-and perception.jsonl; docs/perception.md tells what stands in it. A frame without a sensor is
-answered by the tasks that can do without it. A file appears whole or not at all; an interrupted
-run is finished by running it again.
+Each frame is loaded once. OUT gets a folder for each task, as from `sightline predict`, and
+perception.jsonl; docs/perception.md describes its lines. For a frame without a sensor, only the
+tasks that can work without it predict. Files are written atomically; to resume an interrupted
+run, run it again.
 
 Args:
     data: A recording, or a KITTI object tree, depth completion tree or raw drive.
     out: Folder for all results.
-{tasks}    engine: What runs the networks: by default (auto) openvino where it is installed, on the
-        CPU, and torch elsewhere.
-    device: Where PyTorch runs the networks.
-    all_outputs: Writes the further outputs of the tasks, too: expected errors of depth, gates.
-    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
-        a text file with one name a line. Default: all.
+{tasks}    engine: Engine of the networks: by default (auto) openvino on the CPU if it is
+        installed, else torch.
+    device: Device of the networks in PyTorch.
+    all_outputs: Also writes the further outputs of the tasks: expected errors of depth, gates.
+    sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or
+        a text file with one name per line. Default: all.
     velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
         velodyne_reduced.
-    workers: Processes, each of one thread: as many as there are cores is fastest.
-    overwrite: Makes files anew that are there already.
-    shard_index: Which part of the frames to do, from 0.
-    num_shards: Number of parts, each of which can run on another machine.
-    video: MP4 to write of all frames: camera with boxes, depth, bird's-eye view. H.264 with
+    workers: Number of processes with one thread each; fastest with one per core.
+    overwrite: Replaces existing files.
+    shard_index: Index of the shard of frames to process, from 0.
+    num_shards: Number of shards, each of which can run on another machine.
+    video: MP4 file of all frames: camera with boxes, depth, bird's-eye view. H.264 with
         pip install '.[viz]'.
-    rerun: File for the Rerun viewer (.rrd) to write: image, depth, points, boxes on a time line.
-        Needs pip install '.[viz]'.
+    rerun: File for the Rerun viewer (.rrd): image, depth, points, boxes on a time line. Needs
+        pip install '.[viz]'.
     fps: Frames per second of the video.
-    min_score: Detections that are less sure are in the results, and in neither picture.
+    min_score: Score threshold of drawn detections; the results contain all of them.
 """
-_TASK_HELP = """    {argument}: What answers {name}: weights by name ({known}) or file
-        (.safetensors, .ckpt){methods}, or none, which leaves the task out. Default: {default}.
+_TASK_HELP = """    {argument}: Weights of {name}: name ({known}) or file
+        (.safetensors, .ckpt){methods}, or none to leave the task out. Default: {default}.
 """
 
 
 def perceive_command() -> Callable[..., None]:
     """Create the command for the currently registered tasks."""
 
-    def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
+    def command(**settings: Any) -> None:  # noqa: ANN401 - see the signature below
         weights = {name: settings.pop(_argument(name)) for name in task_names()}
         _run({name: chosen for name, chosen in weights.items() if chosen is not None}, **settings)
 
@@ -86,7 +86,7 @@ def _task_help(name: str) -> str:
     return _TASK_HELP.format(
         argument=_argument(name),
         name=name,
-        known=", ".join(weights_of(task)) or "none come with Sightline",
+        known=", ".join(weights_of(task)) or "none in Sightline",
         methods=f", a method ({', '.join(task.methods)})" if task.methods else "",
         default=task.default_weights or "none",
     )
@@ -109,8 +109,8 @@ def _run(
 
     # One thread per worker; with several threads PyTorch's last digits differ.
     perceiver = MultiTaskPredictor.load(weights, engine=engine, device=device, threads=1)
-    taken = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
-    tell_engine(engine, next(iter(taken), None), device)
+    engines = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
+    announce_engine(engine, next(iter(engines), None), device)
     result = perceive(data, out, perceiver=perceiver, **job)
-    answers = ", ".join(f"{task} {count}" for task, count in result.answered.items())
-    say(f"{out / LINES_NAME}: frames: {result}; answers to them: {answers}")
+    predicted = ", ".join(f"{task} {count}" for task, count in result.predicted.items())
+    say(f"{out / LINES_NAME}: frames: {result}; predicted: {predicted}")

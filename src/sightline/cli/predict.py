@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sightline.cli.declared import declare
-from sightline.cli.engine import tell_engine
+from sightline.cli.engine import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
@@ -16,26 +16,26 @@ from sightline.tasks import Task, find_task, task_names, weights_of
 
 _HELP = """{summary}
 
-A file appears whole or not at all; an interrupted run is finished by running it again.
+Files are written atomically; to resume an interrupted run, run it again.
 
 Args:
     data: A recording, or KITTI's object tree, depth completion tree or raw drive.
     out: Folder for the first output: {first}
-    method: A method that needs no network.
-    weights: The network: name of weights that come with Sightline ({known}) or a file
+    method: Method without a network.
+    weights: Weights of the network: name of weights in Sightline ({known}) or a file
         (.safetensors, .ckpt). Default: {default}.
-    engine: What runs the network: by default (auto) openvino where it is installed, on the CPU, and
-        else torch.
-    device: Where PyTorch runs the network.
-{of_task}    sample_list: Which frames: kitti-object-train, kitti-object-val, a list in ImageSets or
-        a text file with one name a line. Default: all.
+    engine: Engine of the network: by default (auto) openvino on the CPU if it is installed, else
+        torch.
+    device: Device of the network in PyTorch.
+{task_options}    sample_list: List of frames: kitti-object-train, kitti-object-val, a list in
+        ImageSets or a text file with one name per line. Default: all.
     velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
         velodyne_reduced.
-    workers: Processes, each of one thread: as many as there are cores is fastest. Any number gives
+    workers: Number of processes with one thread each; fastest with one per core. Any number gives
         the same files.
-    overwrite: Rewrites files that exist already.
-    shard_index: Which part of the frames to do, from 0.
-    num_shards: Number of parts, each of which can run on another machine.
+    overwrite: Replaces existing files.
+    shard_index: Index of the shard of frames to process, from 0.
+    num_shards: Number of shards, each of which can run on another machine.
 """
 
 
@@ -48,20 +48,20 @@ def predict_commands() -> dict[str, Any]:
 def _command(task: Task) -> Callable[..., None]:
     """Create a function whose signature and docstring contain the task's methods and outputs."""
 
-    def command(**settings: Any) -> None:  # noqa: ANN401 - the signature below says what
+    def command(**settings: Any) -> None:  # noqa: ANN401 - see the signature below
         _run(task, **settings)
 
-    of_task = [
+    task_options = [
         f"    {output.name}: Folder for a further output: {output.summary}\n"
         for output in task.outputs[1:]
     ]
-    of_task += [f"    {switch.name}: {switch.summary}\n" for switch in task.switches]
+    task_options += [f"    {switch.name}: {switch.summary}\n" for switch in task.switches]
     text = _HELP.format(
         summary=task.summary,
         first=task.outputs[0].summary,
-        known=", ".join(weights_of(task)) or "none do",
+        known=", ".join(weights_of(task)) or "none",
         default=task.default_weights or "none",
-        of_task="".join(of_task),
+        task_options="".join(task_options),
     )
     return declare(command, {"data": Path, "out": Path}, _options(task), help_text=text)
 
@@ -101,12 +101,12 @@ def _run(
     shard_index: int,
     num_shards: int,
     method: str | None = None,
-    **of_task: Any,  # noqa: ANN401 - folders of further outputs, and switches
+    **task_options: Any,  # noqa: ANN401 - folders of further outputs, and switches
 ) -> None:
     also = {
-        output.name: of_task[output.name]
+        output.name: task_options[output.name]
         for output in task.outputs[1:]
-        if of_task[output.name] is not None
+        if task_options[output.name] is not None
     }
     places = {"OUT": out} | {f"--{name}": folder for name, folder in also.items()}
     check_outputs(places, data=[data, named_file(weights), named_file(sample_list)])
@@ -119,14 +119,14 @@ def _run(
         device=device,
         threads=1,  # per worker; with several threads PyTorch's last digits differ
     )
-    tell_engine(engine, predictor.made_by.get("engine"), device)
+    announce_engine(engine, predictor.made_by.get("engine"), device)
     result = predict(
         task,
         predictor,
         data,
         out,
         also=also,
-        switches=[switch.name for switch in task.switches if of_task[switch.name]],
+        switches=[switch.name for switch in task.switches if task_options[switch.name]],
         sample_list=sample_list,
         velodyne=velodyne,
         workers=workers,

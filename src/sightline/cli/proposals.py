@@ -34,7 +34,7 @@ def proposals(
             a file (.safetensors, .ckpt).
         device: Device of the network in PyTorch.
         sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or
-            a text file with one name a line. Default: all.
+            a text file with one name per line. Default: all.
         velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
         workers: Number of processes with one thread each.
         overwrite: Replaces existing files.

@@ -18,19 +18,19 @@ def plain_refusal(message: str, program: str) -> str:
     for pattern, rewrite in _RULES:
         if match := re.fullmatch(pattern, message.strip(), re.DOTALL):
             name, *commands = program.split()
-            said, told = rewrite(commands, *match.groups())
-            return f"{said}; see {' '.join([name, *told])} --help"
+            text, help_of = rewrite(commands, *match.groups())
+            return f"{text}; see {' '.join([name, *help_of])} --help"
     return f"{message}; see {program} --help"
 
 
-_Said = tuple[str, Sequence[str]]
+_Refusal = tuple[str, Sequence[str]]
 """Message, and the commands with the relevant help."""
 
 
-def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _Said:
+def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _Refusal:
     option = f"--{key.replace('_', '-')}"
     literals = re.search(r"typing\.Literal\[(.*?)\]", kinds)
-    numbers = [said for name, said in _TYPES.items() if f"<class '{name}'>" in kinds]
+    numbers = [text for name, text in _TYPES.items() if f"<class '{name}'>" in kinds]
     if literals:
         expected = "one of " + literals.group(1).replace("'", "")
     elif numbers:
@@ -40,25 +40,25 @@ def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _
     return f"{option}: expected {expected}, got {value}", commands
 
 
-def _missing(commands: Sequence[str], keys: str) -> _Said:
+def _missing(commands: Sequence[str], keys: str) -> _Refusal:
     names = [key.split(".") for key in keys.split(", ")]
     commands = names[0][:-1] or commands
     lacking = " and ".join(name[-1].upper() for name in names)
     return f"{' '.join(commands) or 'the command'} needs {lacking}", commands
 
 
-def _no_command(commands: Sequence[str], of: str | None, known: str) -> _Said:
-    commands = of.rstrip(".").split(".") if of else commands
+def _no_command(commands: Sequence[str], parent: str | None, known: str) -> _Refusal:
+    commands = parent.rstrip(".").split(".") if parent else commands
     listed = ", ".join(name.strip() for name in known.split(","))
     return f"{' '.join(commands) or 'sightline'} needs a command: {listed}", commands
 
 
-def _wrong_command(commands: Sequence[str], given: str, known: str) -> _Said:
+def _wrong_command(commands: Sequence[str], given: str, known: str) -> _Refusal:
     listed = known.replace("'", "")
     return f"there is no command {' '.join([*commands, given])}; name one of {listed}", commands
 
 
-_RULES: Final[tuple[tuple[str, Callable[..., _Said]], ...]] = (
+_RULES: Final[tuple[tuple[str, Callable[..., _Refusal]], ...]] = (
     (r'Parser key "(\w+)":\s+Expected an? (.*)\. Got value: (.*)', _wrong_value),
     (r'Parser key "(\w+)":.*Subtypes: \[(.*)\]\s+Errors:.*Given value: (.*)', _wrong_value),
     (r"the following arguments are required: (.*)", _missing),

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from sightline.cli.engine import tell_engine
+from sightline.cli.engine import announce_engine
 from sightline.cli.output import say, warn
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
@@ -121,7 +121,7 @@ def reproduce_gated_fusion(
         velodyne=velodyne,
         workers=workers,
     )
-    tell_engine(engine, choose_engine(engine, device) if weights else None, device)
+    announce_engine(engine, choose_engine(engine, device) if weights else None, device)
     deliver(report, json)
     if figures is not None and report.gates:
         say(figures / GATE_MEANS, figures / GATE_MAPS)
@@ -191,7 +191,7 @@ def reproduce_two_stage(
         workers=workers,
     )
     has_networks = len(folders) < len(given)
-    tell_engine(engine, choose_engine(engine, device) if has_networks else None, device)
+    announce_engine(engine, choose_engine(engine, device) if has_networks else None, device)
     deliver(report, json)
     if figures is not None and report.rows:
         say(*(figures / name for name in (*CURVES.values(), FRAME)))
@@ -251,7 +251,7 @@ def reproduce_shift_conv(
         velodyne=velodyne,
     )
     has_networks = weights is not None or weights_without is not None
-    tell_engine(engine, choose_engine(engine, device) if has_networks else None, device)
+    announce_engine(engine, choose_engine(engine, device) if has_networks else None, device)
     deliver(report, json)
     if figures is not None:
         say(figures / FIGURES)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from sightline.cli.engine import tell_engine
+from sightline.cli.engine import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
@@ -78,17 +78,17 @@ def robustness(
     if compare is not None:
         if results or any(each is not None for each in (out_folder, data, weights, method)):
             raise ValueError(
-                "--compare reads two runs that are done; leave the folder, --data, --results, "
+                "--compare reads finished runs; leave the folder, --data, --results, "
                 "--weights and --method out"
             )
         _compare(compare, page)
         return
     if page is not None:
-        raise ValueError("--page draws runs that are done; name them by --compare, or leave it out")
+        raise ValueError("--page draws finished runs; give them by --compare, or leave it out")
     if out_folder is None or data is None:
         lacking = "data set (--data)" if data is None else "folder for the run"
         raise ValueError(
-            f"robustness needs a {lacking}; a folder is named before options of several values, as "
+            f"robustness needs a {lacking}; give the folder before options with several values, as "
             "in sightline robustness OUT --data DATA --cases camera_blank lidar_blank"
         )
     by_sensor = _by_sensor(healthy or ())
@@ -123,13 +123,13 @@ def robustness(
             engine=engine,
             device=device,
         )
-        tell_engine(engine, report.record.made_by.get("engine"), device)
+        announce_engine(engine, report.record.made_by.get("engine"), device)
     else:
         if method is not None or weights is not None:
-            raise ValueError("--results are scored as they are; leave method and weights out")
+            raise ValueError("--results needs no method and no weights; leave them out")
         if len(results) > 1:
             raise ValueError(
-                f"--results is one folder, got {' '.join(results)}; name the run's own folder first"
+                f"--results is one folder, got {' '.join(results)}; give the run's own folder first"
             )
         report = score_results(chosen, data, Path(results[0]), out_folder, settings)
     deliver(report, None)
@@ -151,16 +151,16 @@ def _by_sensor(given: tuple[str, ...]) -> "dict[Sensor, Path]":
     """Parse `camera=A.json lidar=B.json`."""
     from sightline.structures.sample import Sensor
 
-    found: dict[Sensor, Path] = {}
+    paths: dict[Sensor, Path] = {}
     for word in given:
         name, _, path = word.partition("=")
         sensor = next((each for each in get_args(Sensor) if each == name), None)
         if sensor is None or not path:
             raise ValueError(
-                f"--healthy {word} is not understood: write camera=FILE or lidar=FILE, with the "
-                "robustness.json of a method that looks at that sensor alone"
+                f"--healthy {word} is invalid: give camera=FILE or lidar=FILE, with the "
+                "robustness.json of a method that uses only that sensor"
             )
-        if sensor in found:
-            raise ValueError(f"--healthy names two methods of the {sensor}; leave one out")
-        found[sensor] = Path(path)
-    return found
+        if sensor in paths:
+            raise ValueError(f"--healthy has two methods of the {sensor}; leave one out")
+        paths[sensor] = Path(path)
+    return paths

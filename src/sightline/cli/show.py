@@ -29,7 +29,7 @@ def show(
     Args:
         data: A recording, or a KITTI object tree, depth completion tree or raw drive.
         frames: Names of the frames, e.g. 000008 000010.
-        out: PNG or JPEG to write; by default FRAME.png in the current folder, or FIRST-LAST.png.
+        out: PNG or JPEG file to write. Default: FRAME.png in the current folder, or FIRST-LAST.png.
         results: Folders of result files to draw instead of running a task: from perceive or
             predict, or other files in KITTI's formats.
         task: Task whose prediction is drawn; `sightline tasks` lists them. Default: the task of the
@@ -45,14 +45,17 @@ def show(
     path = out or Path(f"{name}.png")
     folders = [Path(folder) for folder in results]
     check_places({"--out": path}, data=[data, named_file(weights)], results=folders)
-    from sightline.perception.show import Answers, Results, write_frames_picture
+    from sightline.perception.show import PredictorSource, ResultSource, write_frames_picture
 
     if results and (task or method or weights):
-        raise ValueError("results are drawn as they are; leave out task, method and weights")
-    tell: Answers | Results
+        raise ValueError("--results needs no task, method or weights; leave these out")
+    source: PredictorSource | ResultSource
     if results:
-        tell = Results(folders, data)
+        source = ResultSource(folders, data)
     else:
         chosen = choose_task(task, weights)
-        tell = Answers(chosen, chosen.predictor(method=method, weights=weights))
-    say(write_frames_picture(data, frames, path, tell=tell, min_score=min_score, velodyne=velodyne))
+        source = PredictorSource(chosen, chosen.predictor(method=method, weights=weights))
+    picture = write_frames_picture(
+        data, frames, path, source=source, min_score=min_score, velodyne=velodyne
+    )
+    say(picture)

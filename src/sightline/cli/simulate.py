@@ -12,24 +12,24 @@ from sightline.cli.declared import declare
 from sightline.cli.output import say
 from sightline.simulation.settings import PresetName, SimulatedSet, SimulationConfig, choose_set
 
-_HELP = """Makes street frames or drives in KITTI's format, with dense depth and labels.
+_HELP = """Simulates street frames or drives in KITTI's format, with dense depth and labels.
 
-The same settings give the same files for any number of workers. An interrupted run is finished
-by running it again; more frames extend what is there.
+The same settings give the same files for any number of workers. To resume an interrupted run, or
+to extend it by more frames, run it again.
 
 Args:
     out: Folder for the data.
-    preset: A named data set, whose settings replace the defaults; what is given replaces either.
-{settings}    workers: Processes.
-    shard_index: Which part of the frames, or of the drives, to do, from 0.
-    num_shards: Number of parts, each of which can run on another machine.
+    preset: Named data set, whose settings replace the defaults; given options replace either.
+{settings}    workers: Number of processes.
+    shard_index: Index of the shard of frames or drives to process, from 0.
+    num_shards: Number of shards, each of which can run on another machine.
 """
 
 
 def simulate_command() -> Callable[..., None]:
     """Create the command with an option for each setting."""
 
-    def command(**settings: Any) -> None:  # noqa: ANN401 - its options say what
+    def command(**settings: Any) -> None:  # noqa: ANN401 - see the options below
         _run(**settings)
 
     # Missing options are left out, to distinguish them from given defaults.
@@ -67,7 +67,7 @@ def _run(
 ) -> None:
     from sightline.simulation.generate import simulate
 
-    if "image_size" in given:  # KITTI's users write the width first; we, everywhere else, do not
+    if "image_size" in given:  # KITTI's users write the width first; settings have the height first
         given["image_size"] = given["image_size"][::-1]
     chosen = choose_set(preset, given)
     result = simulate(

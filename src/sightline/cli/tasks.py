@@ -27,5 +27,5 @@ def list_tasks() -> None:
     say(f"engines: {', '.join(engines)}")
 
 
-def _print_row(what: str, names: "list[str] | tuple[str, ...]") -> None:
-    say(f"  {what}: {', '.join(names) or 'none'}")
+def _print_row(title: str, names: "list[str] | tuple[str, ...]") -> None:
+    say(f"  {title}: {', '.join(names) or 'none'}")

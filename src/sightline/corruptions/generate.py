@@ -27,8 +27,8 @@ from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
 from sightline.jobs.output_dirs import (
     acquire_output_dir,
-    change_of_data,
     check_outside_dataset,
+    data_change_error,
     data_name,
 )
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
@@ -247,7 +247,7 @@ def _check_apart(data: Path, out: Path, cases: Sequence[Case]) -> None:
     check_outside_dataset(data, [out])
     written = [out.resolve() / case.name for case in cases]
     if any(data.resolve().is_relative_to(folder) for folder in written):
-        raise change_of_data(data, out)
+        raise data_change_error(data, out)
 
 
 def _check_parts(

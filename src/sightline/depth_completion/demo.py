@@ -15,7 +15,7 @@ from sightline.inference.demo import DemoPart
 from sightline.inference.demo_page import picture_html
 from sightline.inference.pictures import write_frame_picture
 from sightline.inference.predict import predict
-from sightline.inference.predictor import AnsweringTask
+from sightline.inference.predictor import PredictingTask
 from sightline.robustness.page import plain_table
 from sightline.robustness.texts import TextTable
 
@@ -31,7 +31,7 @@ highest beam too, where any method can only guess.</p>
 {pictures}"""
 
 
-def run_depth_demo(task: AnsweringTask, frames: Path, out: Path) -> DemoPart:
+def run_depth_demo(task: PredictingTask, frames: Path, out: Path) -> DemoPart:
     """Completes the depth of frames with the default weights, scores it and draws it.
 
     Args:

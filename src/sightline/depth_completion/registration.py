@@ -116,11 +116,11 @@ class DepthCompletionTask(DepthNetworkTask):
 
         return HeldOutScoring()
 
-    def perception(self, answer: "DepthMap") -> "Perception":
+    def perception(self, prediction: "DepthMap") -> "Perception":
         """Wraps the depth map."""
         from sightline.structures.predictions import Perception
 
-        return Perception(depth=answer)
+        return Perception(depth=prediction)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """Runs the demo; see `run_depth_demo`."""

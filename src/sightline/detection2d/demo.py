@@ -12,7 +12,7 @@ from sightline.detection2d.answers import DRAWN_SCORE, answer_row
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.inference.demo import DemoPart, Headline
 from sightline.inference.predict import predict
-from sightline.inference.predictor import AnsweringTask
+from sightline.inference.predictor import PredictingTask
 from sightline.robustness.page import plain_table
 from sightline.robustness.texts import TextTable
 
@@ -29,7 +29,7 @@ deliver.</p>
 
 
 def run_detection_demo(
-    task: AnsweringTask, predictor: DetectionPredictor, frames: Path, out: Path
+    task: PredictingTask, predictor: DetectionPredictor, frames: Path, out: Path
 ) -> DemoPart:
     """Detect in frames, and in the first one also with a dead camera and with a dead LiDAR.
 

@@ -115,11 +115,11 @@ class Detection2DTask(DetectionNetworkTask):
 
         return SCORING
 
-    def perception(self, answer: "DetectorAnswer") -> "Perception":
+    def perception(self, prediction: "DetectorAnswer") -> "Perception":
         """Wrap the detections, without the gates."""
         from sightline.structures.predictions import Perception
 
-        return Perception(detections2d=answer.detections)
+        return Perception(detections2d=prediction.detections)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """Run `run_detection_demo`."""

@@ -7,10 +7,10 @@ from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import BenchPrediction, Panel
 
 
-def _panels(answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
-    corrupted = answered.corrupted
+def _panels(prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
+    corrupted = prediction.corrupted
     masks = (corrupted.camera_mask, corrupted.lidar_mask)
-    panels = answer_panels(corrupted.sample, answered.answer, masks=masks, width_px=width_px)
+    panels = answer_panels(corrupted.sample, prediction.output, masks=masks, width_px=width_px)
     return tuple(Panel(f"{each.name} {each.note}".strip(), each.picture) for each in panels)
 
 

@@ -12,7 +12,7 @@ from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.inference.demo import DemoPart
 from sightline.inference.demo_page import picture_html
 from sightline.inference.predict import predict
-from sightline.inference.predictor import AnsweringTask
+from sightline.inference.predictor import PredictingTask
 
 _HTML = """<p>Cars, pedestrians and cyclists in the LiDAR sweep by <b>{name}</b>, in
 <code>detections3d/</code> as KITTI's result files.</p>
@@ -26,7 +26,7 @@ _CAPTION = (
 
 
 def run_detection3d_demo(
-    task: AnsweringTask, predictor: Detection3DPredictor, frames: Path, out: Path
+    task: PredictingTask, predictor: Detection3DPredictor, frames: Path, out: Path
 ) -> DemoPart:
     """Detect objects in frames and draw each frame.
 

@@ -101,11 +101,11 @@ class Detection3DTask(Detection3DNetworkTask):
 
         return SCORING
 
-    def perception(self, answer: "Detections3D") -> "Perception":
+    def perception(self, prediction: "Detections3D") -> "Perception":
         """Wrap the detections."""
         from sightline.structures.predictions import Perception
 
-        return Perception(detections3d=answer)
+        return Perception(detections3d=prediction)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
         """Run `run_detection3d_demo`."""

@@ -15,10 +15,10 @@ _VIEWS: Final[tuple[Literal["3d", "bev"], ...]] = ("3d", "bev")
 _VIEW: Final = BirdsEyeView(x_max_m=60.0, y_min_m=-30.0, y_max_m=30.0)
 
 
-def _panels(answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
+def _panels(prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
     """Draw boxes on the image and from above; labels are thin and white."""
-    given = answered.corrupted.sample
-    found = level_detections(answered.answer.filter_by_score(DRAWN_SCORE), given)
+    given = prediction.corrupted.sample
+    found = level_detections(prediction.output.filter_by_score(DRAWN_SCORE), given)
     given = level_sample(given)
     boxes, names = found.boxes, found.class_names
     picture = draw_boxes3d(

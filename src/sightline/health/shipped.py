@@ -24,7 +24,7 @@ ImageKind = Literal["png", "jpeg"]
 BEAMS: Final = (64, 32, 16)
 """Numbers of beams with included limits."""
 
-LOOKED_AT: Final = 15
+NUM_CHECKED_FRAMES: Final = 15
 """Number of frames, evenly spread over a drive, for choosing the included limits."""
 FEWEST_FIRST: Final = 10
 """Minimum number of frames for limits fitted to the drive itself."""

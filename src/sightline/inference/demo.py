@@ -30,9 +30,9 @@ class DemoPart:
     """A task's part of the demo."""
 
     title: str
-    """Name of the task in a word or two."""
+    """Short name of the task."""
     result: str
-    """Best figures of the task, in one line."""
+    """Best scores of the task, in one line."""
     files: tuple[tuple[str, Path], ...]
     """Written files or folders, each with a short description."""
     html: str
@@ -61,12 +61,12 @@ def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]
         raise ValueError(
             f"the embedded frames are damaged ({problems[0]}); install sightline again"
         )
-    shown = [made for part in parts if (made := part(PACKAGED_FRAMES, out)) is not None]
+    made = [each for part in parts if (each := part(PACKAGED_FRAMES, out)) is not None]
     report = out / "report.html"
-    atomic_write_text(report, _report(shown))
-    files = [("frames", PACKAGED_FRAMES), *(file for part in shown for file in part.files)]
-    lines = [part.result for part in shown]
-    return "\n".join(lines + [f"{what:<10}{path}" for what, path in [*files, ("report", report)]])
+    atomic_write_text(report, _report(made))
+    files = [("frames", PACKAGED_FRAMES), *(file for part in made for file in part.files)]
+    lines = [part.result for part in made]
+    return "\n".join(lines + [f"{name:<10}{path}" for name, path in [*files, ("report", report)]])
 
 
 def _report(parts: Sequence[DemoPart]) -> str:

@@ -68,7 +68,7 @@ def demo_page(
         about: Description with version and date.
         headline: Main result, at the top.
         picture: HTML of the picture below the headline; empty: none.
-        results: Titles of the parts with their best figures.
+        results: Titles of the parts with their best scores.
         sections: Titles of the parts with their HTML.
     """
     return _PAGE.format(
@@ -94,7 +94,7 @@ def picture_html(picture: Path, caption: str, *, is_wide: bool = False) -> str:
         caption: Caption below the picture.
         is_wide: Whether a phone scrolls the picture sideways instead of shrinking it.
     """
-    name, said = escape(picture.name), escape(caption)
-    shown = f'<a href="{name}"><img src="{name}" alt="{said}"></a>'
+    name, text = escape(picture.name), escape(caption)
+    link = f'<a href="{name}"><img src="{name}" alt="{text}"></a>'
     style = ' class="wide"' if is_wide else ""
-    return f"<figure{style}>{shown}<figcaption>{said}</figcaption></figure>"
+    return f"<figure{style}>{link}<figcaption>{text}</figcaption></figure>"

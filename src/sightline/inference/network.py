@@ -14,7 +14,7 @@ from sightline.files.weights import Weights, fill_network, plain_defaults, read_
 from sightline.files.weights_header import find_weights
 from sightline.inference.size_limit import size_limit
 
-_REASON_LENGTH = 240  # characters
+_MAX_REASON_LENGTH = 240  # characters
 
 Network = TypeVar("Network", bound=nn.Module)
 Network_co = TypeVar("Network_co", bound=nn.Module, covariant=True)
@@ -62,7 +62,7 @@ def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwo
 
     Args:
         task: Task of the network.
-        weights: Name of weights in the package, or a file: our weights file (.safetensors) or a
+        weights: Name of weights in the package, or a file: a weights file (.safetensors) or a
             training checkpoint (.ckpt).
 
     Raises:
@@ -73,7 +73,7 @@ def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwo
     read = read_weights(path)
     if read.task != task.name:
         raise ValueError(
-            f"{path} holds weights for {shortened(read.task)}, expected {task.name}; name another "
+            f"{path} holds weights for {shortened(read.task)}, expected {task.name}; give another "
             "file"
         )
     try:
@@ -87,7 +87,7 @@ def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwo
         remedy = "use that version, or train the weights again"
         if made_by == version("sightline"):
             remedy = "take the file as it was written, or train the weights again"
-        reason = shortened(" ".join(str(error).split()), _REASON_LENGTH)
+        reason = shortened(" ".join(str(error).split()), _MAX_REASON_LENGTH)
         raise ValueError(
             f"{path} does not fit this version's network (it was made by sightline {made_by}): "
             f"{reason}; {remedy}"

@@ -8,7 +8,7 @@ from typing import Any
 
 from sightline.data.object_tree import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
-from sightline.inference.predictor import AnsweringTask, Output, Predictor
+from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.output_dirs import Claim, check_outside_dataset, claim_folders, data_name
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
@@ -18,7 +18,7 @@ Places = tuple[tuple[Output, Path], ...]
 
 
 def predict(
-    task: AnsweringTask,
+    task: PredictingTask,
     predictor: Predictor,
     data: Path,
     out: Path,
@@ -58,7 +58,7 @@ def predict(
             workers and shards are invalid. Errors about a sample name it; finished samples stay.
     """
     check_workers(workers)
-    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    shard((), shard_index, num_shards)  # refuses an invalid one before the data are opened
     places = output_places(task, predictor, out, also or {})
     check_outside_dataset(data, [folder for _, folder in places])
     changes = _changes(task, switches)
@@ -71,10 +71,10 @@ def predict(
     )
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = dataset.sample_ids
-    present = answered_samples(places)
+    present = predicted_samples(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
     sweeps = sweeps_folder(dataset)
-    claim_folders(claims_of(task, predictor, places, data, sweeps, switches=changes))
+    claim_folders(output_claims(task, predictor, places, data, sweeps, switches=changes))
     works = [
         _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)
         for index in pending
@@ -99,13 +99,13 @@ class _SampleWork:
 
     def run(self) -> None:
         sample = self.dataset[self.index]
-        answer = self.predictor(sample)
+        prediction = self.predictor(sample)
         for change in self.changes:
-            answer = change(answer)
-        write_answer(self.places, sample, answer)
+            prediction = change(prediction)
+        write_prediction(self.places, sample, prediction)
 
 
-def _changes(task: AnsweringTask, switches: Collection[str]) -> dict[str, Callable[[Any], Any]]:
+def _changes(task: PredictingTask, switches: Collection[str]) -> dict[str, Callable[[Any], Any]]:
     """Changes of the prediction by active switches, by name, in the task's order."""
     by_name = {switch.name: switch.change for switch in task.switches}
     for name in switches:
@@ -116,7 +116,7 @@ def _changes(task: AnsweringTask, switches: Collection[str]) -> dict[str, Callab
 
 
 def output_places(
-    task: AnsweringTask, predictor: Predictor, out: Path, also: Mapping[str, Path]
+    task: PredictingTask, predictor: Predictor, out: Path, also: Mapping[str, Path]
 ) -> Places:
     """Assign a folder to each requested output.
 
@@ -132,8 +132,8 @@ def output_places(
             raise ValueError(f"{task.name} has no further output {name}; it has {others}")
         if name not in predictor.gives:
             raise ValueError(
-                f"{predictor.name} gives no {name} to write to {folder}; name weights of a network "
-                f"that does, or leave the {name} out"
+                f"{predictor.name} gives no {name} to write to {folder}; give weights of a "
+                f"network that does, or leave the {name} out"
             )
         places.append((by_name[name], folder))
     taken: dict[Path, Output] = {}
@@ -142,13 +142,13 @@ def output_places(
         if other is not output:
             raise ValueError(
                 f"{folder} cannot hold both {other.name} and {output.name}, whose files have the "
-                "same names; name another folder for one of them"
+                "same names; give another folder for one of them"
             )
     return tuple(places)
 
 
-def claims_of(
-    task: AnsweringTask,
+def output_claims(
+    task: PredictingTask,
     predictor: Predictor,
     places: Places,
     data: Path,
@@ -156,7 +156,7 @@ def claims_of(
     *,
     switches: Collection[str] = (),
 ) -> list[Claim]:
-    """Claims on the output folders for the predictor, the data and the switches."""
+    """Create the claims on the output folders for the predictor, the data and the switches."""
     made_from = {"data": data_name(data), "velodyne": velodyne}
     made_by = {
         "sightline": version("sightline"),
@@ -165,19 +165,19 @@ def claims_of(
     }
     claims = []
     for output, folder in places:
-        what = {"task": task.name, "output": output.name, "method": predictor.name}
-        settings = what | made_from | made_by
+        identity = {"task": task.name, "output": output.name, "method": predictor.name}
+        settings = identity | made_from | made_by
         claims.append(Claim(folder=folder, settings=settings, results=(f"*{output.suffix}",)))
     return claims
 
 
-def write_answer(places: Places, sample: CameraLidarSample, answer: object) -> None:
+def write_prediction(places: Places, sample: CameraLidarSample, prediction: object) -> None:
     """Writes the files of one prediction."""
     for output, folder in places:
-        output.write(folder / f"{sample.sample_id}{output.suffix}", sample, answer)
+        output.write(folder / f"{sample.sample_id}{output.suffix}", sample, prediction)
 
 
-def answered_samples(places: Places) -> set[str]:
+def predicted_samples(places: Places) -> set[str]:
     """Names of the samples with all files."""
     return set.intersection(
         *({path.stem for path in folder.glob(f"*{output.suffix}")} for output, folder in places)

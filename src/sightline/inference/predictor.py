@@ -96,7 +96,7 @@ class OutputFilter:
 
 
 @runtime_checkable
-class AnsweringTask(Protocol):
+class PredictingTask(Protocol):
     """Part of a task's interface that concerns its predictions."""
 
     @property

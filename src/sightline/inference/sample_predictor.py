@@ -8,18 +8,18 @@ from sightline.geometry.arguments import type_name
 from sightline.jobs.worker import keep_pytorch_to_one_thread_in_forks
 from sightline.structures.sample import CameraLidarSample
 
-Answer = TypeVar("Answer")
+Prediction = TypeVar("Prediction")
 
 _Samples = list[CameraLidarSample] | tuple[CameraLidarSample, ...]
 
 
-class SamplePredictor(ABC, Generic[Answer]):
+class SamplePredictor(ABC, Generic[Prediction]):
     """Predictor of a sample or a list of samples; a subclass implements `predict`."""
 
     __slots__ = ()
 
     @abstractmethod
-    def predict(self, sample: CameraLidarSample) -> Answer:
+    def predict(self, sample: CameraLidarSample) -> Prediction:
         """Predict for one sample.
 
         Raises:
@@ -27,10 +27,10 @@ class SamplePredictor(ABC, Generic[Answer]):
         """
 
     @overload
-    def __call__(self, sample: CameraLidarSample) -> Answer: ...
+    def __call__(self, sample: CameraLidarSample) -> Prediction: ...
     @overload
-    def __call__(self, sample: _Samples) -> list[Answer]: ...
-    def __call__(self, sample: object, *others: object) -> Answer | list[Answer]:
+    def __call__(self, sample: _Samples) -> list[Prediction]: ...
+    def __call__(self, sample: object, *others: object) -> Prediction | list[Prediction]:
         """Predict for a sample, or for each sample of a list, in its order.
 
         The samples of a list may differ in size and in missing parts: each prediction is
@@ -50,7 +50,7 @@ class SamplePredictor(ABC, Generic[Answer]):
         """
         if others:
             raise TypeError(
-                f"a predictor takes one sample, or one list of them, got {1 + len(others)} "
+                f"a predictor takes one sample or one list of samples, got {1 + len(others)} "
                 "arguments; put several samples into a list: predictor([a, b])"
             )
         keep_pytorch_to_one_thread_in_forks()
@@ -59,9 +59,9 @@ class SamplePredictor(ABC, Generic[Answer]):
                 return self.predict(sample)
         if not isinstance(sample, list | tuple):
             raise _wrong_type(sample, "")
-        for place, each in enumerate(sample):
+        for position, each in enumerate(sample):
             if not isinstance(each, CameraLidarSample):
-                raise _wrong_type(each, f" at place {place} of the list")
+                raise _wrong_type(each, f" at position {position} of the list")
         with plain_defaults():
             return [self.predict(each) for each in sample]
 
@@ -69,5 +69,5 @@ class SamplePredictor(ABC, Generic[Answer]):
 def _wrong_type(given: object, where: str) -> TypeError:
     return TypeError(
         f"a predictor takes a CameraLidarSample or a list of them, got {type_name(given)}{where}; "
-        "take a sample of open_dataset(..), or make one by CameraLidarSample.from_arrays(..)"
+        "use a sample of open_dataset(..), or make one by CameraLidarSample.from_arrays(..)"
     )

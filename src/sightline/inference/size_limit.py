@@ -13,7 +13,7 @@ from torch.nn.modules.module import (
 _SLACK_TENSORS = 64  # for buffers that are not saved in files, for example
 _SLACK_NUMBERS = 2**20
 _SLACK_MODULES = 1024
-_MODULES_A_TENSOR = 16  # activations and containers have no tensors
+_MODULES_PER_TENSOR = 16  # activations and containers have no tensors
 
 
 @contextmanager
@@ -29,16 +29,16 @@ def size_limit(tensors: Mapping[str, Tensor]) -> Iterator[None]:
     Raises:
         ValueError: The module being built has far more or far larger parts than `tensors`.
     """
-    room = {
+    remaining = {
         "tensors": 2 * len(tensors) + _SLACK_TENSORS,
         "numbers": 2 * sum(tensor.numel() for tensor in tensors.values()) + _SLACK_NUMBERS,
-        "modules": _MODULES_A_TENSOR * len(tensors) + _SLACK_MODULES,
+        "modules": _MODULES_PER_TENSOR * len(tensors) + _SLACK_MODULES,
     }
 
-    def take(what: str, number: int) -> None:
-        room[what] -= number
-        if room[what] < 0:
-            raise ValueError("its settings make a network far larger than its weights")
+    def take(kind: str, number: int) -> None:
+        remaining[kind] -= number
+        if remaining[kind] < 0:
+            raise ValueError("its settings build a network far larger than its weights")
 
     def count_tensor(module: nn.Module, name: str, tensor: Tensor | None) -> None:
         del module, name

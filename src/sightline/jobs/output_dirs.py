@@ -24,10 +24,10 @@ RESULT_SUFFIXES: Final = (".txt", ".png")
 """Suffixes of result files."""
 
 _WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
-# suffixes of files that commands write to folders: weights, for example, are never replaced
+# of files that commands write to folders; others, such as weights, are never replaced
 _MAX_MANIFEST_BYTES = 2**22
-_MOST_DIFFERENCES = 12  # settings named in an error
-_LONGEST_VALUE = 60  # characters of a setting shown in an error
+_MAX_DIFFERENCES = 12  # settings in an error message
+_MAX_VALUE_LENGTH = 60  # characters of a setting in an error message
 
 
 def acquire_output_dir(
@@ -56,7 +56,9 @@ def acquire_output_dir(
     """
     if _is_claimed(folder, settings, results=results, manifest_name=manifest_name):
         return
-    if not atomic_create_text(folder / manifest_name, _manifest(settings)):  # another was faster
+    if not atomic_create_text(
+        folder / manifest_name, _manifest(settings)
+    ):  # another job was faster
         _is_claimed(folder, settings, results=results, manifest_name=manifest_name)
 
 
@@ -99,9 +101,9 @@ def _is_claimed(
         if has_results:
             raise ValueError(_refusal(folder, f"data without a {manifest_name}", manifest_name))
         return False
-    there = _manifest_text(path)
-    if there != _manifest(settings):
-        raise ValueError(_refusal(folder, _difference(there, settings), manifest_name))
+    existing = _manifest_text(path)
+    if existing != _manifest(settings):
+        raise ValueError(_refusal(folder, _difference(existing, settings), manifest_name))
     return True
 
 
@@ -120,7 +122,7 @@ def check_outputs(
     data: Iterable[Path | None],
     results: Iterable[Path | None] = (),
 ) -> None:
-    """Refuses, before any work, outputs that would change the inputs or each other.
+    """Refuses outputs that would change the inputs or each other, before any work.
 
     Args:
         outputs: Files and folders by their option; None: not requested.
@@ -137,7 +139,7 @@ def check_outputs(
     for option, path in places.items():
         other = taken.setdefault(path.resolve(), option)
         if other != option:
-            raise ValueError(f"{other} and {option} both name {path}; name another place for one")
+            raise ValueError(f"{other} and {option} are both {path}; give another path for one")
     for each in data:
         if each is not None:
             check_outside_dataset(each, places.values())
@@ -146,11 +148,11 @@ def check_outputs(
         for option, path in places.items():
             place = path.resolve()
             is_result = place.suffix in RESULT_SUFFIXES or place.name == MANIFEST_NAME
-            is_read = place == folder.resolve() or is_result
-            if is_read and place.exists() and place.is_relative_to(folder.resolve()):
+            is_input = place == folder.resolve() or is_result
+            if is_input and place.exists() and place.is_relative_to(folder.resolve()):
                 raise ValueError(
-                    f"{option} {path} is among the results that are to be read, which it would "
-                    "replace; name another place"
+                    f"{option} {path} is among the input results, which it would replace; "
+                    "give another path"
                 )
 
 
@@ -160,8 +162,8 @@ def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:
     for option, place in places.items():
         if not place.is_file() and file.resolve().is_relative_to(place.resolve()):
             raise ValueError(
-                f"{file}, which is only read, lies in {option} {place}, whose files are written; "
-                "name a copy of it elsewhere, or another place"
+                f"the input {file} lies in the output {option} {place}; use a copy of it "
+                "elsewhere, or give another output path"
             )
 
 
@@ -177,18 +179,18 @@ def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
     Raises:
         ValueError: An output is the data set or file, or lies in the data set.
     """
-    roots = {_root_of(data.absolute()), _root_of(data.resolve())}
+    roots = {_data_root(data.absolute()), _data_root(data.resolve())}
     folders = {folder for root in roots for folder in (root, *(root / s for s in KITTI_SPLITS))}
     sources = roots | {path for folder in folders for path in _targets(folder)}
     for output in outputs:
         written = Path(os.path.normpath(output.absolute())), output.resolve()
         if any(path.is_relative_to(source) for path in written for source in sources):
-            raise change_of_data(data, output)
+            raise data_change_error(data, output)
         if output.is_file() and any(_links_to(root, output.resolve()) for root in roots):
-            raise change_of_data(data, output)
+            raise data_change_error(data, output)
 
 
-def _root_of(data: Path) -> Path:
+def _data_root(data: Path) -> Path:
     """Root of a data set, from an object tree's split or a folder in it."""
     split = next((each for each in (data, data.parent) if each.name in KITTI_SPLITS), None)
     return data if split is None else split.parent
@@ -207,22 +209,22 @@ def _links_to(root: Path, file: Path) -> bool:
     return any(path.is_symlink() and path.resolve() == file for path in paths)
 
 
-def change_of_data(data: Path, output: Path) -> ValueError:
+def data_change_error(data: Path, output: Path) -> ValueError:
     """Error for an output that would change the input."""
-    what = "file" if data.is_file() else "data set"
+    kind = "file" if data.is_file() else "data set"
     return ValueError(
-        f"{output} cannot be written to, as that would change the {what} {data}, which is only "
-        "read; name a place beside it"
+        f"{output} cannot be written to, as that would change the {kind} {data}, which is an "
+        "input; name a place beside it"
     )
 
 
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:
     """Reads the manifest of a folder; None: there is none, or it is unreadable."""
     try:
-        told = json.loads(_manifest_text(folder / manifest_name))
+        content = json.loads(_manifest_text(folder / manifest_name))
     except (ValueError, RecursionError):
         return None
-    return told if isinstance(told, dict) else None
+    return content if isinstance(content, dict) else None
 
 
 def data_name(data: Path) -> str:
@@ -241,32 +243,32 @@ def _refusal(folder: Path, held: str, manifest_name: str) -> str:
     )
 
 
-def _difference(there: str, settings: Mapping[str, object]) -> str:
+def _difference(existing: str, settings: Mapping[str, object]) -> str:
     """Describe the differences between the folder's settings and this job's."""
     before = None
     with suppress(ValueError, RecursionError):
-        before = json.loads(there)
+        before = json.loads(existing)
     if not isinstance(before, dict):
         return "a damaged manifest"
     described = list(_differences(before, json.loads(json.dumps(dict(settings)))))
     if not described:
         return "files made with the same settings, written otherwise"
-    more = len(described) - _MOST_DIFFERENCES
+    more = len(described) - _MAX_DIFFERENCES
     beyond = [f"{more} more that differ"] if more > 0 else []
-    return f"files made with {', '.join(described[:_MOST_DIFFERENCES] + beyond)}"
+    return f"files made with {', '.join(described[:_MAX_DIFFERENCES] + beyond)}"
 
 
 def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Iterator[str]:
     """Yield the differences by name, recursively in nested settings such as a task's."""
     for name in {**before, **now}:
-        held, asked = before.get(name), now.get(name)
-        if isinstance(held, dict) and isinstance(asked, dict):
-            yield from (f"{name} {inner}" for inner in _differences(held, asked))
-        elif held != asked:
-            yield f"{shortened(name)} {_shown(held)} instead of {_shown(asked)}"
+        held, requested = before.get(name), now.get(name)
+        if isinstance(held, dict) and isinstance(requested, dict):
+            yield from (f"{name} {inner}" for inner in _differences(held, requested))
+        elif held != requested:
+            yield f"{shortened(name)} {_short(held)} instead of {_short(requested)}"
 
 
-def _shown(value: object) -> str:
+def _short(value: object) -> str:
     if isinstance(value, dict):
         value = ", ".join(f"{name} {inner}" for name, inner in value.items())
-    return "none" if value is None else shortened(str(value), _LONGEST_VALUE)
+    return "none" if value is None else shortened(str(value), _MAX_VALUE_LENGTH)

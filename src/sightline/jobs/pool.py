@@ -26,9 +26,9 @@ too small for several, and waiting threads occupy the cores of other workers."""
 
 _PATIENCE_S: Final = 5.0
 """Time for workers to finish their current pieces when the job is stopped."""
-_LONGEST_PIECE_S: Final = 3600.0
+_MAX_PIECE_S: Final = 3600.0
 """Time without any result after which workers count as hanging."""
-_LOOK_EVERY_S: Final = 5.0
+_POLL_S: Final = 5.0
 _SIGNAL_S: Final = 0.2
 """Time between signals to the processes of a job, for example from a batch system."""
 _HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
@@ -45,23 +45,23 @@ def holding_signals() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    noted: list[int] = []
+    received: list[int] = []
 
-    def note(number: int, frame: FrameType | None) -> None:
+    def record(number: int, frame: FrameType | None) -> None:
         del frame
-        noted.append(number)
+        received.append(number)
 
     previous: dict[int, Any] = {}
     try:
         for number in _HELD_SIGNALS:
             if signal.getsignal(number) is not None:  # None: not Python's, so it raises nothing
-                previous[number] = signal.signal(number, note)
+                previous[number] = signal.signal(number, record)
         yield
     finally:
         for held, handler in previous.items():
             signal.signal(held, handler)
-        for came in dict.fromkeys(noted):
-            signal.raise_signal(came)
+        for pending in dict.fromkeys(received):
+            signal.raise_signal(pending)
 
 
 def ignore_interrupts() -> None:
@@ -135,11 +135,11 @@ class _Pool:
                 ) from error
 
     def _start_one(self) -> None:
-        ours, theirs = multiprocessing.Pipe()
-        process = multiprocessing.Process(target=_work, args=(self._piece, theirs), daemon=True)
+        own_end, worker_end = multiprocessing.Pipe()
+        process = multiprocessing.Process(target=_work, args=(self._piece, worker_end), daemon=True)
         process.start()
-        theirs.close()
-        self._processes[ours] = process
+        worker_end.close()
+        self._processes[own_end] = process
 
     def run(self, count: int) -> Iterator[str]:
         """Runs the pieces and yields their return values, in order."""
@@ -158,13 +158,13 @@ class _Pool:
     def _ready(self) -> set[object]:
         """Channels of workers that have a result or have ended."""
         # Counted in short waits, so that the time of a suspended job does not count.
-        for _ in range(int(_LONGEST_PIECE_S / _LOOK_EVERY_S)):
-            ready: set[object] = set(wait(self._doing, timeout=_LOOK_EVERY_S))
+        for _ in range(int(_MAX_PIECE_S / _POLL_S)):
+            ready: set[object] = set(wait(self._doing, timeout=_POLL_S))
             if ready:
                 return ready
         pieces = ", ".join(map(str, sorted(self._doing.values())))
         raise ChildProcessError(
-            f"no worker process has given a result for {_LONGEST_PIECE_S:g} s (at pieces {pieces})"
+            f"no worker process has given a result for {_MAX_PIECE_S:g} s (at pieces {pieces})"
             "; use 1 worker"
         )
 
@@ -179,7 +179,7 @@ class _Pool:
             process.join(max(deadline_s - time.monotonic(), 0))
         for process in processes:  # signals all before waiting: they end in parallel
             process.terminate()
-        deadline_s = time.monotonic() + _LOOK_EVERY_S
+        deadline_s = time.monotonic() + _POLL_S
         for process in processes:
             process.join(max(deadline_s - time.monotonic(), 0))
             if process.is_alive():

@@ -127,4 +127,4 @@ class ProgressLines:
             print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Does nothing: the lines remain."""
+        """Do nothing: the lines remain."""

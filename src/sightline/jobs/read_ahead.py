@@ -7,15 +7,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 Item = TypeVar("Item")
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 MAX_WORKERS = 256
 _QUEUED_PER_WORKER = 4
 
 
 def map_ahead(
-    function: Callable[[Item], Answer], items: Iterable[Item], *, workers: int
-) -> Iterator[Answer]:
+    function: Callable[[Item], Result], items: Iterable[Item], *, workers: int
+) -> Iterator[Result]:
     """Map a function over items in order, in threads that run a few items ahead.
 
     Raises:
@@ -38,9 +38,9 @@ def check_threads(workers: int) -> None:
 
 
 def _map_ahead(
-    function: Callable[[Item], Answer], remaining: Iterator[Item], workers: int
-) -> Iterator[Answer]:
-    waiting: deque[Future[Answer]] = deque()
+    function: Callable[[Item], Result], remaining: Iterator[Item], workers: int
+) -> Iterator[Result]:
+    waiting: deque[Future[Result]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         try:
             for item in itertools.islice(remaining, _QUEUED_PER_WORKER * workers):

@@ -53,7 +53,7 @@ from sightline.papers.rows import (
     is_published_split,
     open_labelled,
 )
-from sightline.robustness.answers import MethodRun, answer_in_cases, check_numbers
+from sightline.robustness.predictions import MethodRun, check_numbers, predict_in_cases
 from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.structures.sample import CameraLidarSample
 
@@ -93,7 +93,7 @@ def detect_in_cases(
     """Run every detector on every frame in each of its cases.
 
     Each detector's folder records its origin, see `acquire_output_dir`; otherwise as
-    `answer_in_cases`.
+    `predict_in_cases`.
 
     Args:
         dataset: Frames with image, sweep and labels; these are only read.
@@ -120,7 +120,7 @@ def detect_in_cases(
             folder, case_settings(dataset, suite, seed) | made_by, results=("*/*.txt",)
         )
         asked.append(MethodRun(predictor=system.predictor, cases=system.cases, folder=folder))
-    return answer_in_cases(
+    return predict_in_cases(
         dataset,
         asked,
         _ResultsAndGates(),
@@ -135,15 +135,15 @@ class _ResultsAndGates:
 
     suffix = ".txt"
 
-    def pose(self, sample: CameraLidarSample) -> BenchFrame:
+    def prepare(self, sample: CameraLidarSample) -> BenchFrame:
         """Return the sample unchanged."""
         return BenchFrame(sample, None)
 
-    def keep(self, path: Path, answered: BenchPrediction) -> None:
+    def store(self, path: Path, prediction: BenchPrediction) -> None:
         """Write the gates first: a frame with a result file is complete."""
-        sample, answer = answered.posed.sample, answered.answer
+        sample, answer = prediction.frame.sample, prediction.output
         if answer.camera_gate is not None:
-            record = measure_gates(answer, sample, answered.corrupted)
+            record = measure_gates(answer, sample, prediction.corrupted)
             write_gate_record(_gates_file(path.parent, path.stem), record)
         write_results(path, sample, answer)
 

@@ -1,4 +1,4 @@
-"""Reads lines and times of `perceive` from its folder and checks them for manual edits.
+"""Reader of lines and times of `perceive` from its folder, with checks for manual edits.
 
 Damaged or foreign entries count as missing.
 """
@@ -17,7 +17,7 @@ Lines = dict[str, tuple[str, dict[str, Any]]]
 """Lines by frame: text and parsed contents."""
 
 _MAX_BYTES = 2**26
-_LARGEST = 3.5e38  # beyond single precision, the type of networks' outputs
+_MAX_NUMBER = 3.5e38  # beyond single precision, the type of networks' outputs
 _SENSORS: Final[Mapping[str, str]] = {field: sensor for sensor, field in SENSOR_FIELDS.items()}
 
 _Check = Callable[[Any], bool]
@@ -25,35 +25,35 @@ _Check = Callable[[Any], bool]
 
 def read_lines(folder: Path) -> Lines:
     """Read the complete lines, by frame in order."""
-    further = further_keys(task_names())  # of any content that is JSON
-    return _read(folder, lambda told: _fits_line(told, further) and _is_consistent(told))
+    further = further_keys(task_names())  # their values may be any JSON
+    return _read(folder, lambda content: _fits_line(content, further) and _is_consistent(content))
 
 
 def read_timings(folder: Path) -> Lines:
     """Read the complete times, by frame in order."""
-    return _read(folder, lambda told: _fits(told, _TIMING))
+    return _read(folder, lambda content: _fits(content, _TIMING))
 
 
-def _read(folder: Path, is_whole: _Check) -> Lines:
+def _read(folder: Path, is_complete: _Check) -> Lines:
     lines: Lines = {}
     for path in sorted(folder.glob("*.json")):
-        content = read_bytes(path, max_bytes=_MAX_BYTES, remedy="remove it, and run this again")
-        text = content.decode(errors="replace").strip()
+        data = read_bytes(path, max_bytes=_MAX_BYTES, remedy="remove it, and run this again")
+        text = data.decode(errors="replace").strip()
         try:
-            told = json.loads(text)
-            # If serialising it changes it, it is not ours.
-            is_ours = json.dumps(told, allow_nan=False) == text
+            content = json.loads(text)
+            # `perceive` wrote it only if serialising it gives the same text.
+            is_unedited = json.dumps(content, allow_nan=False) == text
         except (ValueError, RecursionError):
             continue
-        if is_ours and is_whole(told) and told["frame"] == path.stem:
-            lines[path.stem] = (text, told)
+        if is_unedited and is_complete(content) and content["frame"] == path.stem:
+            lines[path.stem] = (text, content)
     return lines
 
 
-def _fits_line(told: object, further: Collection[str]) -> bool:
-    if not isinstance(told, dict):
+def _fits_line(content: object, further: Collection[str]) -> bool:
+    if not isinstance(content, dict):
         return False
-    return _fits({key: value for key, value in told.items() if key not in further}, _LINE)
+    return _fits({key: value for key, value in content.items() if key not in further}, _LINE)
 
 
 def _is_consistent(line: Mapping[str, Any]) -> bool:
@@ -77,7 +77,7 @@ def _fits(value: object, form: object) -> bool:
         )
     if not isinstance(value, list):
         return False
-    assert isinstance(form, list | tuple), "there is no other form"
+    assert isinstance(form, list | tuple), "a form is a check, dictionary, list or tuple"
     forms = form * len(value) if isinstance(form, list) else form
     return len(forms) == len(value) and all(map(_fits, value, forms))
 
@@ -86,12 +86,12 @@ def _number(value: object) -> bool:
     return (
         isinstance(value, int | float)
         and not isinstance(value, bool)
-        and -_LARGEST <= value <= _LARGEST
+        and -_MAX_NUMBER <= value <= _MAX_NUMBER
     )
 
 
 def _count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LARGEST
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _MAX_NUMBER
 
 
 def _text(value: object) -> bool:

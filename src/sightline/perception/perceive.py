@@ -13,10 +13,10 @@ from sightline.files.atomic import atomic_write_text
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predict import (
     Places,
-    answered_samples,
-    claims_of,
+    output_claims,
     output_places,
-    write_answer,
+    predicted_samples,
+    write_prediction,
 )
 from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
@@ -41,8 +41,14 @@ _TIMINGS_FOLDER = "timings"
 class PerceiveResult(JobResult):
     """Result of a job, with counts of predicted frames."""
 
-    answered: Mapping[str, int]
+    predicted: Mapping[str, int]
     """Number of predicted frames by task."""
+
+    @property
+    def answered(self) -> Mapping[str, int]:
+        """Deprecated name of `predicted`."""
+        warnings.warn("answered is now predicted", DeprecationWarning, stacklevel=2)
+        return self.predicted
 
 
 @named_arguments
@@ -107,9 +113,11 @@ def perceive(
     """
     pictures = PictureFiles.checked(video, rerun, fps=fps, min_score=min_score)
     if num_shards > 1 and pictures:
-        raise ValueError("a shard has no whole video; leave the pictures to a last run of all")
+        raise ValueError(
+            "a shard cannot make the whole video; make the pictures in a last run of all frames"
+        )
     check_workers(workers)
-    shard((), shard_index, num_shards)  # refuses a wrong one before the data is opened
+    shard((), shard_index, num_shards)  # refuses an invalid one before the data are opened
     data, out = Path(data), Path(out)
     check_outputs(
         {
@@ -144,8 +152,9 @@ def perceive(
     return PerceiveResult(
         written=len(works),
         skipped=len(names) - len(works),
-        answered={
-            task: sum(task in _answering(lines[name][1]) for name in names) for task in made_by
+        predicted={
+            task: sum(task in _predicting_tasks(lines[name][1]) for name in names)
+            for task in made_by
         },
     )
 
@@ -167,12 +176,12 @@ class _FrameWork:
 
     def run(self) -> None:
         sample = self.dataset[self.index]
-        answered = self.perceiver.answer(sample)
-        for task, answer in answered.answers.items():
-            write_answer(self.places[task], sample, answer)
+        predictions = self.perceiver.predict_by_task(sample)
+        for task, prediction in predictions.by_task.items():
+            write_prediction(self.places[task], sample, prediction)
         for folder, line in (
-            (_TIMINGS_FOLDER, timing_line(sample, answered)),
-            (_LINES_FOLDER, frame_line(sample, answered, self.made_by)),
+            (_TIMINGS_FOLDER, timing_line(sample, predictions)),
+            (_LINES_FOLDER, frame_line(sample, predictions, self.made_by)),
         ):
             atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
 
@@ -213,7 +222,7 @@ def _claim(
     }
     claims = [Claim(folder=out, settings=settings, results=(f"{_LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():
-        claims += claims_of(find_task(name), predictor, places[name], data, velodyne)
+        claims += output_claims(find_task(name), predictor, places[name], data, velodyne)
     claim_folders(claims)
 
 
@@ -227,7 +236,7 @@ def _done_frames(
 
     A missing sensor in a line is accepted only if the data still has no file of the sensor.
     """
-    present = {task: answered_samples(task_places) for task, task_places in places.items()}
+    present = {task: predicted_samples(task_places) for task, task_places in places.items()}
     lines = read_lines(folder)
     done = set()
     for index, name in enumerate(dataset.sample_ids):
@@ -235,14 +244,14 @@ def _done_frames(
             continue
         line = lines[name][1]
         tasks = line["tasks"]
-        is_ours = all(
+        has_same_predictors = all(
             task in tasks and tasks[task]["by"] == predictor.name
             for task, predictor in perceiver.predictors.items()
         )
-        lacking = {part for told in tasks.values() for part in told.get("lacks", ())}
-        is_true = not any(has_file(dataset, index, part) for part in lacking)
-        is_there = all(name in present.get(task, ()) for task in _answering(line))
-        if is_ours and is_true and is_there:
+        lacking = {part for entry in tasks.values() for part in entry.get("lacks", ())}
+        still_lacks = not any(has_file(dataset, index, part) for part in lacking)
+        has_files = all(name in present.get(task, ()) for task in _predicting_tasks(line))
+        if has_same_predictors and still_lacks and has_files:
             done.add(name)
     return done
 
@@ -252,8 +261,8 @@ def _join_lines(out: Path) -> Lines:
     while True:
         lines = read_lines(out / _LINES_FOLDER)
         atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
-        # Another shard may have ended between the reading and the writing: its file was whole,
-        # and ours has just replaced it.
+        # Another shard may have ended between the reading and the writing: its file was complete,
+        # and this one has just replaced it.
         if read_lines(out / _LINES_FOLDER) == lines:
             return lines
 
@@ -273,19 +282,19 @@ def _line_files(out: Path) -> list[str]:
 
 def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lines) -> None:
     """Warns of frames that have files in the folder but no entry in the joined files."""
-    for what, names, joined in (
+    for entry, names, joined in (
         ("line", [name for name in files if name not in lines], LINES_NAME),
         ("time", [name for name in lines if name not in timings], TIMINGS_NAME),
     ):
         if names:
             warnings.warn(
-                f"{out / joined} lacks the {what} of {len(names)} of {len(files)} frames, "
-                f"{describe_absent(names)}: the file of each is missing, damaged or of something "
-                "else; run this again for these frames with --overwrite",
+                f"{out / joined} lacks the {entry} of {len(names)} of {len(files)} frames, "
+                f"{describe_absent(names)}: the file of each is missing, damaged or has other "
+                "content; run this again for these frames with --overwrite",
                 stacklevel=3,
             )
 
 
-def _answering(line: Mapping[str, Any]) -> Collection[str]:
+def _predicting_tasks(line: Mapping[str, Any]) -> Collection[str]:
     """Names of the tasks that predicted for the frame of a line."""
-    return [name for name, told in line["tasks"].items() if "lacks" not in told]
+    return [name for name, entry in line["tasks"].items() if "lacks" not in entry]

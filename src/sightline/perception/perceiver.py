@@ -1,6 +1,7 @@
 """Predictions of several tasks for one frame."""
 
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +23,10 @@ LEFT_OUT: Final = "none"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class FrameAnswers:
+class FramePredictions:
     """Predictions of tasks for one frame."""
 
-    answers: Mapping[str, Any]
+    by_task: Mapping[str, Any]
     """Predictions by task, for the tasks that made one."""
     lacks: "Mapping[str, tuple[Part, ...]]"
     """Missing parts of the sample by task, for the tasks without a prediction."""
@@ -37,7 +38,7 @@ class FrameAnswers:
     def perception(self) -> Perception:
         """The predictions in the format shared by all tasks."""
         return Perception.joined(
-            find_task(name).perception(answer) for name, answer in self.answers.items()
+            find_task(name).perception(prediction) for name, prediction in self.by_task.items()
         )
 
 
@@ -68,7 +69,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             ValueError: There are no predictors, or there is no such task.
         """
         if not predictors:
-            raise ValueError(f"all tasks are left out; ask at least one of {', '.join(REGISTRY)}")
+            raise ValueError(f"all tasks are left out; use at least one of {', '.join(REGISTRY)}")
         for name in predictors:
             find_task(name)
         self.predictors: Final = dict(predictors)
@@ -99,15 +100,15 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         if weights is not None and not isinstance(weights, Mapping):
             raise ValueError(
                 f"weights is of type {type(weights).__name__}, expected a dictionary such as "
-                "{'depth-completion': 'depth-best'}: name weights for each task"
+                "{'depth-completion': 'depth-best'}: give weights by task name"
             )
-        named = dict(weights or {})
-        for name in named:
+        given = dict(weights or {})
+        for name in given:
             find_task(name)
         predictors = {}
         for name in task_names():
             task = find_task(name)
-            chosen = named.get(name, task.default_weights)
+            chosen = given.get(name, task.default_weights)
             if chosen is None or str(chosen) == LEFT_OUT:
                 continue
             is_method = str(chosen) in task.methods
@@ -123,22 +124,27 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
     @property
     def parts(self) -> "tuple[Part, ...]":
         """Parts of a sample that its tasks use."""
-        seen = {part for predictor in self.predictors.values() for part in predictor.parts}
-        return tuple(part for part in SENSOR_FIELDS.values() if part in seen)
+        used = {part for predictor in self.predictors.values() for part in predictor.parts}
+        return tuple(part for part in SENSOR_FIELDS.values() if part in used)
 
     def predict(self, sample: CameraLidarSample) -> Perception:
         """Predicts with all tasks; tasks that lack a sensor contribute nothing."""
-        return self.answer(sample).perception
+        return self.predict_by_task(sample).perception
 
-    def answer(self, sample: CameraLidarSample) -> FrameAnswers:
+    def predict_by_task(self, sample: CameraLidarSample) -> FramePredictions:
         """Returns the tasks' own predictions and their times."""
-        answers, lacks, milliseconds = {}, {}, {}
+        by_task, lacks, milliseconds = {}, {}, {}
         for name, predictor in self.predictors.items():
             missing = lacking_parts(predictor, sample)
             if missing:
                 lacks[name] = missing
                 continue
             start = time.perf_counter()
-            answers[name] = predictor(sample)
+            by_task[name] = predictor(sample)
             milliseconds[name] = 1000 * (time.perf_counter() - start)
-        return FrameAnswers(answers=answers, lacks=lacks, milliseconds=milliseconds)
+        return FramePredictions(by_task=by_task, lacks=lacks, milliseconds=milliseconds)
+
+    def answer(self, sample: CameraLidarSample) -> FramePredictions:
+        """Deprecated name of `predict_by_task`."""
+        warnings.warn("answer is now predict_by_task", DeprecationWarning, stacklevel=2)
+        return self.predict_by_task(sample)

@@ -83,7 +83,8 @@ def _pictures(
     frames: Iterator[tuple[CameraLidarSample, Perception]], further: tuple[str, ...]
 ) -> Iterator[UInt8[np.ndarray, "_height _width 3"]]:
     layout = None
-    for sample, told in frames:
+    for sample, perception in frames:
         layout = layout or RowLayout.of(sample.image_size, further)
-        at = sample.timestamp_s
-        yield draw_row(sample, told, layout, note="" if at is None else f"{at:.2f} s")
+        time_s = sample.timestamp_s
+        note = "" if time_s is None else f"{time_s:.2f} s"
+        yield draw_row(sample, perception, layout, note=note)

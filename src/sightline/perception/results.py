@@ -16,8 +16,7 @@ from sightline.tasks import REGISTRY, find_task, task_names
 JOB_NAME: Final = "perceive"
 """Name of the job in the manifest of a folder with results of several tasks."""
 
-
-_LONGEST_NAME: Final = 500  # characters: a folder and its parent, 255 bytes each
+_MAX_NAME_LENGTH: Final = 500  # characters: a folder and its parent, 255 bytes each
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,7 +53,7 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
         if not folder.is_dir():
             raise ValueError(f"{folder} is no folder; give one of result files")
         claim = read_claim(folder)
-        found = _of_claim(folder, claim) if claim else _by_suffix(folder)
+        found = _claimed_results(folder, claim) if claim else _results_by_suffix(folder)
         if not found:
             raise ValueError(
                 f"{folder} holds no results that can be drawn; give a folder that perceive or "
@@ -71,8 +70,8 @@ def _check_once(opened: Sequence[ResultFolder], found: Sequence[ResultFolder]) -
         for old in opened:
             if new.output is old.output and new.made_by and old.made_by:
                 raise ValueError(
-                    f"{old.folder} and {new.folder} both hold {new.output.name} of one task, of "
-                    "which one picture shows one; leave one out"
+                    f"{old.folder} and {new.folder} both hold {new.output.name} of one task, but "
+                    "a picture shows only one; leave one out"
                 )
 
 
@@ -82,26 +81,26 @@ def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) 
     Raises:
         ValueError: A file is damaged or has another image size.
     """
-    told = Perception()
+    perception = Perception()
     for each in results:
         path = each.path(sample.sample_id)
         if each.output.read is not None and path.is_file():
-            told = each.output.read(path, sample, told)
-    return told
+            perception = each.output.read(path, sample, perception)
+    return perception
 
 
-def _of_claim(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
+def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
     """Results described by the folder's manifest."""
-    inner = claim.get("folders")
-    if claim.get("job") == JOB_NAME and isinstance(inner, list):
+    folders = claim.get("folders")
+    if claim.get("job") == JOB_NAME and isinstance(folders, list):
         source = folder / MANIFEST_NAME
-        names = [checked_name(name, source, "folders:") for name in inner]
+        names = [checked_name(name, source, "folders:") for name in folders]
         parts = [(folder / name, read_claim(folder / name)) for name in dict.fromkeys(names)]
-        return [each for part, told in parts if told for each in _of_task(part, told)]
-    return _of_task(folder, claim)
+        return [each for part, inner in parts if inner for each in _task_results(part, inner)]
+    return _task_results(folder, claim)
 
 
-def _of_task(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
+def _task_results(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
     """Results of one task, described by their manifest."""
     task_name, output_name = claim.get("task"), claim.get("output")
     if not isinstance(task_name, str) or task_name not in REGISTRY:
@@ -111,8 +110,8 @@ def _of_task(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
         ResultFolder(
             folder=folder,
             output=output,
-            made_by=shortened(str(claim.get("method", "")), _LONGEST_NAME),
-            data=shortened(str(claim.get("data", "")), _LONGEST_NAME),
+            made_by=shortened(str(claim.get("method", "")), _MAX_NAME_LENGTH),
+            data=shortened(str(claim.get("data", "")), _MAX_NAME_LENGTH),
             position=position,
         )
         for position, output in enumerate(outputs)
@@ -120,7 +119,7 @@ def _of_task(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
     ]
 
 
-def _by_suffix(folder: Path) -> list[ResultFolder]:
+def _results_by_suffix(folder: Path) -> list[ResultFolder]:
     """Results identified by file suffix, without a manifest."""
     outputs = [find_task(name).outputs[0] for name in task_names()]
     return [

@@ -17,8 +17,8 @@ from sightline.visualization.frame_row import draw_rows
 from sightline.visualization.sheet import frame_sheet
 
 
-class Answers:
-    """Predictions of a task's predictor; empty for samples that lack a required sensor."""
+class PredictorSource:
+    """Source of predictions from a predictor; empty for samples that lack a required sensor."""
 
     def __init__(self, task: Task, predictor: Predictor) -> None:
         self.depth_name = predictor.name
@@ -31,8 +31,8 @@ class Answers:
         return self._task.perception(self._predictor(sample))
 
 
-class Results:
-    """Predictions from result files."""
+class ResultSource:
+    """Source of predictions from result files."""
 
     def __init__(self, folders: Sequence[Path], data: Path) -> None:
         """Opens the folders; warns of results from other data."""
@@ -41,8 +41,8 @@ class Results:
         foreign = [each for each in self._opened if each.data not in ("", data_name(data))]
         if foreign:
             warnings.warn(
-                f"{foreign[0].folder} says that it was made from {foreign[0].data}, not from "
-                f"{data}; look whether frames of one name are the same",
+                f"{foreign[0].folder} was made from {foreign[0].data}, not from {data}; check that "
+                "frames with the same name are the same",
                 stacklevel=2,
             )
 
@@ -70,7 +70,7 @@ def write_frames_picture(
     frames: Sequence[str],
     out: Path,
     *,
-    tell: Answers | Results,
+    source: PredictorSource | ResultSource,
     min_score: float,
     velodyne: Velodyne | None = None,
 ) -> Path:
@@ -80,7 +80,7 @@ def write_frames_picture(
         data: Folder of the data set; see `open_dataset`.
         frames: Names of the frames.
         out: The picture file.
-        tell: Source of the predictions to draw beside the data's labels.
+        source: Source of the predictions to draw beside the data's labels.
         min_score: Score threshold of drawn detections.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
 
@@ -99,17 +99,17 @@ def write_frames_picture(
         needs=(),
     )
     samples = [dataset[index] for index in range(len(dataset))]
-    told = [tell(sample).filter_by_score(min_score) for sample in samples]
+    perceptions = [source(sample).filter_by_score(min_score) for sample in samples]
     if len(samples) > 1:
-        picture = draw_rows(list(zip(samples, told, strict=True)))
+        picture = draw_rows(list(zip(samples, perceptions, strict=True)))
     else:
         picture = frame_sheet(
             samples[0],
-            told[0].depth,
-            dense_name=tell.depth_name,
-            detections2d=told[0].detections2d,
-            detections3d=told[0].detections3d,
-            further=told[0].further,
+            perceptions[0].depth,
+            dense_name=source.depth_name,
+            detections2d=perceptions[0].detections2d,
+            detections3d=perceptions[0].detections3d,
+            further=perceptions[0].further,
         )
     write_rgb(out, picture)
     return out

@@ -19,10 +19,10 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
 from sightline.inference.predictor import Predictor
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
-from sightline.robustness.answers import MethodRun, answer_in_cases, check_numbers
 from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer
-from sightline.robustness.frames import digest_files, name_of, open_frames
+from sightline.robustness.frames import data_title, digest_files, open_frames
+from sightline.robustness.predictions import MethodRun, check_numbers, predict_in_cases
 from sightline.robustness.record import (
     RECORD_NAME,
     CaseInfo,
@@ -37,7 +37,7 @@ from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import Scoring
 from sightline.structures.sample import Sensor
 
-_ANSWERS: Final = "answers"
+_PREDICTIONS: Final = "answers"  # folder
 _SUITE: Final = "dgfn7"
 _BASELINE: Final = "baseline"
 
@@ -114,8 +114,8 @@ class BenchSettings:
         names, shown = dataset.sample_ids, self.shown
         if shown is not None and shown not in names:
             raise ValueError(
-                f"frame {shortened(shown)} to show is none of the run's: "
-                f"{suggest_frames(shown, names)}; name one of them"
+                f"frame {shortened(shown)} to draw is none of the run's: "
+                f"{suggest_frames(shown, names)}; give one of them"
             )
         return ExampleDrawer(
             out=out, frame=shown or names[0], scoring=scoring, width_px=self.picture_px
@@ -158,16 +158,16 @@ def run_bench(
     cases = _with_earlier(settings.chosen_cases(suite), suite, out)
     check_numbers(seed, settings.workers)
     check_outside_dataset(data, [out])
-    given = read_baseline(settings.baseline)
+    baseline = read_baseline(settings.baseline)
     healthy = read_healthy(settings.healthy)
     scoring = task.scoring()
-    answering = [(method, weights)]
-    if given is None and settings.baseline is not None:
+    methods = [(method, weights)]
+    if baseline is None and settings.baseline is not None:
         is_method = settings.baseline in task.methods
-        answering.append((settings.baseline, None) if is_method else (None, settings.baseline))
-    predictors = [  # with several threads PyTorch has other last digits
+        methods.append((settings.baseline, None) if is_method else (None, settings.baseline))
+    predictors = [  # with several threads PyTorch's last digits differ
         task.predictor(method=name, weights=file, engine=engine, device=device, threads=1)
-        for name, file in answering
+        for name, file in methods
     ]
     dataset = open_frames(
         data,
@@ -177,43 +177,43 @@ def run_bench(
         velodyne=settings.velodyne,
     )
     scoring.check(dataset)
-    setting = setting_of(
+    setting = describe_setting(
         task,
         scoring,
         dataset,
-        data=name_of(dataset, data),
+        data=data_title(dataset, data),
         velodyne=sweeps_folder(dataset),
         suite=suite,
         seed=seed,
     )
     infos = {case.name: describe_case(case) for case in cases}
-    check_compared(given, healthy, setting, infos)
+    check_compared(baseline, healthy, setting, infos)
     drawer = settings.drawer(out, dataset, scoring)
     folders = [out, out / _BASELINE][: len(predictors)]
     for folder, predictor in zip(folders, predictors, strict=True):
-        claim = claim_of(setting, suite, predictor.name, predictor.made_by) | drawer.settings
-        acquire_output_dir(folder, claim, results=(f"{_ANSWERS}/*",))
-    asked = [
-        MethodRun(predictor=predictor, cases=cases, folder=folder / _ANSWERS, also=also)
+        claim = run_settings(setting, suite, predictor.name, predictor.made_by) | drawer.settings
+        acquire_output_dir(folder, claim, results=(f"{_PREDICTIONS}/*",))
+    runs = [
+        MethodRun(predictor=predictor, cases=cases, folder=folder / _PREDICTIONS, also=also)
         for folder, predictor, also in zip(folders, predictors, (drawer, None), strict=False)
     ]
     description = f"{task.name} in {suite.name}"
     workers = settings.workers
-    answer_in_cases(dataset, asked, scoring, seed=seed, workers=workers, description=description)
+    predict_in_cases(dataset, runs, scoring, seed=seed, workers=workers, description=description)
     records = [
         Record(
             method=plain_line(predictor.name),
-            made_by={name: plain_line(told) for name, told in predictor.made_by.items()},
+            made_by={name: plain_line(value) for name, value in predictor.made_by.items()},
             setting=setting,
             cases=infos,
-            scores=score_cases(scoring, dataset, each / _ANSWERS, tuple(infos), each, workers),
+            scores=score_cases(scoring, dataset, each / _PREDICTIONS, tuple(infos), each, workers),
             notes=scoring.notes(dataset),
         )
         for each, predictor in zip(folders, predictors, strict=True)
     ]
     own, *other = records
     report = RobustnessReport(
-        record=own, baseline=given or next(iter(other), None), healthy=healthy
+        record=own, baseline=baseline or next(iter(other), None), healthy=healthy
     )
     report.write(out)
     return report
@@ -222,7 +222,7 @@ def run_bench(
 def _with_earlier(cases: Sequence[Case], suite: Suite, out: Path) -> tuple[Case, ...]:
     """Add the cases of the folder's report: a run is extended, and keeps all its cases."""
     names = {case.name for case in cases}
-    with suppress(ValueError):  # for a damaged report, which is made again
+    with suppress(ValueError):  # a damaged report is made again
         names |= set(read_record(out / RECORD_NAME).cases)
     return tuple(case for case in suite.cases if case.name in names)
 
@@ -251,7 +251,7 @@ def check_compared(
         check_healthy(sensor, record, setting)
 
 
-def setting_of(
+def describe_setting(
     task: BenchTask,
     scoring: Scoring,
     dataset: SampleDataset,
@@ -280,17 +280,17 @@ def setting_of(
         frames=len(dataset),
         frames_sha256=digest_names(dataset.sample_ids),
         files_digest=digest_files(dataset),
-        figures=scoring.figures,
+        metrics=scoring.metrics,
         suite=suite.name,
         seed=seed,
     )
 
 
-def claim_of(
+def run_settings(
     setting: Setting, suite: Suite, method: str, made_by: Mapping[str, str]
 ) -> dict[str, Any]:
     """Collect all settings that a run's files depend on, except the suite's requested cases."""
-    plain = asdict(setting)
+    plain = setting.to_json()
     del plain["figures"]
     cases = {case.name: asdict(describe_case(case)) for case in suite.cases}
     return {"sightline": version("sightline"), "method": method, **made_by, **plain, "cases": cases}

@@ -11,7 +11,7 @@ from sightline.robustness.measured import Measures
 from sightline.robustness.record import Record
 from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
-    cells_of_kind,
+    kind_cells,
     ratio_text,
     score_columns,
     score_text,
@@ -44,15 +44,15 @@ class Line(NamedTuple):
     record: Record
 
 
-def kept_share(score: float | None, clean: float | None, figure: BenchMetric) -> float | None:
+def remaining_share(score: float | None, clean: float | None, metric: BenchMetric) -> float | None:
     """Compute the remaining share of the clean performance, from 0 to 1, for the colours.
 
     It is None without a score, or if there is no clean performance to lose.
     """
     if score is None or clean is None:
         return None
-    above, below = (clean, score) if figure.highest is None else (score, clean)
-    if figure.highest is None and score == 0:
+    above, below = (clean, score) if metric.highest is None else (score, clean)
+    if metric.highest is None and score == 0:
         return 1.0  # without any error, independent of the clean one
     return min(max(above / below, 0.0), 1.0) if below > 0 else None
 
@@ -69,7 +69,7 @@ def heat_color(share: float) -> tuple[str, str]:
     raise AssertionError(f"shares are at most 1, got {share}")
 
 
-def heat_map(record: Record, figure: BenchMetric, measures: Measures) -> str:
+def heat_map(record: Record, metric: BenchMetric, measures: Measures) -> str:
     """Draw kinds by severities; colours show the remaining share of the clean score."""
     head = "".join(
         f'<th scope="col">{escape(name)}</th>'
@@ -78,14 +78,14 @@ def heat_map(record: Record, figure: BenchMetric, measures: Measures) -> str:
     rows = []
     for kind, each in measures.kinds.items():
         cells = "".join(
-            _heat_cell(None if name is None else record.score(name, figure), figure, measures.clean)
-            for name in cells_of_kind(record, kind)
+            _heat_cell(None if name is None else record.score(name, metric), metric, measures.clean)
+            for name in kind_cells(record, kind)
         )
         sums = (
-            score_text(each.mean, figure),
+            score_text(each.mean, metric),
             ratio_text(each.rr),
             ratio_text(each.ce),
-            score_text(each.gap, figure, signed=True),
+            score_text(each.gap, metric, signed=True),
         )
         cells += "".join(f'<td class="sum">{escape(text)}</td>' for text in sums)
         rows.append(f'<tr><th scope="row">{escape(kind.replace("_", " "))}</th>{cells}</tr>')
@@ -95,16 +95,16 @@ def heat_map(record: Record, figure: BenchMetric, measures: Measures) -> str:
     )
 
 
-def _heat_cell(score: float | None, figure: BenchMetric, clean: float) -> str:
+def _heat_cell(score: float | None, metric: BenchMetric, clean: float) -> str:
     if score is None:
         return "<td></td>"
-    share = kept_share(score, clean, figure)
+    share = remaining_share(score, clean, metric)
     if share is None:
-        return f'<td class="cell">{score_text(score, figure)}</td>'
+        return f'<td class="cell">{score_text(score, metric)}</td>'
     background, letters = heat_color(share)
     return (
         f'<td class="cell" style="background:{background};color:{letters}" '
-        f'title="{100 * share:.0f} % left">{score_text(score, figure)}</td>'
+        f'title="{100 * share:.0f} % left">{score_text(score, metric)}</td>'
     )
 
 
@@ -126,35 +126,38 @@ def nice_top(value: float) -> float:
     return next(step * power for step in (1, 2, 2.5, 5, 10) if step * power >= value * (1 - 1e-9))
 
 
-def curve_charts(lines: Sequence[Line], figure: BenchMetric, alone: float | None) -> str:
+def curve_charts(lines: Sequence[Line], metric: BenchMetric, best_single: float | None) -> str:
     """Draw a small chart for each kind with several severities; empty if none has.
 
     Args:
         lines: The methods; kinds and severities are the first one's.
-        figure: The figure to draw.
-        alone: The best clean score of a single sensor's method, or None.
+        metric: The metric to draw.
+        best_single: The best clean score of a single sensor's method, or None.
     """
     record = lines[0].record
     kinds = [kind for kind, names in record.kinds.items() if len(names) > 1]
-    points = {kind: [_points(line.record, record, kind, figure) for line in lines]
+    points = {kind: [_points(line.record, record, kind, metric) for line in lines]
               for kind in kinds}  # fmt: skip
     values = {kind: [score for each in points[kind] for _, score in each] for kind in kinds}
     highest = max((max(each) for each in values.values() if each), default=0.0)
     charts = []
     for kind in kinds:
         # Scores share an axis, but errors of one kind can be a hundred times another's.
-        top = highest if figure.highest is not None else max(values[kind], default=0.0)
+        top = highest if metric.highest is not None else max(values[kind], default=0.0)
         drawn = [(line, some) for line, some in zip(lines, points[kind], strict=True)]
-        charts.append(_curve_chart(kind, drawn, figure, nice_top(max(top, alone or 0.0)), alone))
+        charts.append(
+            _curve_chart(kind, drawn, metric, nice_top(max(top, best_single or 0.0)), best_single)
+        )
     return f'<div class="charts">{"".join(charts)}</div>' if charts else ""
 
 
 def _points(
-    record: Record, shown: Record, kind: str, figure: BenchMetric
+    record: Record, reference: Record, kind: str, metric: BenchMetric
 ) -> list[tuple[int, float]]:
-    """List severities with scores, 0 for sound sensors."""
-    names = [(0, CLEAN), *((shown.cases[name].severity or 0, name) for name in shown.kinds[kind])]
-    scores = [(level, record.score(name, figure)) for level, name in names if name in record.cases]
+    """List severities with scores, 0 for sound sensors; kinds and severities of `reference`."""
+    names = [(0, CLEAN)]
+    names += [(reference.cases[name].severity or 0, name) for name in reference.kinds[kind]]
+    scores = [(level, record.score(name, metric)) for level, name in names if name in record.cases]
     return [(level, score) for level, score in scores if score is not None]
 
 
@@ -173,14 +176,14 @@ class _Plot(NamedTuple):
         y = bottom - (bottom - above) * score / self.top
         return f"{x:.1f},{y:.1f}"
 
-    def axes(self, figure: BenchMetric) -> str:
+    def axes(self, metric: BenchMetric) -> str:
         """Draw lines at the maximum, middle and zero scores, and the severities' labels."""
         left, _, _, bottom = _PLOT_PX
         parts = []
         for share in (0.0, 0.5, 1.0):
             score = share * self.top
             start, end = self.place(0, score), self.place(self.last, score)
-            text, y = score_text(score, figure) if share else "0", float(start.split(",")[1]) + 3
+            text, y = score_text(score, metric) if share else "0", float(start.split(",")[1]) + 3
             parts.append(
                 f'<path class="grid" d="M{start}L{end}"/><text class="tick" x="{left - 4}" '
                 f'y="{y:.1f}" text-anchor="end">{text}</text>'
@@ -197,14 +200,14 @@ class _Plot(NamedTuple):
 def _curve_chart(
     kind: str,
     lines: Sequence[tuple[Line, Sequence[tuple[int, float]]]],
-    figure: BenchMetric,
+    metric: BenchMetric,
     top: float,
-    alone: float | None,
+    best_single: float | None,
 ) -> str:
     plot = _Plot(max(severities(lines[0][0].record), default=1), top)
-    parts = [plot.axes(figure)]
-    if alone is not None:
-        ends = f"M{plot.place(0, alone)}L{plot.place(plot.last, alone)}"
+    parts = [plot.axes(metric)]
+    if best_single is not None:
+        ends = f"M{plot.place(0, best_single)}L{plot.place(plot.last, best_single)}"
         parts.append(f'<path class="alone" d="{ends}"/>')
     for line, points in reversed(lines):
         path = "L".join(plot.place(level, score) for level, score in points)
@@ -213,7 +216,7 @@ def _curve_chart(
             x, y = plot.place(level, score).split(",")
             parts.append(
                 f'<circle class="{line.style}" cx="{x}" cy="{y}" r="2.4"><title>'
-                f"{escape(line.name)}: {score_text(score, figure)}</title></circle>"
+                f"{escape(line.name)}: {score_text(score, metric)}</title></circle>"
             )
     title = escape(kind.replace("_", " "))
     width, height = _CHART_PX
@@ -223,27 +226,27 @@ def _curve_chart(
     )
 
 
-def bar_chart(lines: Sequence[Line], figure: BenchMetric) -> str:
+def bar_chart(lines: Sequence[Line], metric: BenchMetric) -> str:
     """Draw a bar for each kind with a single level, and for sound sensors; empty without any."""
     record = lines[0].record
     names = [names[0] for names in record.kinds.values() if len(names) == 1]
     if not names:
         return ""
-    shown = [CLEAN, *names]
+    cases = [CLEAN, *names]
     scores = {
         name: [
-            (line, line.record.score(name, figure)) for line in lines if name in line.record.cases
+            (line, line.record.score(name, metric)) for line in lines if name in line.record.cases
         ]
-        for name in shown
+        for name in cases
     }
     known = [score for row in scores.values() for _, score in row if score is not None]
     top = nice_top(max(known, default=0.0))
     rows = []
-    for name in shown:
+    for name in cases:
         label = "sound sensors" if name == CLEAN else record.cases[name].kind.replace("_", " ")
         bars = "".join(
             f'<div class="bar {line.style}" style="width:{100 * (score or 0.0) / top:.2f}%" '
-            f'title="{escape(line.name)}"></div><span>{score_text(score, figure)}</span>'
+            f'title="{escape(line.name)}"></div><span>{score_text(score, metric)}</span>'
             for line, score in scores[name]
         )
         rows.append(f'<div class="label">{escape(label)}</div><div class="track">{bars}</div>')

@@ -1,20 +1,19 @@
 """Checks that runs can be compared, before any work is done."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Final
 
 from sightline.corruptions.suites import CLEAN
 from sightline.files.plain_text import shortened
 from sightline.robustness.record import CaseInfo, Record, Setting
 
-_LONGEST = 200  # maximum characters of a case's parameters in an error message
+_MAX_PARAMETERS = 200  # characters of a case's parameters in an error message
 
 _FILES: Final = "files_digest"
 
 
 def check_baseline(
-    baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo], *, called: str = ""
+    baseline: Record, setting: Setting, cases: Mapping[str, CaseInfo], *, title: str = ""
 ) -> None:
     """Refuse a baseline of another task, suite or data set, or without some of the cases.
 
@@ -22,23 +21,23 @@ def check_baseline(
         baseline: The record.
         setting: Required setting.
         cases: Required cases.
-        called: Name of the baseline in error messages.
+        title: Name of the baseline in error messages.
 
     Raises:
         ValueError: The baseline does not match.
     """
-    who = called or f"the baseline {shortened(baseline.method)}"
-    _check(who, asdict(baseline.setting), asdict(setting))
+    title = title or f"the baseline {shortened(baseline.method)}"
+    _check(title, baseline.setting.to_json(), setting.to_json())
     for name, case in cases.items():
         if name not in baseline.cases:
             raise ValueError(
-                f"{who} has no scores of case {name}; run it again with that case, or name the "
+                f"{title} has no scores of case {name}; run it again with that case, or name the "
                 "cases that it has (--cases)"
             )
         if baseline.cases[name] != case:
             raise ValueError(
-                f"{who} was scored with another case {name}, of "
-                f"{shortened(str(baseline.cases[name].parameters), _LONGEST)} instead of "
+                f"{title} was scored with another case {name}, of "
+                f"{shortened(str(baseline.cases[name].parameters), _MAX_PARAMETERS)} instead of "
                 f"{case.parameters}; run it again with this version"
             )
 
@@ -49,10 +48,10 @@ def check_healthy(sensor: str, healthy: Record, setting: Setting) -> None:
     Raises:
         ValueError: The clean scores do not match, or there are none.
     """
-    who = f"the healthy {sensor}'s {shortened(healthy.method)}"
-    _check(who, healthy.setting.of_clean_frames, setting.of_clean_frames)
+    title = f"the healthy {sensor}'s {shortened(healthy.method)}"
+    _check(title, healthy.setting.clean_settings(), setting.clean_settings())
     if CLEAN not in healthy.scores:
-        raise ValueError(f"{who} has no scores of case {CLEAN}; run it again with that case")
+        raise ValueError(f"{title} has no scores of case {CLEAN}; run it again with that case")
 
 
 def warn_of_files(records: Mapping[str, Record]) -> tuple[str, ...]:
@@ -77,16 +76,16 @@ def warn_of_files(records: Mapping[str, Record]) -> tuple[str, ...]:
     )
 
 
-def _check(who: str, there: Mapping[str, object], here: Mapping[str, object]) -> None:
-    for name, value in here.items():
-        if name != _FILES and there[name] != value:
-            told = "other figures" if name == "figures" else f"{name} {_shown(there[name])}"
-            wanted = "" if name == "figures" else f" instead of {_shown(value)}"
+def _check(title: str, actual: Mapping[str, object], required: Mapping[str, object]) -> None:
+    for name, value in required.items():
+        if name != _FILES and actual[name] != value:
+            found = "other metrics" if name == "figures" else f"{name} {_short(actual[name])}"
+            expected = "" if name == "figures" else f" instead of {_short(value)}"
             raise ValueError(
-                f"{who} is of {told}{wanted}, so scores do not compare; give one of the same task, "
-                "data, frames, suite and seed"
+                f"{title} is of {found}{expected}, so scores cannot be compared; give one of the "
+                "same task, data, frames, suite and seed"
             )
 
 
-def _shown(value: object) -> str:
+def _short(value: object) -> str:
     return shortened(str(value), 24)

@@ -16,7 +16,7 @@ from sightline.robustness.report import rich_table
 from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     TextTable,
-    leading_figures,
+    leading_metrics,
     ratio_text,
     score_text,
     setting_text,
@@ -36,17 +36,17 @@ class Comparison:
     """Cases that are missing in some run."""
 
     def measured(self) -> list[tuple[BenchMetric, list[Measures | None]]]:
-        """Compute the measures of all runs for every figure."""
+        """Compute the measures of all runs for every metric."""
         *others, last = self.records
         return [
-            (figure, [*(measure(each, figure, last) for each in others), measure(last, figure)])
-            for figure in last.setting.figures
+            (metric, [*(measure(each, metric, last) for each in others), measure(last, metric)])
+            for metric in last.setting.metrics
         ]
 
     def tables(self) -> list[TextTable]:
-        """Make tables of cases by the leading figures, and of all figures."""
-        leading = leading_figures(self.records[0].setting.figures)
-        return [*map(self._cases_table, leading), self._figures_table()]
+        """Make tables of cases by the leading metrics, and of all metrics."""
+        leading = leading_metrics(self.records[0].setting.metrics)
+        return [*map(self._cases_table, leading), self._metrics_table()]
 
     def notes(self) -> tuple[str, ...]:
         """List notes on the interpretation of the scores."""
@@ -61,11 +61,11 @@ class Comparison:
     def _notes_on_equals(self) -> Iterator[str]:
         """Yield a note for each run that is an earlier one."""
         names = self._names()
-        for place, each in enumerate(self.records):
+        for number, each in enumerate(self.records):
             first = self.records.index(each)
-            if first < place:
+            if first < number:
                 yield (
-                    f"WARNING: {names[place]} is the run of {names[first]}, with the same scores "
+                    f"WARNING: {names[number]} is the run of {names[first]}, with the same scores "
                     "in every case: name the file of another run."
                 )
 
@@ -84,51 +84,51 @@ class Comparison:
         return {
             "methods": [each.method for each in self.records],
             "measures": {
-                figure.name: [None if each is None else each.to_json() for each in measures]
-                for figure, measures in self.measured()
+                metric.name: [None if each is None else each.to_json() for each in measures]
+                for metric, measures in self.measured()
             },
         }
 
     def write(self, path: Path) -> None:
         """Draw all runs on a page."""
         page = compare_page(
-            self.records, self._figures_table(), self.measured(), notes=self.notes()
+            self.records, self._metrics_table(), self.measured(), notes=self.notes()
         )
         atomic_write_text(path, page)
 
-    def _cases_table(self, figure: BenchMetric) -> TextTable:
+    def _cases_table(self, metric: BenchMetric) -> TextTable:
         rows = []
         for name in self.records[0].cases:
-            scores = [each.score(name, figure) for each in self.records]
+            scores = [each.score(name, metric) for each in self.records]
             first, *others = scores
             leads = [
-                None if first is None or other is None else figure.lead(first, other)
+                None if first is None or other is None else metric.lead(first, other)
                 for other in others
             ]
-            texts = [score_text(each, figure) for each in scores]
-            rows.append((name, *texts, *(score_text(each, figure, signed=True) for each in leads)))
+            texts = [score_text(each, metric) for each in scores]
+            rows.append((name, *texts, *(score_text(each, metric, signed=True) for each in leads)))
         names = self._names()
         over = ("lead",) if len(names) == 2 else tuple(f"lead over {name}" for name in names[1:])
         return TextTable(
-            title=f"{figure.title}, {figure.unit}; lead of the first, positive where it is better",
+            title=f"{metric.title}, {metric.unit}; lead of the first, positive where it is better",
             header=("case", *names, *over),
             rows=tuple(rows),
         )
 
-    def _figures_table(self) -> TextTable:
+    def _metrics_table(self) -> TextTable:
         rows = []
-        for figure, measures in self.measured():
+        for metric, measures in self.measured():
             cells: list[str] = []
             for each in measures:
                 cells += [
-                    score_text(None if each is None else each.clean, figure),
-                    score_text(None if each is None else each.mpc, figure),
+                    score_text(None if each is None else each.clean, metric),
+                    score_text(None if each is None else each.mpc, metric),
                     ratio_text(None if each is None else each.mrr),
                 ]
             cells += [ratio_text(None if each is None else each.mce) for each in measures[:-1]]
-            rows.append((f"{figure.title}, {figure.unit}", *cells))
+            rows.append((f"{metric.title}, {metric.unit}", *cells))
         names = self._names()
-        header = [f"{what}, {name}" for name in names for what in ("clean", "mPC", "mRR")]
+        header = [f"{column}, {name}" for name in names for column in ("clean", "mPC", "mRR")]
         errors = [f"mCE, {name}" for name in names[:-1]]
         if len(names) == 2:
             errors = ["mCE of the first"]
@@ -147,21 +147,21 @@ def compare_runs(paths: Sequence[Path]) -> Comparison:
     """Compare runs by their files, over their common cases.
 
     Raises:
-        ValueError: There are less than two, or they are of another task, data set, suite or seed.
+        ValueError: There are fewer than two, or they are of another task, data set, suite or seed.
     """
     if len(paths) < 2:
         raise ValueError(
-            f"two runs or more are compared, got {len(paths)} files; give two robustness.json"
+            f"a comparison needs two runs or more, got {len(paths)}; give two robustness.json"
         )
     records = [read_record(path) for path in paths]
     shared = [name for name in records[0].cases if all(name in each.cases for each in records)]
     if CLEAN not in shared:
-        told = " and ".join(map(str, paths))
-        raise ValueError(f"{told} have no clean case in common; run them again")
+        files = " and ".join(map(str, paths))
+        raise ValueError(f"{files} have no clean case in common; run them again")
     every = dict.fromkeys(name for each in records for name in each.cases)
     first, *others = (_restricted(each, shared) for each in records)
     for path, other in zip(paths[1:], others, strict=True):
-        check_baseline(other, first.setting, first.cases, called=f"the run {path}")
+        check_baseline(other, first.setting, first.cases, title=f"the run {path}")
     return Comparison(
         records=(first, *others), left_out=tuple(name for name in every if name not in shared)
     )

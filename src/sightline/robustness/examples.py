@@ -35,11 +35,11 @@ class ExampleDrawer:
 
     def __post_init__(self) -> None:
         """Check the width."""
-        least, most = _WIDTHS_PX
-        if not least <= self.width_px <= most:
+        smallest, largest = _WIDTHS_PX
+        if not smallest <= self.width_px <= largest:
             raise ValueError(
-                f"picture_px must be between {least} and {most}, got {self.width_px}: it is how "
-                "many pixels wide each picture of the page is"
+                f"picture_px must be between {smallest} and {largest}, got {self.width_px}; give "
+                "the width of each picture of the page in pixels"
             )
 
     @property
@@ -47,16 +47,16 @@ class ExampleDrawer:
         """Collect all settings of the pictures, except the predictions, for a run's manifest."""
         return {"shown": self.frame, "picture_px": self.width_px}
 
-    def __call__(self, case: Case, answered: BenchPrediction) -> None:
+    def __call__(self, case: Case, prediction: BenchPrediction) -> None:
         """Draw the prediction, if it is for this frame."""
-        if answered.posed.sample.sample_id != self.frame:
+        if prediction.frame.sample.sample_id != self.frame:
             return
-        for number, panel in enumerate(self.scoring.draw(answered, self.width_px)):
+        for number, panel in enumerate(self.scoring.draw(prediction, self.width_px)):
             name = f"{number}_{panel.caption.replace(' ', '_')}.jpg"
             write_rgb(self.out / _PICTURES / case.name / name, panel.picture)
 
 
-def shown_cases(cases: Mapping[str, CaseInfo]) -> tuple[str, ...]:
+def example_cases(cases: Mapping[str, CaseInfo]) -> tuple[str, ...]:
     """List the clean case and the middle severity of each kind."""
     by_kind: dict[str, list[str]] = {}
     for name, case in cases.items():
@@ -65,7 +65,7 @@ def shown_cases(cases: Mapping[str, CaseInfo]) -> tuple[str, ...]:
     return tuple(name for name in cases if name == CLEAN or name in middle)
 
 
-def examples_of(out: Path, case: str) -> list[Example]:
+def list_examples(out: Path, case: str) -> list[Example]:
     """List the pictures of a case, in order; empty if none were drawn."""
     files = list_files(out / _PICTURES / case, (".jpg",))
     return [Example(stem.partition("_")[2].replace("_", " "), path) for stem, path in files.items()]

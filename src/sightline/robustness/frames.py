@@ -15,8 +15,8 @@ from sightline.data.recording import RecordingDataset
 from sightline.jobs.output_dirs import data_name
 from sightline.structures.sample import SENSOR_FIELDS
 
-_SEEN_BY_KINDS: Final[tuple[Part, ...]] = ("image", "points", "objects")
-_FRAME_FILES: Final[tuple[Part, ...]] = (*_SEEN_BY_KINDS, "calibration")
+_INPUT_PARTS: Final[tuple[Part, ...]] = ("image", "points", "objects")
+_FRAME_FILES: Final[tuple[Part, ...]] = (*_INPUT_PARTS, "calibration")
 _DIGITS: Final = 16
 _WORDS: Final[dict[Part, str]] = {"image": "images", "points": "sweeps"}
 
@@ -47,13 +47,13 @@ def open_frames(
             needs it.
     """
 
-    def opened(wanted: Collection[Part]) -> SampleDataset:
-        given: dict[str, Any] = {"sample_list": sample_list, "velodyne": velodyne, "parts": wanted}
-        dataset = open_dataset(data, **given, needs=wanted)
+    def opened(parts: Collection[Part]) -> SampleDataset:
+        options: dict[str, Any] = {"sample_list": sample_list, "velodyne": velodyne, "parts": parts}
+        dataset = open_dataset(data, **options, needs=parts)
         if isinstance(dataset, KittiObjectDataset | RecordingDataset):
             return dataset
         # Without gaps, because other data sets do not know in advance which frames lack a part.
-        return open_dataset(data, **given)
+        return open_dataset(data, **options)
 
     needed: set[Part] = set(parts)
     dataset = opened(needed)
@@ -74,7 +74,7 @@ def open_frames(
                 f"set, or {remedy}"
             )
         needed.add(part)
-    for delivered in _SEEN_BY_KINDS:
+    for delivered in _INPUT_PARTS:
         with contextlib.suppress(ValueError):
             dataset = opened(needed | {delivered})
             needed.add(delivered)
@@ -103,6 +103,6 @@ def digest_files(dataset: SampleDataset) -> str:
     return digest.hexdigest()[:_DIGITS]
 
 
-def name_of(dataset: SampleDataset, data: Path) -> str:
+def data_title(dataset: SampleDataset, data: Path) -> str:
     """Name the data in records: the same name for a tree and for its split."""
     return data_name(dataset.root if isinstance(dataset, KittiObjectDataset) else data)

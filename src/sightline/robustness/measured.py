@@ -1,4 +1,4 @@
-"""All measures of a run, by figure."""
+"""All measures of a run, by metric."""
 
 import statistics
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ class KindMeasures:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Measures:
-    """Loss caused by corruptions, by one figure."""
+    """Loss caused by corruptions, by one metric."""
 
     clean: float
     mpc: float
@@ -66,31 +66,33 @@ class Measures:
 
 def measure(
     record: Record,
-    figure: BenchMetric,
+    metric: BenchMetric,
     baseline: Record | None = None,
     healthy: Mapping[Sensor, Record] | None = None,
 ) -> Measures | None:
-    """Compute the measures by one figure; None without scores or corrupted cases.
+    """Compute the measures by one metric; None without scores or corrupted cases.
 
     Args:
         record: Record of the method.
-        figure: One of its figures.
+        metric: One of its metrics.
         baseline: Baseline for CE, with all cases of the record.
         healthy: Single-sensor methods, by their sensor. In a case that does not affect the sensor,
             its method keeps the clean score.
     """
-    clean, table = record.score(CLEAN, figure), record.by_kind(figure)
+    clean, table = record.score(CLEAN, metric), record.by_kind(metric)
     if clean is None or not table:
         return None
-    theirs = None if baseline is None else baseline.by_kind(figure, record.kinds)
-    gaps = _gaps(record, figure, healthy or {})
+    baseline_scores = None if baseline is None else baseline.by_kind(metric, record.kinds)
+    gaps = _gaps(record, metric, healthy or {})
     known = {case: gap for case, gap in gaps.items() if gap is not None}
     smallest = min(known, key=known.__getitem__) if known else None
     kinds = {
         kind: KindMeasures(
             mean=statistics.fmean(levels),
-            rr=resilience(levels, clean, figure),
-            ce=None if theirs is None else corruption_error(levels, theirs[kind], figure),
+            rr=resilience(levels, clean, metric),
+            ce=None
+            if baseline_scores is None
+            else corruption_error(levels, baseline_scores[kind], metric),
             gap=min((known[case] for case in record.kinds[kind] if case in known), default=None),
         )
         for kind, levels in table.items()
@@ -105,7 +107,7 @@ def measure(
         mpc=mean_corrupted(table),
         mrr=mean_of_kinds({kind: each.rr for kind, each in kinds.items()}),
         mce=mean_of_kinds({kind: each.ce for kind, each in kinds.items()}),
-        worst=worst_case(scores, figure),
+        worst=worst_case(scores, metric),
         gap=None if smallest is None else WorstCase(smallest, known[smallest]),
         gaps=gaps,
         kinds=kinds,
@@ -113,17 +115,17 @@ def measure(
 
 
 def _gaps(
-    record: Record, figure: BenchMetric, healthy: Mapping[Sensor, Record]
+    record: Record, metric: BenchMetric, healthy: Mapping[Sensor, Record]
 ) -> dict[str, float | None]:
     """Compute the lead over the best healthy sensor alone in each case, sound sensors included."""
-    alone = {sensor: each.score(CLEAN, figure) for sensor, each in healthy.items()}
+    clean_scores = {sensor: each.score(CLEAN, metric) for sensor, each in healthy.items()}
     gaps: dict[str, float | None] = {}
     for name, case in record.cases.items():
-        score = record.score(name, figure)
-        left = [
+        score = record.score(name, metric)
+        healthy_scores = [
             clean
-            for sensor, clean in alone.items()
+            for sensor, clean in clean_scores.items()
             if clean is not None and sensor not in case.sensors
         ]
-        gaps[name] = None if score is None else healthy_gap(score, left, figure)
+        gaps[name] = None if score is None else healthy_gap(score, healthy_scores, metric)
     return gaps

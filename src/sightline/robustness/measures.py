@@ -12,10 +12,10 @@ performance under a kind; mRR is its mean over the kinds.
 * The worst case.
 * The gap to the best healthy sensor alone: fusion must not be worse than that.
 
-Departure: in the papers a higher score is better. For a figure that is an error itself (e.g. RMSE,
+Departure: in the papers a higher score is better. For a metric that is an error itself (e.g. RMSE,
 `BenchMetric.highest` None), mPC is the mean error, the worst case the largest, RR the clean error
 over the mean corrupted one, and CE uses the errors directly. So RR is 1 without loss, and CE below
-1 is better than the baseline, for every figure. RR and CE are ratios, not percentages.
+1 is better than the baseline, for every metric. RR and CE are ratios, not percentages.
 """
 
 import statistics
@@ -25,7 +25,7 @@ from typing import NamedTuple
 from sightline.robustness.scoring import BenchMetric
 
 ByKind = Mapping[str, Sequence[float]]
-"""One figure's scores by kind of corruption, one for each severity."""
+"""One metric's scores by kind of corruption, one for each severity."""
 
 
 class WorstCase(NamedTuple):
@@ -40,30 +40,30 @@ def mean_corrupted(scores: ByKind) -> float:
     return statistics.fmean(statistics.fmean(levels) for levels in scores.values())
 
 
-def resilience(levels: Sequence[float], clean: float, figure: BenchMetric) -> float | None:
+def resilience(levels: Sequence[float], clean: float, metric: BenchMetric) -> float | None:
     """Compute the remaining share of the clean performance under a kind: RR; None without any.
 
-    It is above 1 if a corruption helps. It is not bounded for small figures: compare it with the
+    It is above 1 if a corruption helps. It is not bounded for small metrics: compare it with the
     scores.
     """
     corrupted = statistics.fmean(levels)
-    if figure.highest is None:
+    if metric.highest is None:
         return clean / corrupted if corrupted > 0 else None
     return corrupted / clean if clean > 0 else None
 
 
 def corruption_error(
-    levels: Sequence[float], baseline: Sequence[float], figure: BenchMetric
+    levels: Sequence[float], baseline: Sequence[float], metric: BenchMetric
 ) -> float | None:
     """Compute a kind's errors over the baseline's: CE; None if the baseline has no error.
 
     Args:
         levels: The method's scores, one for each severity.
         baseline: The baseline's scores, of the same severities.
-        figure: BenchMetric of the scores.
+        metric: Metric of the scores.
     """
-    ours, theirs = (sum(figure.error(score) for score in each) for each in (levels, baseline))
-    return ours / theirs if theirs > 0 else None
+    own, other = (sum(metric.error(score) for score in each) for each in (levels, baseline))
+    return own / other if other > 0 else None
 
 
 def mean_of_kinds(values: Mapping[str, float | None]) -> float | None:
@@ -72,13 +72,13 @@ def mean_of_kinds(values: Mapping[str, float | None]) -> float | None:
     return statistics.fmean(known) if known and len(known) == len(values) else None
 
 
-def worst_case(scores: Mapping[str, float], figure: BenchMetric) -> WorstCase:
+def worst_case(scores: Mapping[str, float], metric: BenchMetric) -> WorstCase:
     """Find the case of the largest error, the first of several."""
-    name = max(scores, key=lambda case: figure.error(scores[case]))
+    name = max(scores, key=lambda case: metric.error(scores[case]))
     return WorstCase(name, scores[name])
 
 
-def healthy_gap(score: float, healthy: Sequence[float], figure: BenchMetric) -> float | None:
+def healthy_gap(score: float, healthy: Sequence[float], metric: BenchMetric) -> float | None:
     """Compute the lead of a score over the best healthy sensor alone; None without any.
 
     It is negative if fusion is worse than omitting the faulty sensor.
@@ -86,7 +86,7 @@ def healthy_gap(score: float, healthy: Sequence[float], figure: BenchMetric) -> 
     Args:
         score: Score of the method in a case.
         healthy: Clean scores of single-sensor methods whose sensor is not affected by the case.
-        figure: BenchMetric of the scores.
+        metric: Metric of the scores.
     """
-    leads = [figure.lead(score, alone) for alone in healthy]
+    leads = [metric.lead(score, each) for each in healthy]
     return min(leads) if leads else None

@@ -56,11 +56,11 @@ class ObjectScoring:
     takes_results: bool = field(default=True, init=False)
 
     @property
-    def figures(self) -> tuple[BenchMetric, ...]:
+    def metrics(self) -> tuple[BenchMetric, ...]:
         """Both averages of each target, moderate first."""
         return tuple(
             BenchMetric(
-                name=_figure_name(target, difficulty, average),
+                name=_metric_name(target, difficulty, average),
                 title=(
                     f"{target.class_name}, {_METRIC_TITLES[target.metric]} IoU {target.iou:g}, "
                     f"{difficulty}, {title}"
@@ -87,21 +87,21 @@ class ObjectScoring:
             slots_note([(*key, n) for key, n in sorted(counts.items()) if key[0] in scored])
         )
 
-    def pose(self, sample: "CameraLidarSample") -> BenchFrame:
+    def prepare(self, sample: "CameraLidarSample") -> BenchFrame:
         """Return the frame unchanged."""
         return BenchFrame(sample, None)
 
-    def keep(self, path: Path, answered: BenchPrediction) -> None:
+    def store(self, path: Path, prediction: BenchPrediction) -> None:
         """Write KITTI's result file."""
-        self.write(path, answered.posed.sample, answered.answer)
+        self.write(path, prediction.frame.sample, prediction.output)
 
     def read(self, path: Path, sample: "CameraLidarSample") -> object:
         """Read a result file; see `Scoring.read`."""
         return self.read_file(path, sample)
 
-    def draw(self, answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
+    def draw(self, prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
         """Draw a prediction; see `Scoring.draw`."""
-        return self.panels(answered, width_px)
+        return self.panels(prediction, width_px)
 
     def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
         """Score result files; see `Scoring.score`. None if no object of the class counts."""
@@ -109,14 +109,14 @@ class ObjectScoring:
 
         labels, names = _labels_folder(dataset), dataset.sample_ids
         scores: dict[str, float | None] = {}
-        for chosen in _apart(self.targets):
+        for chosen in _separable(self.targets):
             report = evaluate_objects(folder, labels, sample_list=names, overlaps=_overlaps(chosen))
             for target in chosen:
                 scores |= _scores(target, report, labels, names)
-        return {figure.name: scores[figure.name] for figure in self.figures}
+        return {metric.name: scores[metric.name] for metric in self.metrics}
 
 
-def _figure_name(target: Target, difficulty: Difficulty, average: str) -> str:
+def _metric_name(target: Target, difficulty: Difficulty, average: str) -> str:
     return f"{target.class_name}_{target.metric}_{target.iou:g}_{difficulty}_{average}"
 
 
@@ -135,7 +135,7 @@ def _labels_folder(dataset: "SampleDataset") -> Path:
     )
 
 
-def _apart(targets: Sequence[Target]) -> list[list[Target]]:
+def _separable(targets: Sequence[Target]) -> list[list[Target]]:
     """Group targets for single evaluations: one overlap per class and metric."""
     groups: list[list[Target]] = []
     for target in targets:
@@ -151,18 +151,20 @@ def _apart(targets: Sequence[Target]) -> list[list[Target]]:
 def _overlaps(targets: Sequence[Target]) -> MinimumOverlaps:
     """Collect the targets' overlaps, with KITTI's own for all other classes and metrics."""
     strict = MinimumOverlaps()
-    wanted = {(target.class_name, target.metric): target.iou for target in targets}
+    ious = {(target.class_name, target.metric): target.iou for target in targets}
 
-    def of_class(name: ClassName) -> ClassOverlaps:
+    def class_overlaps(name: ClassName) -> ClassOverlaps:
         own: ClassOverlaps = getattr(strict, name.lower())
         return ClassOverlaps(
-            bbox=wanted.get((name, "bbox"), own.bbox),
-            bev=wanted.get((name, "bev"), own.bev),
-            box3d=wanted.get((name, "3d"), own.box3d),
+            bbox=ious.get((name, "bbox"), own.bbox),
+            bev=ious.get((name, "bev"), own.bev),
+            box3d=ious.get((name, "3d"), own.box3d),
         )
 
     return MinimumOverlaps(
-        car=of_class("Car"), pedestrian=of_class("Pedestrian"), cyclist=of_class("Cyclist")
+        car=class_overlaps("Car"),
+        pedestrian=class_overlaps("Pedestrian"),
+        cyclist=class_overlaps("Cyclist"),
     )
 
 
@@ -177,16 +179,16 @@ def _scores(
     found: dict[str, float | None] = {}
     for difficulty in _LEVELS:
         if entries:
-            values = _of_entry(entries[difficulty])
+            values = _entry_scores(entries[difficulty])
         else:  # the report omits a class without detections
             count = _object_counts(labels, names)[target.class_name, difficulty]
             values = dict.fromkeys(_AVERAGES, 0.0 if count else None)
         for average, value in values.items():
-            found[_figure_name(target, difficulty, average)] = value
+            found[_metric_name(target, difficulty, average)] = value
     return found
 
 
-def _of_entry(entry: "ObjectEntry") -> dict[str, float | None]:
+def _entry_scores(entry: "ObjectEntry") -> dict[str, float | None]:
     if entry.n_gt == 0:
         return dict.fromkeys(_AVERAGES)
     assert entry.all_points is not None, "objects count"

@@ -14,16 +14,16 @@ from sightline.robustness.charts import (
     heat_legend,
     heat_map,
 )
-from sightline.robustness.examples import examples_of, shown_cases
+from sightline.robustness.examples import example_cases, list_examples
 from sightline.robustness.measured import Measures
-from sightline.robustness.page_frame import figure_picker, of_figure, whole_page
+from sightline.robustness.page_frame import metric_picker, metric_section, whole_page
 from sightline.robustness.record import Record
 from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     NOTHING,
     TextTable,
     case_text,
-    figures_table,
+    metrics_table,
     ratio_text,
     score_text,
     setting_text,
@@ -33,7 +33,7 @@ from sightline.structures.sample import Sensor
 Measured = Sequence[tuple[BenchMetric, Measures | None]]
 Compared = Sequence[tuple[BenchMetric, Sequence[Measures | None]]]
 
-_NOTHING_TO_SHOW = "<p>There is nothing to score by this figure, or nothing is broken.</p>"
+_NOTHING_TO_SHOW = "<p>There is nothing to score by this metric, or nothing is broken.</p>"
 
 _READING = """<p class="soft reading">mPC: mean over the kinds of the mean over their severities.
 RR: share of the clean performance that is left, 1 where nothing is lost; mRR its mean. CE: errors
@@ -55,7 +55,7 @@ def run_page(
 
     Args:
         record: Record of the run.
-        measured: All of its figures with their measures.
+        measured: All of its metrics with their measures.
         baseline: Record for comparison in the charts.
         healthy: Single-sensor methods; the charts show the best.
         out: Folder of the run, where its pictures are.
@@ -67,16 +67,16 @@ def run_page(
     parts = [
         f'<p class="soft">{escape(setting_text(record))}.</p>',
         *(f"<p>{escape(note)}</p>" for note in notes),
-        _picker([figure for figure, _ in measured]),
+        _picker([metric for metric, _ in measured]),
     ]
-    for figure, measures in measured:
+    for metric, measures in measured:
         if measures is None:
             content = _NOTHING_TO_SHOW
         else:
-            content = _figure_part(lines, figure, measures, healthy)
-        parts.append(of_figure(figure.name, content))
+            content = _metric_part(lines, metric, measures, healthy)
+        parts.append(metric_section(metric.name, content))
     parts += [_READING, _examples(record, out)]
-    parts.append(f"<h2>All figures</h2>{plain_table(figures_table(record, measured))}")
+    parts.append(f"<h2>All figures</h2>{plain_table(metrics_table(record, measured))}")
     return whole_page(f"Robustness of {record.method}", "\n".join(parts))
 
 
@@ -87,8 +87,8 @@ def compare_page(
 
     Args:
         records: The runs, of the same cases.
-        table: All figures of all runs.
-        measured: Every figure with the measures of all runs.
+        table: All metrics of all runs.
+        measured: Every metric with the measures of all runs.
         notes: Notes on the interpretation of the scores.
     """
     lines = [
@@ -100,50 +100,52 @@ def compare_page(
     parts = [
         f'<p class="soft">{escape(setting_text(first))}; and by {escape(names)}.</p>',
         *(f"<p>{escape(note)}</p>" for note in notes),
-        _picker([figure for figure, _ in measured]),
+        _picker([metric for metric, _ in measured]),
     ]
-    for figure, each in measured:
+    for metric, each in measured:
         scored = [measures for measures in each if measures is not None]
         content = _NOTHING_TO_SHOW
         if len(scored) == len(records):
             content = "".join(
-                f"<h2>{escape(record.method)}</h2>{_tiles(record, figure, measures)}"
-                f"{heat_map(record, figure, measures)}"
+                f"<h2>{escape(record.method)}</h2>{_tiles(record, metric, measures)}"
+                f"{heat_map(record, metric, measures)}"
                 for record, measures in zip(records, scored, strict=True)
             )
-            content += heat_legend() + _charts(lines, figure, None)
-        parts.append(of_figure(figure.name, content))
+            content += heat_legend() + _charts(lines, metric, None)
+        parts.append(metric_section(metric.name, content))
     parts += [_READING, f"<h2>All figures</h2>{plain_table(table)}"]
     return whole_page(f"{first.method} and {names}", "\n".join(parts))
 
 
-def _picker(figures: Sequence[BenchMetric]) -> str:
-    return figure_picker({figure.name: f"{figure.title}, {figure.unit}" for figure in figures})
+def _picker(metrics: Sequence[BenchMetric]) -> str:
+    return metric_picker({metric.name: f"{metric.title}, {metric.unit}" for metric in metrics})
 
 
-def _figure_part(
-    lines: Sequence[Line], figure: BenchMetric, measures: Measures, healthy: Mapping[Sensor, Record]
+def _metric_part(
+    lines: Sequence[Line], metric: BenchMetric, measures: Measures, healthy: Mapping[Sensor, Record]
 ) -> str:
     record = lines[0].record
-    alone = [score for each in healthy.values() if (score := each.score(CLEAN, figure)) is not None]
-    best = (min(alone) if figure.highest is None else max(alone)) if alone else None
+    scores = [
+        score for each in healthy.values() if (score := each.score(CLEAN, metric)) is not None
+    ]
+    best = (min(scores) if metric.highest is None else max(scores)) if scores else None
     return (
-        f"{_tiles(record, figure, measures)}<h2>Kinds and severities</h2>"
-        f"{heat_map(record, figure, measures)}{heat_legend()}{_charts(lines, figure, best)}"
+        f"{_tiles(record, metric, measures)}<h2>Kinds and severities</h2>"
+        f"{heat_map(record, metric, measures)}{heat_legend()}{_charts(lines, metric, best)}"
     )
 
 
-def _tiles(record: Record, figure: BenchMetric, measures: Measures) -> str:
+def _tiles(record: Record, metric: BenchMetric, measures: Measures) -> str:
     worst, gap = measures.worst, measures.gap
     tiles = [
-        ("clean", score_text(measures.clean, figure), figure.unit),
-        ("mPC", score_text(measures.mpc, figure), figure.unit),
+        ("clean", score_text(measures.clean, metric), metric.unit),
+        ("mPC", score_text(measures.mpc, metric), metric.unit),
         ("mRR", ratio_text(measures.mrr), "of clean is left"),
         ("mCE", ratio_text(measures.mce), _baseline_note(measures)),
-        ("worst case", score_text(worst.score, figure), _case(record, worst.case)),
+        ("worst case", score_text(worst.score, metric), _case(record, worst.case)),
         (
             "smallest gap",
-            NOTHING if gap is None else score_text(gap.score, figure, signed=True),
+            NOTHING if gap is None else score_text(gap.score, metric, signed=True),
             "no healthy sensor given" if gap is None else _case(record, gap.case),
         ),
     ]
@@ -163,32 +165,32 @@ def _baseline_note(measures: Measures) -> str:
     )
 
 
-def _charts(lines: Sequence[Line], figure: BenchMetric, alone: float | None) -> str:
-    curves, bars = curve_charts(lines, figure, alone), bar_chart(lines, figure)
+def _charts(lines: Sequence[Line], metric: BenchMetric, best_single: float | None) -> str:
+    curves, bars = curve_charts(lines, metric, best_single), bar_chart(lines, metric)
     names = [(line.style, line.name) for line in lines]
-    if alone is not None and curves:
+    if best_single is not None and curves:
         names.append(("alone", "best healthy sensor alone, clean"))
     key = "".join(f'<span><i class="{style}"></i>{escape(name)}</span>' for style, name in names)
-    unit = f"{escape(figure.title)}, {escape(figure.unit)}"
-    better = "lower" if figure.highest is None else "higher"
+    unit = f"{escape(metric.title)}, {escape(metric.unit)}"
+    better = "lower" if metric.highest is None else "higher"
     heading = f'<h2>{unit}; {better} is better</h2><div class="key">{key}</div>'
     return heading + curves + bars
 
 
 def _examples(record: Record, out: Path) -> str:
     parts = []
-    for name in shown_cases(record.cases):
+    for name in example_cases(record.cases):
         pictures = "".join(
             f'<figure><img alt="{escape(example.caption)}" src="{_embedded(example.path)}">'
             f"<figcaption>{escape(example.caption)}</figcaption></figure>"
-            for example in examples_of(out, name)
+            for example in list_examples(out, name)
         )
         if pictures:
             title = escape(_case(record, name))
             parts.append(
                 f'<div class="example"><b>{title}</b><div class="pictures">{pictures}</div></div>'
             )
-    return "<h2>One frame, and the answers to it</h2>" + "".join(parts) if parts else ""
+    return "<h2>One frame, and the predictions for it</h2>" + "".join(parts) if parts else ""
 
 
 def _embedded(path: Path) -> str:

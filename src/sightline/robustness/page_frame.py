@@ -98,22 +98,22 @@ _PAGE: Final = """<!doctype html>
 
 
 def whole_page(title: str, body: str) -> str:
-    """Make a page in one file; its body has a `figure_picker`."""
+    """Make a page in one file; its body has a `metric_picker`."""
     return _PAGE.format(title=escape(title), style=_STYLE, body=body, script=_SCRIPT)
 
 
-def figure_picker(titles: dict[str, str]) -> str:
-    """Make a selection of the figure; elements with another data-figure are hidden.
+def metric_picker(titles: dict[str, str]) -> str:
+    """Make a selection of the metric; elements with another data-figure are hidden.
 
     Args:
-        titles: Titles of the figures, by name.
+        titles: Titles of the metrics, by name.
     """
     options = "".join(
         f'<option value="{escape(name)}">{escape(title)}</option>' for name, title in titles.items()
     )
-    return f'<p class="pick"><label>BenchMetric: <select id="figure">{options}</select></label></p>'
+    return f'<p class="pick"><label>Metric: <select id="figure">{options}</select></label></p>'
 
 
-def of_figure(name: str, content: str) -> str:
-    """Wrap content that is shown only for the selected figure."""
+def metric_section(name: str, content: str) -> str:
+    """Wrap content that is shown only for the selected metric."""
     return f'<section data-figure="{escape(name)}">{content}</section>'

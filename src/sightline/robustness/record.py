@@ -17,8 +17,8 @@ from sightline.structures.sample import Sensor
 RECORD_NAME: Final = "robustness.json"
 """Name of the record's file in a run's folder."""
 
-_LARGEST = 10**12  # maximum of a plausible number
-_LONGEST = 10_000  # maximum characters of a text
+_MAX_NUMBER = 10**12  # plausible in a record
+_MAX_TEXT = 10_000  # characters
 _REMEDY = f"give the {RECORD_NAME} of a run of `sightline robustness`"
 
 
@@ -63,18 +63,22 @@ class Setting:
     frames: int
     frames_sha256: str
     """Digest of the frames' names, in order."""
-    figures: tuple[BenchMetric, ...]
+    metrics: tuple[BenchMetric, ...]
     suite: str
     seed: int
     files_digest: str | None = None
     """See `digest_files`: a difference causes a warning, not an error. None: an older record, or a
     corrupted data set without its clean case."""
 
-    @property
-    def of_clean_frames(self) -> dict[str, object]:
-        """Fields that clean scores depend on."""
+    def to_json(self) -> dict[str, object]:
+        """Convert the setting to its part of a run's file, in which metrics are `figures`."""
         plain = asdict(self)
-        return {name: plain[name] for name in plain if name not in ("suite", "seed")}
+        return {"figures" if name == "metrics" else name: plain[name] for name in plain}
+
+    def clean_settings(self) -> dict[str, object]:
+        """Collect the entries of `to_json` that clean scores depend on."""
+        content = self.to_json()
+        return {name: content[name] for name in content if name not in ("suite", "seed")}
 
 
 def digest_names(names: Sequence[str]) -> str:
@@ -96,32 +100,32 @@ class Record:
     scores: Mapping[str, Scores]
     """Scores by case."""
     notes: tuple[str, ...] = ()
-    """Notes on the scores, e.g. on figures with too few objects."""
+    """Notes on the scores, e.g. on metrics with too few objects."""
 
     @property
     def kinds(self) -> dict[str, tuple[str, ...]]:
         """Cases of each kind of corruption, in the suite's order."""
-        found: dict[str, tuple[str, ...]] = {}
+        kinds: dict[str, tuple[str, ...]] = {}
         for name, case in self.cases.items():
             if name != CLEAN:
-                found[case.kind] = (*found.get(case.kind, ()), name)
-        return found
+                kinds[case.kind] = (*kinds.get(case.kind, ()), name)
+        return kinds
 
-    def score(self, case: str, figure: BenchMetric) -> float | None:
+    def score(self, case: str, metric: BenchMetric) -> float | None:
         """Look up a score; None if there is nothing to score."""
-        return self.scores[case][figure.name]
+        return self.scores[case][metric.name]
 
     def by_kind(
-        self, figure: BenchMetric, kinds: Mapping[str, Sequence[str]] | None = None
+        self, metric: BenchMetric, kinds: Mapping[str, Sequence[str]] | None = None
     ) -> ByKind | None:
-        """Collect a figure's scores by kind; None if there is nothing to score.
+        """Collect a metric's scores by kind; None if there is nothing to score.
 
         Args:
-            figure: One of the setting's.
+            metric: One of the setting's.
             kinds: Names of cases by kind. None: the record's own.
         """
         table = {
-            kind: [self.scores[name][figure.name] for name in names]
+            kind: [self.scores[name][metric.name] for name in names]
             for kind, names in (kinds or self.kinds).items()
         }
         known = {
@@ -135,7 +139,7 @@ class Record:
         return {
             "method": self.method,
             "made_by": dict(self.made_by),
-            **asdict(self.setting),
+            **self.setting.to_json(),
             "cases": {name: asdict(case) for name, case in self.cases.items()},
             "scores": {name: dict(scores) for name, scores in self.scores.items()},
             **notes,
@@ -163,7 +167,7 @@ def read_record(path: Path) -> Record:
         raise FileError(path, f"is no record of a robustness run ({reason})", _REMEDY) from error
     for name in record.cases:
         scores = record.scores.get(name, {})
-        lacking = [each.name for each in record.setting.figures if each.name not in scores]
+        lacking = [each.name for each in record.setting.metrics if each.name not in scores]
         if lacking:
             raise FileError(path, f"has no {lacking[0]} of case {shortened(name)}", _REMEDY)
     return record
@@ -177,7 +181,7 @@ def _parse(content: dict[str, Any]) -> Record:
         velodyne=checked_text(content["velodyne"]),
         frames=checked_count(content["frames"]),
         frames_sha256=checked_text(content["frames_sha256"]),
-        figures=tuple(map(_parse_figure, content["figures"])),
+        metrics=tuple(map(_parse_metric, content["figures"])),
         suite=checked_text(content["suite"]),
         seed=checked_count(content["seed"]),
         files_digest=(
@@ -185,7 +189,7 @@ def _parse(content: dict[str, Any]) -> Record:
         ),
     )
     cases = {checked_text(name): _parse_case(case) for name, case in content["cases"].items()}
-    if not setting.figures or CLEAN not in cases:
+    if not setting.metrics or CLEAN not in cases:
         raise ValueError(f"no figures or no case {CLEAN}")
     return Record(
         method=checked_text(content["method"]),
@@ -204,7 +208,7 @@ def _parse(content: dict[str, Any]) -> Record:
     )
 
 
-def _parse_figure(content: dict[str, Any]) -> BenchMetric:
+def _parse_metric(content: dict[str, Any]) -> BenchMetric:
     return BenchMetric(
         name=checked_text(content["name"]),
         title=checked_text(content["title"]),
@@ -225,13 +229,13 @@ def _parse_case(content: dict[str, Any]) -> CaseInfo:
 
 
 def checked_text(value: object) -> str:
-    """Turn text from a file into one line that any screen and page can show.
+    """Convert text from a file to one line of printable characters.
 
     Raises:
-        TypeError: It is not a string, or longer than any in a run's files.
+        TypeError: It is not a string, or too long for a run's file.
     """
-    if not isinstance(value, str) or len(value) > _LONGEST:
-        raise TypeError(f"expected text of up to {_LONGEST:,} characters, got {value!r}")
+    if not isinstance(value, str) or len(value) > _MAX_TEXT:
+        raise TypeError(f"expected text of up to {_MAX_TEXT:,} characters, got {value!r}")
     return plain_line(value)
 
 
@@ -241,7 +245,7 @@ def checked_count(value: object) -> int:
     Raises:
         TypeError: It is not a whole number, negative or implausibly large.
     """
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _LARGEST:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _MAX_NUMBER:
         raise TypeError(f"expected a whole number, got {value!r}")
     return value
 
@@ -254,6 +258,10 @@ def number_or_none(value: object) -> float | None:
     """
     if value is None:
         return None
-    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= _LARGEST:
+    if (
+        not isinstance(value, int | float)
+        or isinstance(value, bool)
+        or not abs(value) <= _MAX_NUMBER
+    ):
         raise TypeError(f"expected a number, got {value!r}")
     return float(value)

@@ -1,4 +1,4 @@
-"""Report of a bench run: measures of all figures, as tables and files."""
+"""Report of a bench run: measures of all metrics, as tables and files."""
 
 import csv
 import io
@@ -17,10 +17,10 @@ from sightline.robustness.record import RECORD_NAME, Record
 from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     TextTable,
-    figures_table,
     kinds_table,
-    leading_figures,
+    leading_metrics,
     markdown_text,
+    metrics_table,
     setting_text,
 )
 from sightline.structures.sample import Sensor
@@ -46,43 +46,43 @@ class RobustnessReport:
     absent_cases: tuple[str, ...] = ()
     """Cases of the suite without results: not scored, and not in any mean."""
     no_cases: tuple[str, ...] = ()
-    """Folders of results that match no case of the suite; not scored, either."""
+    """Folders of results that match no case of the suite: not scored."""
 
     @property
     def measured(self) -> list[tuple[BenchMetric, Measures | None]]:
-        """Compute the measures of every figure; None if there is nothing to score."""
+        """Compute the measures of every metric; None if there is nothing to score."""
         return [
-            (figure, measure(self.record, figure, self.baseline, self.healthy))
-            for figure in self.record.setting.figures
+            (metric, measure(self.record, metric, self.baseline, self.healthy))
+            for metric in self.record.setting.metrics
         ]
 
     def to_json(self) -> dict[str, object]:
         """Convert the report to the content of robustness.json."""
         absent = {"absent_cases": list(self.absent_cases)} if self.absent_cases else {}
-        strange = {"folders_not_scored": list(self.no_cases)} if self.no_cases else {}
+        unknown = {"folders_not_scored": list(self.no_cases)} if self.no_cases else {}
         return {
             "sightline": version("sightline"),
             **self.record.to_json(),
             **absent,
-            **strange,
+            **unknown,
             "baseline": None if self.baseline is None else _named(self.baseline),
             "healthy": {sensor: _named(record) for sensor, record in self.healthy.items()},
             "measures": {
-                figure.name: None if measures is None else measures.to_json()
-                for figure, measures in self.measured
+                metric.name: None if measures is None else measures.to_json()
+                for metric, measures in self.measured
             },
         }
 
     def tables(self) -> list[TextTable]:
-        """Make tables of the leading figures by kind, and of all figures."""
+        """Make tables of the leading metrics by kind, and of all metrics."""
         measured = self.measured
-        leading = leading_figures(self.record.setting.figures)
+        leading = leading_metrics(self.record.setting.metrics)
         by_kind = [
-            kinds_table(self.record, figure, measures)
-            for figure, measures in measured
-            if figure in leading and measures is not None
+            kinds_table(self.record, metric, measures)
+            for metric, measures in measured
+            if metric in leading and measures is not None
         ]
-        return [*by_kind, figures_table(self.record, measured)]
+        return [*by_kind, metrics_table(self.record, measured)]
 
     def table(self) -> "Group":
         """Make the tables for a terminal."""
@@ -126,16 +126,25 @@ class RobustnessReport:
         )
 
     def csv(self) -> str:
-        """Format the scores as CSV, one row for each case and figure."""
+        """Format the scores as CSV, one row for each case and metric."""
         file = io.StringIO()
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(_COLUMNS)
-        for figure, measures in self.measured:
+        for metric, measures in self.measured:
             for name, case in self.record.cases.items():
-                theirs = None if self.baseline is None else self.baseline.score(name, figure)
+                baseline = None if self.baseline is None else self.baseline.score(name, metric)
                 gap = None if measures is None else measures.gaps[name]
-                score = self.record.score(name, figure)
-                row = (name, case.kind, case.severity, figure.name, figure.unit, score, theirs, gap)
+                score = self.record.score(name, metric)
+                row = (
+                    name,
+                    case.kind,
+                    case.severity,
+                    metric.name,
+                    metric.unit,
+                    score,
+                    baseline,
+                    gap,
+                )
                 writer.writerow("" if value is None else value for value in row)
         return file.getvalue()
 

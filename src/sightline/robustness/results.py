@@ -20,10 +20,10 @@ from sightline.robustness.bench import (
     BenchSettings,
     BenchTask,
     check_compared,
-    claim_of,
+    describe_setting,
     read_baseline,
     read_healthy,
-    setting_of,
+    run_settings,
 )
 from sightline.robustness.examples import ExampleDrawer
 from sightline.robustness.record import Record, checked_count, checked_text, describe_case
@@ -31,9 +31,11 @@ from sightline.robustness.report import RobustnessReport
 from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import BenchFrame, BenchPrediction, Scoring
 
-_LIKENESS: Final = 0.75  # minimum similarity of a folder's name to the intended case
-_NAMED: Final = 4  # maximum number of folders in an error message
-_HOW: Final = "give the folder that `sightline corrupt` wrote, which holds a folder for each case"
+_MIN_SIMILARITY: Final = 0.75  # minimum similarity of a folder's name to the intended case
+_MAX_LISTED: Final = 4  # maximum number of folders in an error message
+_REMEDY: Final = (
+    "give the folder that `sightline corrupt` wrote, which holds a folder for each case"
+)
 
 
 def score_results(
@@ -59,26 +61,27 @@ def score_results(
     scoring = task.scoring()
     if not scoring.takes_results:
         raise ValueError(
-            f"{task.name} is scored on {scoring.name}, which whole data sets give away: results of "
-            "other methods cannot be scored; add the method to Sightline, and leave --results out"
+            f"{task.name} is scored on {scoring.name}, and its input data sets contain the truth: "
+            "results of other methods cannot be scored; add the method to Sightline, and leave "
+            "--results out"
         )
     made_with = _made_with(cases)
     suite = find_suite(str(made_with["suite"]))
-    for name, wanted in (("suite", settings.suite), ("seed", settings.seed)):
-        if wanted not in (None, made_with[name]):
+    for name, value in (("suite", settings.suite), ("seed", settings.seed)):
+        if value not in (None, made_with[name]):
             raise ValueError(
-                f"{cases} was written with {name} {made_with[name]}, not {wanted}; leave --{name} "
+                f"{cases} was written with {name} {made_with[name]}, not {value}; leave --{name} "
                 "out, or name other data"
             )
-    asked = settings.chosen_cases(suite)
-    strange = _no_cases(results, suite)
-    chosen = _present_cases(results, asked, strange) if settings.cases is None else asked
+    requested = settings.chosen_cases(suite)
+    unknown = _no_cases(results, suite)
+    chosen = _present_cases(results, requested, unknown) if settings.cases is None else requested
     _check_cases(suite, made_with["cases"], cases)
-    given, healthy = read_baseline(settings.baseline), read_healthy(settings.healthy)
-    if given is None and settings.baseline is not None:
+    baseline, healthy = read_baseline(settings.baseline), read_healthy(settings.healthy)
+    if baseline is None and settings.baseline is not None:
         raise ValueError(
-            f"the baseline of results is the robustness.json of a run, got "
-            f"{shortened(settings.baseline)}; run that first"
+            f"the baseline of results must be the robustness.json of a run, got "
+            f"{shortened(settings.baseline)}; run it first"
         )
     tree = _first_tree(cases, chosen)
     dataset = open_dataset(
@@ -90,7 +93,7 @@ def score_results(
     scoring.check(dataset)
     _check_complete(results, chosen, dataset, scoring)
     drawer = settings.drawer(out, dataset, scoring)
-    setting = setting_of(
+    setting = describe_setting(
         task,
         scoring,
         dataset,
@@ -102,10 +105,10 @@ def score_results(
     if tree.name != CLEAN:  # its files differ from the data's
         setting = replace(setting, files_digest=None)
     infos = {case.name: describe_case(case) for case in chosen}
-    check_compared(given, healthy, setting, infos)
+    check_compared(baseline, healthy, setting, infos)
     made_by = {"results": data_name(results)}
     name = plain_line(results.resolve().name)
-    claim = claim_of(setting, suite, name, made_by) | drawer.settings
+    claim = run_settings(setting, suite, name, made_by) | drawer.settings
     acquire_output_dir(out, claim, results=("scores/*",))
     record = Record(
         method=name,
@@ -118,9 +121,9 @@ def score_results(
         notes=scoring.notes(dataset),
     )
     _draw(drawer, cases, results, chosen, made_with["velodyne"])
-    absent = tuple(case.name for case in asked if case not in chosen)
+    absent = tuple(case.name for case in requested if case not in chosen)
     report = RobustnessReport(
-        record=record, baseline=given, healthy=healthy, absent_cases=absent, no_cases=strange
+        record=record, baseline=baseline, healthy=healthy, absent_cases=absent, no_cases=unknown
     )
     report.write(out)
     return report
@@ -134,20 +137,20 @@ def _draw(
         corrupted = read_corrupted(cases / case.name, drawer.frame, case.corruption, velodyne)
         if corrupted is not None:
             path = results / case.name / f"{drawer.frame}{drawer.scoring.suffix}"
-            answer = drawer.scoring.read(path, corrupted.sample)
-            drawer(case, BenchPrediction(BenchFrame(corrupted.sample, None), corrupted, answer))
+            output = drawer.scoring.read(path, corrupted.sample)
+            drawer(case, BenchPrediction(BenchFrame(corrupted.sample, None), corrupted, output))
 
 
 def _made_with(cases: Path) -> dict[str, Any]:
     """Read the manifest of the cases; its texts are made safe for display."""
     path = cases / MANIFEST_NAME
-    found: Any = None
+    content: Any = None
     if path.is_file():
         try:
-            found = json.loads(read_text(path))
+            content = json.loads(read_text(path))
         except (ValueError, RecursionError):
-            found = None
-    match found:
+            content = None
+    match content:
         case {"suite": suite, "seed": seed, "velodyne": sweeps, "data": data, "cases": dict()}:
             with suppress(TypeError):
                 made_with = {
@@ -156,8 +159,8 @@ def _made_with(cases: Path) -> dict[str, Any]:
                     "data": checked_text(data),
                 }
                 if sweeps in get_args(Velodyne):
-                    return {**found, **made_with}
-    raise ValueError(f"{cases} is not what `sightline corrupt` writes; {_HOW}")
+                    return {**content, **made_with}
+    raise ValueError(f"{cases} is no output of `sightline corrupt`; {_REMEDY}")
 
 
 def _check_cases(suite: Suite, written: Mapping[str, object], cases: Path) -> None:
@@ -170,38 +173,38 @@ def _check_cases(suite: Suite, written: Mapping[str, object], cases: Path) -> No
 
 
 def _no_cases(results: Path, suite: Suite) -> tuple[str, ...]:
-    """List folders of results that match no case, each with the case probably intended."""
+    """List folders of results that match no case, each with the most similar case."""
     known = [case.name for case in suite.cases]
-    strange = []
+    unknown = []
     for path in sorted(results.iterdir()) if results.is_dir() else ():
         if path.is_dir() and path.name not in known and not path.name.startswith("."):
-            close = difflib.get_close_matches(path.name, known, n=1, cutoff=_LIKENESS)
-            meant = f" (perhaps {close[0]} is meant)" if close else ""
-            strange.append(f"{shortened(path.name)}{meant}")
-    return tuple(strange)
+            close = difflib.get_close_matches(path.name, known, n=1, cutoff=_MIN_SIMILARITY)
+            hint = f" (perhaps {close[0]} is meant)" if close else ""
+            unknown.append(f"{shortened(path.name)}{hint}")
+    return tuple(unknown)
 
 
 def _present_cases(
-    results: Path, wanted: Sequence[Case], strange: Sequence[str]
+    results: Path, requested: Sequence[Case], unknown: Sequence[str]
 ) -> tuple[Case, ...]:
     """Select the cases with a folder of results; the clean one must be among them."""
-    present = tuple(case for case in wanted if (results / case.name).is_dir())
+    present = tuple(case for case in requested if (results / case.name).is_dir())
     if CLEAN not in {case.name for case in present}:
         raise ValueError(
-            f"{results} has no folder {CLEAN} for the results of sound sensors, which all others "
-            f"are held against; add it{_beside(strange)}"
+            f"{results} has no folder {CLEAN} for the results of sound sensors, the reference of "
+            f"all cases; add it{_hint(unknown)}"
         )
     if len(present) == 1:
-        names = ", ".join(case.name for case in wanted[1:7])
+        names = ", ".join(case.name for case in requested[1:7])
         raise ValueError(
             f"{results} has a folder {CLEAN} and none of a broken case; name folders as the cases "
-            f"are named ({names}{', ..' if len(wanted) > 7 else ''}){_beside(strange)}"
+            f"are named ({names}{', ..' if len(requested) > 7 else ''}){_hint(unknown)}"
         )
     return present
 
 
-def _beside(strange: Sequence[str]) -> str:
-    return f"; there is {', '.join(strange[:_NAMED])}" if strange else ""
+def _hint(unknown: Sequence[str]) -> str:
+    return f"; there is {', '.join(unknown[:_MAX_LISTED])}" if unknown else ""
 
 
 def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:
@@ -209,7 +212,9 @@ def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:
     for case in chosen:
         if (cases / case.name).is_dir():
             return cases / case.name
-    raise ValueError(f"{cases} holds none of the cases {', '.join(c.name for c in chosen)}; {_HOW}")
+    raise ValueError(
+        f"{cases} holds none of the cases {', '.join(c.name for c in chosen)}; {_REMEDY}"
+    )
 
 
 def _check_complete(

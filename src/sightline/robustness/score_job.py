@@ -20,7 +20,7 @@ _SCORES: Final = "scores"
 def score_cases(
     scoring: Scoring,
     dataset: SampleDataset,
-    answers: Path,
+    predictions: Path,
     cases: Sequence[str],
     out: Path,
     workers: int,
@@ -32,7 +32,7 @@ def score_cases(
     Args:
         scoring: The task's scoring.
         dataset: The frames of the predictions.
-        answers: Stored predictions, a folder for each case.
+        predictions: Stored predictions, a folder for each case.
         cases: Names of the cases.
         out: Folder of the run, in which scores are stored, too.
         workers: Number of processes; 1 uses this process alone.
@@ -43,45 +43,45 @@ def score_cases(
     """
     files = {case: out / _SCORES / f"{case}.json" for case in cases}
     works = [
-        _CaseWork(scoring, dataset, case, answers / case, path)
+        _CaseWork(scoring, dataset, case, predictions / case, path)
         for case, path in files.items()
-        if anew or _kept_scores(path, scoring) is None
+        if anew or _stored_scores(path, scoring) is None
     ]
     run_job(works, workers, description="scoring")
     scores = {}
     for case, path in files.items():
-        kept = _kept_scores(path, scoring)
-        if kept is None:
+        stored = _stored_scores(path, scoring)
+        if stored is None:
             raise FileError(path, "holds no scores", "remove it, and run this again")
-        scores[case] = kept
+        scores[case] = stored
     return scores
 
 
-def _kept_scores(path: Path, scoring: Scoring) -> Scores | None:
+def _stored_scores(path: Path, scoring: Scoring) -> Scores | None:
     """Read the stored scores of a case; None if missing, incomplete or not numbers."""
     try:
-        told = json.loads(read_text(path))
-        for figure in scoring.figures:
-            number_or_none(told[figure.name])
+        content = json.loads(read_text(path))
+        for metric in scoring.metrics:
+            number_or_none(content[metric.name])
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
-    names = {figure.name for figure in scoring.figures}
-    return {name: score for name, score in told.items() if name in names}
+    names = {metric.name for metric in scoring.metrics}
+    return {name: score for name, score in content.items() if name in names}
 
 
 @dataclass(frozen=True, slots=True)
 class _CaseWork:
-    """Job that scores a case and stores the figures."""
+    """Job that scores a case and stores the metrics."""
 
     scoring: Scoring
     dataset: SampleDataset
     case: str
-    answers: Path
+    predictions: Path
     path: Path
 
     def __str__(self) -> str:
         return f"case {self.case}"
 
     def run(self) -> None:
-        scores = self.scoring.score(self.answers, self.dataset)
+        scores = self.scoring.score(self.predictions, self.dataset)
         atomic_write_text(self.path, json.dumps(dict(scores), indent=2) + "\n")

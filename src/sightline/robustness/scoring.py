@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from sightline.structures.sample import CameraLidarSample
 
 Scores = Mapping[str, float | None]
-"""Scores by the figures' names; None if there is nothing to score, e.g. no object of a class."""
+"""Scores by the metrics' names; None if there is nothing to score, e.g. no object of a class."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BenchMetric:
-    """Figure of merit of the predictions."""
+    """Metric of the predictions."""
 
     name: str
     """Name in files, e.g. rmse_mm."""
@@ -32,11 +32,11 @@ class BenchMetric:
     """Score of perfect predictions, if more is better; None: an error, with 0 as the best."""
 
     def error(self, score: float) -> float:
-        """Compute the difference of a score from the perfect one, in the figure's unit."""
+        """Compute the difference of a score from the perfect one, in the metric's unit."""
         return score if self.highest is None else self.highest - score
 
     def lead(self, score: float, other: float) -> float:
-        """Compute by how much a score is better than another, in the figure's unit."""
+        """Compute by how much a score is better than another, in the metric's unit."""
         return self.error(other) - self.error(score)
 
 
@@ -52,9 +52,9 @@ class BenchFrame(NamedTuple):
 class BenchPrediction(NamedTuple):
     """Prediction for a corrupted frame, with all data for comparison."""
 
-    posed: BenchFrame
+    frame: BenchFrame
     corrupted: "Corrupted"
-    answer: Any
+    output: Any
     """The predictor's output."""
 
 
@@ -77,7 +77,7 @@ class ResultWriter(Protocol):
         """Suffix of the files, with its dot."""
         ...
 
-    def pose(self, sample: "CameraLidarSample") -> BenchFrame:
+    def prepare(self, sample: "CameraLidarSample") -> BenchFrame:
         """Prepare the frame for methods.
 
         Raises:
@@ -85,8 +85,8 @@ class ResultWriter(Protocol):
         """
         ...
 
-    def keep(self, path: Path, answered: BenchPrediction) -> None:
-        """Write the file of a prediction, whole or not at all."""
+    def store(self, path: Path, prediction: BenchPrediction) -> None:
+        """Write the file of a prediction atomically."""
         ...
 
 
@@ -100,8 +100,8 @@ class Scoring(ResultWriter, Protocol):
         ...
 
     @property
-    def figures(self) -> tuple[BenchMetric, ...]:
-        """Figures, the most important first."""
+    def metrics(self) -> tuple[BenchMetric, ...]:
+        """Metrics, the most important first."""
         ...
 
     @property
@@ -123,7 +123,7 @@ class Scoring(ResultWriter, Protocol):
         ...
 
     def notes(self, dataset: "SampleDataset") -> tuple[str, ...]:
-        """List notes on the scores of such data, e.g. on figures with too few objects."""
+        """List notes on the scores of such data, e.g. on metrics with too few objects."""
         ...
 
     def read(self, path: Path, sample: "CameraLidarSample") -> object:
@@ -142,6 +142,6 @@ class Scoring(ResultWriter, Protocol):
         """
         ...
 
-    def draw(self, answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
+    def draw(self, prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
         """Draw pictures of the input and the prediction, of this width."""
         ...

@@ -40,11 +40,11 @@ def markdown_text(text: str) -> str:
     return plain_line(text).replace("|", "\\|").replace("<", "&lt;").replace("](", "]\\(")
 
 
-def score_text(value: float | None, figure: BenchMetric, *, signed: bool = False) -> str:
+def score_text(value: float | None, metric: BenchMetric, *, signed: bool = False) -> str:
     """Format a score, or a difference of two, without its unit."""
     if value is None:
         return NOTHING
-    digits = 0 if figure.highest is None and abs(value) >= 100 else 1
+    digits = 0 if metric.highest is None and abs(value) >= 100 else 1
     return f"{value:+.{digits}f}" if signed else f"{value:.{digits}f}"
 
 
@@ -76,7 +76,7 @@ def severities(record: Record) -> tuple[int, ...]:
     return tuple(sorted({case.severity for case in record.cases.values() if case.severity}))
 
 
-def cells_of_kind(record: Record, kind: str) -> tuple[str | None, ...]:
+def kind_cells(record: Record, kind: str) -> tuple[str | None, ...]:
     """Find the case in each column of scores, one for each severity; None if there is none.
 
     A kind without levels is in the last column, which is the only one if no kind has levels.
@@ -90,67 +90,67 @@ def cells_of_kind(record: Record, kind: str) -> tuple[str | None, ...]:
 
 
 def score_columns(record: Record) -> tuple[str, ...]:
-    """Make the headers of the columns of `cells_of_kind`."""
+    """Make the headers of the columns of `kind_cells`."""
     levels = tuple(map(str, severities(record)))
-    is_plain = any(record.cases[name].severity is None for name in record.cases if name != CLEAN)
+    has_plain = any(record.cases[name].severity is None for name in record.cases if name != CLEAN)
     only = "one level" if levels else "score"
-    return (*levels, only) if is_plain else levels
+    return (*levels, only) if has_plain else levels
 
 
-def kinds_table(record: Record, figure: BenchMetric, measures: Measures) -> TextTable:
+def kinds_table(record: Record, metric: BenchMetric, measures: Measures) -> TextTable:
     """Make a table with one row per kind: the scores of its severities, and its measures."""
-    clean = score_text(measures.clean, figure)
+    clean = score_text(measures.clean, metric)
     columns = score_columns(record)
     rows = [("sound sensors", *(("",) * len(columns)), clean, "", "",
-             score_text(measures.gaps[CLEAN], figure, signed=True))]  # fmt: skip
+             score_text(measures.gaps[CLEAN], metric, signed=True))]  # fmt: skip
     for kind, each in measures.kinds.items():
         scores = (
-            "" if name is None else score_text(record.score(name, figure), figure)
-            for name in cells_of_kind(record, kind)
+            "" if name is None else score_text(record.score(name, metric), metric)
+            for name in kind_cells(record, kind)
         )
         rows.append(
             (
                 kind.replace("_", " "),
                 *scores,
-                score_text(each.mean, figure),
+                score_text(each.mean, metric),
                 ratio_text(each.rr),
                 ratio_text(each.ce),
-                score_text(each.gap, figure, signed=True),
+                score_text(each.gap, metric, signed=True),
             )
         )
     rows.append(
         (
             "mean of kinds",
             *(("",) * len(columns)),
-            score_text(measures.mpc, figure),
+            score_text(measures.mpc, metric),
             ratio_text(measures.mrr),
             ratio_text(measures.mce),
             "",
         )
     )
     return TextTable(
-        title=f"{figure.title}, {figure.unit}, by kind and severity",
+        title=f"{metric.title}, {metric.unit}, by kind and severity",
         header=("kind", *columns, "mean", "RR", "CE", "gap"),
         rows=tuple(rows),
     )
 
 
-def leading_figures(figures: Sequence[BenchMetric]) -> tuple[BenchMetric, ...]:
-    """Select the first figure and, for an average over recall positions, that over all points."""
-    first = figures[0]
-    beside = first.name.removesuffix("_R40") + "_all_points"
-    return (first, *(each for each in figures if each.name == beside))
+def leading_metrics(metrics: Sequence[BenchMetric]) -> tuple[BenchMetric, ...]:
+    """Select the first metric and, for an average over recall positions, that over all points."""
+    first = metrics[0]
+    all_points = first.name.removesuffix("_R40") + "_all_points"
+    return (first, *(each for each in metrics if each.name == all_points))
 
 
-def figures_table(
+def metrics_table(
     record: Record, measured: Sequence[tuple[BenchMetric, Measures | None]]
 ) -> TextTable:
-    """Make a table with one row per figure: the measures over all kinds."""
+    """Make a table with one row per metric: the measures over all kinds."""
     rows = []
-    for figure, measures in measured:
-        name = f"{figure.title}, {figure.unit}"
+    for metric, measures in measured:
+        name = f"{metric.title}, {metric.unit}"
         if measures is None:
-            clean = score_text(record.score(CLEAN, figure), figure)
+            clean = score_text(record.score(CLEAN, metric), metric)
             rows.append((name, clean, *((NOTHING,) * 5)))
             continue
         gap = measures.gap
@@ -158,14 +158,14 @@ def figures_table(
         rows.append(
             (
                 name,
-                score_text(measures.clean, figure),
-                score_text(measures.mpc, figure),
+                score_text(measures.clean, metric),
+                score_text(measures.mpc, metric),
                 ratio_text(measures.mrr),
                 ratio_text(measures.mce),
-                f"{score_text(worst.score, figure)} {worst.case}",
+                f"{score_text(worst.score, metric)} {worst.case}",
                 NOTHING
                 if gap is None
-                else f"{score_text(gap.score, figure, signed=True)} {gap.case}",
+                else f"{score_text(gap.score, metric, signed=True)} {gap.case}",
             )
         )
     return TextTable(

@@ -26,10 +26,8 @@ from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
 
-_BRIGHTNESS: Final = ("intensity", "reflectivity", "reflectance", "i")  # names of fields
-
-
-_MOST_FIELDS: Final = 12  # in an error
+_INTENSITY_FIELDS: Final = ("intensity", "reflectivity", "reflectance", "i")
+_MAX_LISTED_FIELDS: Final = 12  # in an error message
 
 
 def plain_number(name: str, value: SupportsFloat) -> float:
@@ -64,8 +62,8 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
         if len(planes) == 1 and plain.dtype == np.uint8:
             planes = np.broadcast_to(planes, (3, *planes.shape[1:]))
             warnings.warn(
-                "images are grey: their level is taken for red, green and blue; the shipped "
-                "networks are trained on colours, so give those where there are any",
+                "images are grey: their level is used for red, green and blue; the shipped "
+                "networks are trained on colour images, so give those if there are any",
                 stacklevel=3,
             )
     if planes.dtype != np.uint8 or planes.ndim != 3 or len(planes) != 3 or not planes.size:
@@ -84,10 +82,10 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
 
 
 def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -> str:
-    """Remedy for an invalid picture: the conversion that makes it valid."""
+    """Choose the remedy for an invalid picture: the conversion that makes it valid."""
     height_first = given.ndim == 3 and given.shape[0] in (1, 3, 4) and given.shape[2] > 4
     if given.ndim < 2:
-        return "read the file first, by PIL or OpenCV, say"
+        return "read the file first, e.g. with PIL or OpenCV"
     if given.dtype != np.uint8 and given.dtype.kind == "f":
         largest = float(np.nanmax(given)) if given.size and np.isfinite(given).any() else 0.0
         scale = "255 * image" if largest <= 1 else "image"
@@ -130,13 +128,13 @@ def sweep_points(
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
     if not len(columns):
         warnings.warn(
-            "the points are none: the sample has an empty sweep, in which nothing is found; give "
-            "None where there is no LiDAR",
+            "there are no points: the sample has an empty sweep, in which nothing is detected; "
+            "give None if there is no LiDAR",
             stacklevel=3,
         )
-    # Rays into the sky of an organised cloud have no echo, and masks are known to their maker.
-    is_usual = given.ndim > 2 or isinstance(points, np.ma.MaskedArray)
-    warn_of_losses(columns, "the points", usual_share=USUAL_LOSS if is_usual else 0.0)
+    # Rays of an organised cloud into the sky have no echo; masked points were chosen by the user.
+    has_usual_losses = given.ndim > 2 or isinstance(points, np.ma.MaskedArray)
+    warn_of_losses(columns, "the points", usual_share=USUAL_LOSS if has_usual_losses else 0.0)
     columns = echoes(columns)
     fault = cloud_fault(columns, max_intensity)
     if fault is not None:
@@ -158,7 +156,7 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
     plain = points.detach().cpu().numpy() if isinstance(points, Tensor) else np.asarray(points)
     rows = rows_of(plain)
     if plain.dtype.names is not None:
-        raise ValueError(_of_fields(plain.dtype.names))
+        raise ValueError(_structured_array_message(plain.dtype.names))
     if rows is None:
         raise ValueError(
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
@@ -169,14 +167,17 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
     return np.pad(columns, ((0, 0), (0, 4 - columns.shape[1])))
 
 
-def _of_fields(names: Sequence[str]) -> str:
+def _structured_array_message(names: Sequence[str]) -> str:
     """Message for a structured array: its fields, and the stack of them that is expected."""
-    places = [name for name in names if name.lower() in ("x", "y", "z")]
-    bright = [name for name in names if name.lower() in _BRIGHTNESS][:1]
-    wanted = ", ".join(map(repr, (places if len(places) == 3 else ["x", "y", "z"]) + bright))
+    coordinates = [name for name in names if name.lower() in ("x", "y", "z")]
+    intensity = [name for name in names if name.lower() in _INTENSITY_FIELDS][:1]
+    if len(coordinates) != 3:
+        coordinates = ["x", "y", "z"]
+    expected = ", ".join(map(repr, coordinates + intensity))
     return (
-        f"the points are a structured array of fields {', '.join(names[:_MOST_FIELDS])}, expected "
-        f"numbers in rows; stack them: np.stack([points[name] for name in ({wanted})], axis=-1)"
+        f"the points are a structured array of fields {', '.join(names[:_MAX_LISTED_FIELDS])}, "
+        f"expected numbers in rows; stack them: "
+        f"np.stack([points[name] for name in ({expected})], axis=-1)"
     )
 
 
@@ -219,5 +220,5 @@ def share_in_image(
     points: Float32[Tensor, "num_points 4"], calibration: Calibration, image_size: tuple[int, int]
 ) -> float:
     """Share of a sweep's points inside the image, 0 to 1; 0 for an empty sweep."""
-    shown = project_points(points[:, :3], calibration).in_image(image_size)
-    return float(shown.float().mean()) if len(points) else 0.0
+    inside = project_points(points[:, :3], calibration).in_image(image_size)
+    return float(inside.float().mean()) if len(points) else 0.0

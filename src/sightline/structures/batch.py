@@ -61,7 +61,7 @@ class FieldwiseBatch:
             value: Tensor | tuple[object, ...] | None = getattr(self, field.name)
             if value is not None and len(value) != len(self.sample_ids):
                 raise ValueError(
-                    f"a batch needs one name a sample, got {len(self.sample_ids)} names for "
+                    f"a batch needs one name per sample, got {len(self.sample_ids)} names for "
                     f"{len(value)} in {field.name}"
                 )
 

@@ -59,18 +59,18 @@ def level_calibration(
     )
 
 
-def level_detections(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
+def level_detections(detections: Detections3D, sample: CameraLidarSample) -> Detections3D:
     """Transform detections from the LiDAR's own frame to the level frame."""
     if sample.level_from_lidar is None:
-        return found
-    return replace(found, boxes=found.boxes.to_level(sample.level_from_lidar))
+        return detections
+    return replace(detections, boxes=detections.boxes.to_level(sample.level_from_lidar))
 
 
-def mounted_detections(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
+def mounted_detections(detections: Detections3D, sample: CameraLidarSample) -> Detections3D:
     """Transform detections from the level frame to the LiDAR's own frame."""
     if sample.level_from_lidar is None:
-        return found
-    return replace(found, boxes=found.boxes.from_level(sample.level_from_lidar))
+        return detections
+    return replace(detections, boxes=detections.boxes.from_level(sample.level_from_lidar))
 
 
 def mounted_labels(
@@ -83,9 +83,11 @@ def mounted_labels(
     return replace(objects, boxes3d=mounted.where(objects.has_box3d, objects.boxes3d))
 
 
-def level_view(sample: CameraLidarSample, told: Perception) -> tuple[CameraLidarSample, Perception]:
+def level_view(
+    sample: CameraLidarSample, perception: Perception
+) -> tuple[CameraLidarSample, Perception]:
     """Transform a sample and its predictions to the level frame, for drawing."""
-    found = told.detections3d
-    if found is not None:
-        told = replace(told, detections3d=level_detections(found, sample))
-    return level_sample(sample), told
+    detections = perception.detections3d
+    if detections is not None:
+        perception = replace(perception, detections3d=level_detections(detections, sample))
+    return level_sample(sample), perception

@@ -50,9 +50,9 @@ def plain_tilt(lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor) ->
     except TypeError:
         angles = []
     if len(angles) != 2 or not all(abs(angle) <= MAX_TILT_DEG for angle in angles):
-        said = " ".join(str(lidar_tilt_deg).split())[:60]
+        value = " ".join(str(lidar_tilt_deg).split())[:60]
         raise ValueError(
-            f"lidar_tilt_deg is {said}, expected roll and pitch, each from {-MAX_TILT_DEG:g} to "
+            f"lidar_tilt_deg is {value}, expected roll and pitch, each from {-MAX_TILT_DEG:g} to "
             f"{MAX_TILT_DEG:g}; give two angles in degrees"
         )
     return Tilt(roll_deg=angles[0], pitch_deg=angles[1])
@@ -73,9 +73,9 @@ def pose_of_sweep(
     pose = lidar_pose([sweep.numpy()], tilt)
     if tilt is None and pose.tilt is not None:
         warnings.warn(
-            f"by the road in its points the LiDAR is tilted, {pose.tilt}: detectors see the cloud "
-            "levelled, and answers stay in the LiDAR's own frame; give lidar_tilt_deg=(roll, "
-            "pitch), (0, 0) where it is level",
+            f"by the road in its points the LiDAR is tilted, {pose.tilt}: detectors get the "
+            "levelled cloud, and predictions stay in the LiDAR's own frame; give "
+            "lidar_tilt_deg=(roll, pitch), (0, 0) if it is level",
             stacklevel=3,
         )
     if height_m is not None:
@@ -87,8 +87,8 @@ def pose_of_sweep(
         )
     if pose.height_m is None and len(sweep):
         warnings.warn(
-            f"too little of the road is seen in the {len(sweep)} points to find the LiDAR's height "
-            f"above it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m",
+            f"too little of the road is visible in the {len(sweep)} points to estimate the LiDAR's "
+            f"height above it: KITTI's {KITTI_LIDAR_HEIGHT_M} m is assumed; give lidar_height_m",
             stacklevel=3,
         )
     return pose

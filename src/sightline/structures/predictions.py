@@ -59,7 +59,7 @@ class DepthMap:
 
     def to_json(self) -> dict[str, float | None]:
         """Summarize the trusted values; None: there are none, or there is no estimate."""
-        believed = self.depth_m[self.valid]
+        trusted = self.depth_m[self.valid]
         summary: dict[str, float | None] = {
             "valid_share": round(float(self.valid.float().mean()), _SHARE),
             "nearest_m": None,
@@ -67,11 +67,11 @@ class DepthMap:
             "farthest_m": None,
             "median_expected_error_m": None,
         }
-        if len(believed):
-            summary["nearest_m"] = round(float(believed.min()), _M)
-            summary["median_m"] = round(float(believed.median()), _M)
-            summary["farthest_m"] = round(float(believed.max()), _M)
-        if len(believed) and self.uncertainty_m is not None:
+        if len(trusted):
+            summary["nearest_m"] = round(float(trusted.min()), _M)
+            summary["median_m"] = round(float(trusted.median()), _M)
+            summary["farthest_m"] = round(float(trusted.max()), _M)
+        if len(trusted) and self.uncertainty_m is not None:
             error_m = float(self.uncertainty_m[self.valid].median())
             summary["median_expected_error_m"] = round(error_m, _M)
         return summary
@@ -202,7 +202,7 @@ class FurtherPrediction(ABC):
         """Draw it as an RGB picture, which panels scale to their size."""
 
     def filter_by_score(self, min_score: float) -> "FurtherPrediction":
-        """Remove what has a score below `min_score`, for pictures; here nothing has scores."""
+        """Remove entries with scores below `min_score`, for pictures; by default there are none."""
         del min_score
         return self
 

@@ -159,7 +159,7 @@ class CameraLidarSample:
         calibration = plain_calibration(calibration)
         sample_id = plain_text("sample_id", sample_id)
         planes = None if image is None else image_planes(image)
-        size = _size_of(planes, image_size)
+        size = _image_size(planes, image_size)
         height_m = None if lidar_height_m is None else plain_height(lidar_height_m)
         tilt = None if lidar_tilt_deg is None else plain_tilt(lidar_tilt_deg)
         sweep = None if points is None else sweep_points(points, max_intensity)
@@ -181,18 +181,18 @@ class CameraLidarSample:
         )
 
 
-def _size_of(
+def _image_size(
     image: UInt8[Tensor, "3 height width"] | None, image_size: Sequence[SupportsIndex] | None
 ) -> tuple[int, int]:
     """Height and width [px] of the image, or the given ones without an image."""
     if image_size is None and image is None:
         raise ValueError("a sample without an image needs image_size: give height and width")
-    seen = None if image is None else (image.shape[1], image.shape[2])
-    size = seen if image_size is None else plain_size(image_size)
+    actual = None if image is None else (image.shape[1], image.shape[2])
+    size = actual if image_size is None else plain_size(image_size)
     assert size is not None, "one of them is given"
-    if seen is not None and size != seen:
+    if actual is not None and size != actual:
         raise ValueError(
-            f"the image is {seen[0]}x{seen[1]} (height x width), but image_size says "
-            f"{size[0]}x{size[1]}; give image_size only where there is no image"
+            f"the image is {actual[0]}x{actual[1]} (height x width), but image_size is "
+            f"{size[0]}x{size[1]}; give image_size only if there is no image"
         )
     return size

@@ -1,1 +1,1 @@
-"""Pictures for people."""
+"""Pictures of frames, predictions and metrics."""

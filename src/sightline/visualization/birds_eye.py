@@ -1,4 +1,4 @@
-"""A frame seen from above."""
+"""Bird's-eye view of a frame."""
 
 import math
 from collections.abc import Sequence
@@ -23,13 +23,13 @@ _RING_TEXT: RGB = (150, 156, 166)
 _EGO: RGB = (235, 235, 235)
 _RING_STEP_M = 10
 _EGO_SIZE_M = (4.0, 1.8)
-_ROAD_SHARE = 0.05  # of the points lies lower than what is drawn as the road
-_BRIGHTEST_M = 2.5  # above it
+_ROAD_SHARE = 0.05  # share of the points below the height drawn as the road
+_BRIGHTEST_M = 2.5  # height above the road with the brightest colour
 
 
 @dataclass(frozen=True, kw_only=True)
 class BirdsEyeView:
-    """The rectangle of the LiDAR frame's ground plane that a picture shows: x up, y to the left."""
+    """Rectangle of the LiDAR frame's ground plane in a picture: x up, y to the left."""
 
     x_min_m: float = -4.0
     x_max_m: float = 76.0
@@ -38,7 +38,7 @@ class BirdsEyeView:
     pixels_per_m: float = 14.0
 
     def __post_init__(self) -> None:
-        """Checks that there is something to see."""
+        """Checks that the rectangle is not empty."""
         # Written so that NaN, which compares false with everything, is refused.
         has_area = self.x_min_m < self.x_max_m and self.y_min_m < self.y_max_m
         if not (has_area and self.pixels_per_m > 0) or not all(map(math.isfinite, astuple(self))):
@@ -59,7 +59,7 @@ class BirdsEyeView:
         return height, round((self.y_max_m - self.y_min_m) * self.pixels_per_m)
 
     def pixels(self, xy: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape 2"]:
-        """Where points x, y [m] of the LiDAR frame fall in the picture, (column, row)."""
+        """Positions in the picture, (column, row), of points x, y [m] of the LiDAR frame."""
         column = (self.y_max_m - xy[..., 1]) * self.pixels_per_m - 0.5
         row = (self.x_max_m - xy[..., 0]) * self.pixels_per_m - 0.5
         return np.stack((column, row), axis=-1)
@@ -75,17 +75,17 @@ def draw_birds_eye(
     view: BirdsEyeView | None = None,
     color: RGB | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Points, boxes with their headings, range rings and the camera's field of view, from above.
+    """Draw points, boxes with headings, range rings and the camera's field of view from above.
 
     Args:
-        points: LiDAR frame, x, y, z first; the brighter the higher.
-        boxes: LiDAR frame; those without a size are left out. A line leads from the centre
-            through the front, which is drawn stronger.
-        class_names: One for each box.
-        calibration: With `image_size` (height, width), shows what the camera sees.
-        image_size: Of the camera.
-        view: What is shown.
-        color: One for all boxes instead of their classes' colours.
+        points: Points in the LiDAR frame, x, y, z first; higher points are brighter.
+        boxes: Boxes in the LiDAR frame; boxes without a size are left out. A line leads from the
+            centre through the front, which is drawn stronger.
+        class_names: Class name of each box.
+        calibration: Calibration; with `image_size`, the camera's field of view is drawn.
+        image_size: Height, width [px] of the camera.
+        view: Drawn area and scale.
+        color: Colour of all boxes, instead of their classes' colours.
 
     Raises:
         ValueError: There is not one class name for each box.
@@ -112,7 +112,7 @@ def put_boxes_from_above(
     *,
     color: RGB | None = None,
 ) -> None:
-    """Draws boxes into a bird's-eye view that exists.
+    """Draws boxes into an existing bird's-eye view.
 
     Raises:
         ValueError: There is not one class name for each box.
@@ -142,7 +142,7 @@ def _put_field_of_view(
     height, width = image_size
     middle = (height - 1) / 2
     edges = torch.tensor([[-0.5, middle], [width - 0.5, middle]], dtype=torch.float64)
-    # The borders of the view, from next to the camera to beyond the picture.
+    # Borders of the field of view, from next to the camera to beyond the picture.
     near = unproject_pixels(edges, torch.full((2,), 0.01, dtype=torch.float64), calibration)
     far = unproject_pixels(edges, torch.full((2,), 300.0, dtype=torch.float64), calibration)
     corners = view.pixels(torch.cat((near, far.flip(0)))[:, :2].numpy())
@@ -155,7 +155,7 @@ def _ring_ranges(view: BirdsEyeView) -> range:
 
 
 def _put_rings(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) -> None:
-    # OpenCV draws circles of few corners, which shows on large ones.
+    # OpenCV draws circles with few corners, which is visible on large ones.
     turn = np.linspace(0, 2 * np.pi, 721)
     unit = np.stack((np.cos(turn), np.sin(turn)), axis=-1)
     for range_m in _ring_ranges(view):
@@ -164,19 +164,19 @@ def _put_rings(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) 
 
 
 def _put_ring_labels(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) -> None:
-    """Names the rings on plates, ahead on the right or where they leave the picture, if at all."""
+    """Label the rings on plates, ahead on the right or at the picture's border."""
     for range_m in _ring_ranges(view):
         text = f"{range_m} m"
         width = text_width(text, 9)
         side = np.deg2rad(-52.0)
-        at = view.pixels(range_m * np.array([np.cos(side), np.sin(side)]))
-        if at[0] + width > canvas.shape[1] - 4:  # there the ring has left the picture
+        position = view.pixels(range_m * np.array([np.cos(side), np.sin(side)]))
+        if position[0] + width > canvas.shape[1] - 4:  # the ring is outside the picture there
             y = -min(range_m, -view.y_min_m - (width + 8) / view.pixels_per_m)
-            if y > range_m:  # the picture lies wholly to the left of the ring
+            if y > range_m:  # the whole picture is to the left of the ring
                 continue
-            at = view.pixels(np.array([np.sqrt(range_m**2 - y**2), y]))
-        left = round(float(at[0])) + 4
-        baseline = max(round(float(at[1])) - 4, 13)  # else the upper edge would cut the name
+            position = view.pixels(np.array([np.sqrt(range_m**2 - y**2), y]))
+        left = round(float(position[0])) + 4
+        baseline = max(round(float(position[1])) - 4, 13)  # else the upper edge would cut the label
         if left < 3:  # the ring is to the right of the picture, or there is no room
             continue
         plate = canvas[baseline - 12 : baseline + 4, left - 3 : left + width + 3]
@@ -203,7 +203,7 @@ def _put_cloud(
 
 
 def _put_ego(canvas: UInt8[np.ndarray, "height width 3"], view: BirdsEyeView) -> None:
-    """A chevron at the LiDAR, as long as a car, that points ahead."""
+    """Draw a chevron at the LiDAR that points ahead, as long as a car."""
     length, width = _EGO_SIZE_M
     outline = np.array([[length / 2, 0.0], [-length / 2, width / 2], [-length / 4, 0.0]])
     left = view.pixels(outline)

@@ -1,6 +1,6 @@
-"""Strokes, areas and points with sub-pixel positions, the parts that all pictures are drawn from.
+"""Strokes, areas and points with sub-pixel positions, for all pictures.
 
-`put_...` functions write into the canvas that they are given.
+`put_...` functions change the given canvas.
 """
 
 import cv2
@@ -9,15 +9,15 @@ from jaxtyping import Float, UInt8
 
 from sightline.visualization.colors import INVALID, RGB
 
-_SHIFT = 4  # OpenCV takes coordinates in sixteenths of a pixel
+_SHIFT = 4  # bits: OpenCV takes coordinates in sixteenths of a pixel
 _HALO: RGB = (10, 10, 14)
 _HALO_OPACITY = 0.55
 _OVERSAMPLING = 3
-_POINTS_AT_A_TIME = 2**17  # a turn of KITTI's LiDAR; each takes a kilobyte while it is drawn
+_POINTS_PER_BATCH = 2**17  # a sweep of KITTI's LiDAR; drawing a point takes a kilobyte
 
 
 def scale_of(canvas: UInt8[np.ndarray, "height width 3"]) -> float:
-    """How large strokes and letters are drawn: 1 on KITTI's 1242 columns, 4 at most."""
+    """Scale of strokes and letters: 1 at KITTI's width of 1242 px, at most 4."""
     width = int(canvas.shape[1])
     return min(max(width / 1242, 0.75), 4.0)
 
@@ -25,7 +25,7 @@ def scale_of(canvas: UInt8[np.ndarray, "height width 3"]) -> float:
 def scaled_to_width(
     picture: UInt8[np.ndarray, "height width 3"], width_px: int
 ) -> UInt8[np.ndarray, "new_height new_width 3"]:
-    """The picture of so many columns, and as many rows as its proportions want."""
+    """Scale a picture to a width, in its proportions."""
     height = max(round(picture.shape[0] * width_px / picture.shape[1]), 1)
     scaled = cv2.resize(picture, (width_px, height), interpolation=cv2.INTER_AREA)
     return scaled.astype(np.uint8, copy=False)
@@ -55,7 +55,7 @@ def put_lines(
     halo: bool = False,
     opacity: float = 1.0,
 ) -> None:
-    """Draws segments of (x, y) [px]; a dark halo parts them from a bright background."""
+    """Draws segments of (x, y) [px]; a dark halo separates them from a bright background."""
     fixed = np.rint(segments * 2**_SHIFT).astype(np.int32)
     if halo:
         target = canvas.copy()
@@ -115,9 +115,9 @@ def put_points(
     """Draws discs at (x, y) [px]; later points cover earlier ones."""
     height, width = canvas.shape[:2]
     layer = np.zeros((height * _OVERSAMPLING, width * _OVERSAMPLING, 4), np.uint8)
-    for start in range(0, len(pixels), _POINTS_AT_A_TIME):
-        some = slice(start, start + _POINTS_AT_A_TIME)
-        _ink_discs(layer, pixels[some], colors[some], diameter_px)
+    for start in range(0, len(pixels), _POINTS_PER_BATCH):
+        batch = slice(start, start + _POINTS_PER_BATCH)
+        _ink_discs(layer, pixels[batch], colors[batch], diameter_px)
     small = cv2.resize(layer, (width, height), interpolation=cv2.INTER_AREA)
     covered = small[..., 3] > 0
     uncovered = 255 - small[covered, 3:].astype(np.float32)

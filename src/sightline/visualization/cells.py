@@ -1,4 +1,4 @@
-"""Pictures on a dark page, each under its title."""
+"""Cells of a dark page: pictures with titles."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ MUTED: Final[RGB] = (150, 156, 166)
 TITLE_PX: Final = 24
 """Height of a title's line."""
 GAP_PX: Final = 6
-"""Between cells."""
+"""Gap between cells."""
 
 _TEXT_PX = 10
 
@@ -22,17 +22,17 @@ _TEXT_PX = 10
 def titled_cell(
     title: str, muted: str, picture: UInt8[np.ndarray, "height width 3"]
 ) -> UInt8[np.ndarray, "new_height new_width 3"]:
-    """The picture under its title, with the page's gap at its right and bottom.
+    """Draw a picture below its title, with the page's gap at its right and bottom.
 
     Args:
-        title: In bright letters.
-        muted: After it, in grey ones.
-        picture: Is left as it is.
+        title: Title, in bright letters.
+        muted: Text after the title, in grey letters.
+        picture: The picture; not changed.
     """
     height, width = picture.shape[:2]
     page = np.full((TITLE_PX + height + GAP_PX, width + GAP_PX, 3), PAGE, np.uint8)
     page[TITLE_PX : TITLE_PX + height, :width] = picture
     put_text(page, title, 2, TITLE_PX - 7, height_px=_TEXT_PX, color=TITLE)
-    at = 2 + text_width(title, _TEXT_PX) + 12
-    put_text(page, muted, at, TITLE_PX - 7, height_px=_TEXT_PX, color=MUTED)
+    left = 2 + text_width(title, _TEXT_PX) + 12
+    put_text(page, muted, left, TITLE_PX - 7, height_px=_TEXT_PX, color=MUTED)
     return page

@@ -1,4 +1,4 @@
-"""The frame of a chart of shares: its axes, its title."""
+"""Axes and title of a chart of shares."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ TEXT: RGB = (222, 225, 230)
 AXIS_TEXT_PX = 9
 
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Where grid lines are."""
+"""Positions of grid lines."""
 SHARE_COLUMNS = tuple((share, f"{share:g}") for share in SHARES)
-"""Their places and what they stand for."""
+"""Positions and labels of the vertical grid lines."""
 PERCENT_ROWS = tuple((share, f"{100 * share:.0f} %") for share in SHARES)
-"""Likewise, in percent."""
+"""Positions and labels of the horizontal grid lines, in percent."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Plot:
-    """Where a chart's axes, both from 0 to 1, lie in its picture [px]."""
+    """Position of a chart's axes, both from 0 to 1, in its picture [px]."""
 
     left: int
     right: int
     top: int
     bottom: int
     text_px: int = AXIS_TEXT_PX
-    """Height of the title's capitals; those beside the axes are a little smaller."""
+    """Height of the title's capitals; the axes' labels are a little smaller."""
 
     def column(self, share: float) -> float:
         """Column of a share along the horizontal axis [px]."""
@@ -51,20 +51,20 @@ def put_axes(
     columns: Sequence[tuple[float, str]] = SHARE_COLUMNS,
     rows: Sequence[tuple[float, str]] = PERCENT_ROWS,
 ) -> None:
-    """Draws the grid; beside its rows and below its columns stands what they are for."""
+    """Draws the grid, with labels beside its rows and below its columns."""
     height = plot.text_px - 1
-    for share, said in rows:
+    for share, text in rows:
         row = plot.row(share)
         segment = np.array([[[plot.left, row], [plot.right, row]]], dtype=np.float64)
         put_lines(canvas, segment, GRID)
-        at = plot.left - text_width(said, height) - 5
-        put_text(canvas, said, at, round(row) + height // 2, height_px=height, color=MUTED)
-    for share, said in columns:
+        left = plot.left - text_width(text, height) - 5
+        put_text(canvas, text, left, round(row) + height // 2, height_px=height, color=MUTED)
+    for share, text in columns:
         column = plot.column(share)
         segment = np.array([[[column, plot.top], [column, plot.bottom]]], dtype=np.float64)
         put_lines(canvas, segment, GRID)
-        at = round(column) - text_width(said, height) // 2
-        put_text(canvas, said, at, plot.bottom + height + 6, height_px=height, color=MUTED)
+        left = round(column) - text_width(text, height) // 2
+        put_text(canvas, text, left, plot.bottom + height + 6, height_px=height, color=MUTED)
 
 
 def put_title(canvas: UInt8[np.ndarray, "height width 3"], plot: Plot, title: str) -> None:

@@ -1,18 +1,18 @@
-"""Cuts projected lines and polygons at the borders of what a camera can show.
+"""Clipping of projected lines and polygons at the borders of a camera's view.
 
-Done in homogeneous coordinates, before the division by depth: an edge that begins behind the
-camera has no pixel there, but the part of it in front has.
+It uses homogeneous coordinates, before the division by depth: for an edge that begins behind the
+camera, only the part in front has pixels.
 """
 
 import numpy as np
 from jaxtyping import Float
 
 _NEAR_M = 0.1
-_MARGIN_PX = 16.0  # strokes end outside the picture, so their ends are not seen
+_MARGIN_PX = 16.0  # strokes end outside the picture, so their ends are invisible
 
 
 def view_planes(image_size: tuple[int, int]) -> Float[np.ndarray, "5 4"]:
-    """Planes (x, y, w, 1) whose product with a point is not negative where it can be drawn."""
+    """Clipping planes (x, y, w, 1): their product with a point in view is not negative."""
     height, width = image_size
     return np.array(
         [
@@ -28,7 +28,7 @@ def view_planes(image_size: tuple[int, int]) -> Float[np.ndarray, "5 4"]:
 def clip_segments(
     segments: Float[np.ndarray, "num_segments 2 3"], planes: Float[np.ndarray, "num_planes 4"]
 ) -> Float[np.ndarray, "num_kept 2 2"]:
-    """Pixels (x, y) of the visible part of each segment of homogeneous points, if there is any.
+    """Clip segments of homogeneous points; returns the pixels (x, y) of their visible parts.
 
     After Liang and Barsky 1984: each plane cuts the segment's parameter from one side.
     """
@@ -40,8 +40,8 @@ def clip_segments(
     first = np.where((at_start < 0) & (at_end >= 0), crossing, 0.0).max(axis=1)
     last = np.where((at_start >= 0) & (at_end < 0), crossing, 1.0).min(axis=1)
     kept = (first < last) & ~((at_start < 0) & (at_end < 0)).any(axis=1)
-    at = np.stack((first, last), axis=1)[kept, :, None]
-    visible = start[kept, None] + at * (end - start)[kept, None]
+    parameters = np.stack((first, last), axis=1)[kept, :, None]
+    visible = start[kept, None] + parameters * (end - start)[kept, None]
     pixels: Float[np.ndarray, "num_kept 2 2"] = visible[..., :2] / visible[..., 2:]
     return pixels
 
@@ -49,9 +49,9 @@ def clip_segments(
 def clip_polygon(
     vertices: Float[np.ndarray, "num_vertices 3"], planes: Float[np.ndarray, "num_planes 4"]
 ) -> Float[np.ndarray, "num_kept 2"]:
-    """Pixels (x, y) of the visible part of a convex polygon of homogeneous points, maybe none.
+    """Clip a convex polygon of homogeneous points; returns the pixels (x, y) of its visible part.
 
-    After Sutherland and Hodgman 1974: plane by plane, vertices outside give way to crossings.
+    After Sutherland and Hodgman 1974: plane by plane, crossings replace vertices outside.
     """
     for plane in planes:
         if len(vertices) == 0:

@@ -1,4 +1,4 @@
-"""Colours of classes and of measured values, chosen to be told apart by colour-blind people."""
+"""Colours of classes and of measured values, distinguishable for colour-blind people."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 RGB = tuple[int, int, int]
 
 INVALID: RGB = (17, 19, 24)
-"""Where a map has no value."""
+"""Colour of pixels without a value."""
 
 _CLASS_COLORS: dict[str, RGB] = {
     "Car": (86, 180, 233),
@@ -28,7 +28,7 @@ _UNKNOWN_CLASS: RGB = (235, 235, 235)
 
 
 def class_color(class_name: str) -> RGB:
-    """The colour of a KITTI class; white for any other.
+    """Colour of a KITTI class; white for any other.
 
     After the palette of Okabe and Ito 2008 ("Color universal design"), whose blue and greens are
     lightened here because pictures of streets are dark.
@@ -37,10 +37,10 @@ def class_color(class_name: str) -> RGB:
 
 
 def check_class_names(class_names: Sequence[str], num_boxes: int) -> None:
-    """Refuses names that are more or fewer than the boxes that they are for.
+    """Refuses a number of class names that differs from the number of boxes.
 
     Raises:
-        ValueError: They are.
+        ValueError: The numbers differ.
     """
     if len(class_names) != num_boxes:
         raise ValueError(
@@ -51,19 +51,19 @@ def check_class_names(class_names: Sequence[str], num_boxes: int) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ColorScale:
-    """From a measured value to a colour, and the marks that a legend shows."""
+    """Mapping of measured values to colours, with the legend's marks."""
 
     kind: Literal["log", "symmetric_log"]
     """`symmetric_log` has a sign: logarithmic away from zero, linear within `lowest_m` of it."""
     lowest_m: float
     highest_m: float
-    """Values beyond either end take the colour of that end."""
+    """Largest value; values beyond either end have the colour of that end."""
     ticks_m: tuple[float, ...]
     table: UInt8[np.ndarray, "256 3"]
     """RGB of the positions 0 to 1."""
 
     def positions(self, values_m: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Where values [m] lie on the scale, 0 to 1."""
+        """Positions of values [m] on the scale, 0 to 1."""
         share: Float[np.ndarray, "*shape"]
         if self.kind == "log":
             clipped = np.clip(values_m, self.lowest_m, self.highest_m)
@@ -81,7 +81,7 @@ class ColorScale:
 
 
 def _ramp(color_map: int, first: int, last: int) -> UInt8[np.ndarray, "256 3"]:
-    """A part of one of OpenCV's colour maps, in RGB."""
+    """Part of one of OpenCV's colour maps, in RGB."""
     levels = np.rint(np.linspace(first, last, 256)).astype(np.uint8)
     bgr = cv2.applyColorMap(levels[:, None], color_map)
     return np.ascontiguousarray(bgr[:, 0, ::-1])
@@ -91,8 +91,8 @@ def _blue_grey_orange() -> UInt8[np.ndarray, "256 3"]:
     anchors = np.array(
         [[20, 60, 190], [80, 160, 235], [222, 224, 226], [240, 160, 60], [190, 50, 10]]
     )
-    at = np.linspace(0, 1, len(anchors))
-    columns = [np.interp(np.linspace(0, 1, 256), at, channel) for channel in anchors.T]
+    positions = np.linspace(0, 1, len(anchors))
+    columns = [np.interp(np.linspace(0, 1, 256), positions, channel) for channel in anchors.T]
     table: UInt8[np.ndarray, "256 3"] = np.rint(np.stack(columns, axis=-1)).astype(np.uint8)
     return table
 
@@ -106,8 +106,8 @@ DEPTH_SCALE = ColorScale(
 )
 """Depth and range: logarithmic, because errors of depth grow with it; near is yellow, far violet.
 
-Viridis (Smith and van der Walt 2015), even steps to every eye, without its darkest end, which
-would look like a hole.
+Viridis (Smith and van der Walt 2015), with perceptually even steps, without its darkest end, which
+would look like a missing value.
 """
 
 UNCERTAINTY_SCALE = ColorScale(
@@ -117,7 +117,7 @@ UNCERTAINTY_SCALE = ColorScale(
     ticks_m=(0.05, 0.2, 1.0, 3.0, 10.0),
     table=_ramp(cv2.COLORMAP_INFERNO, 75, 255),
 )
-"""Expected errors of depth: violet where small, pale yellow where large (Inferno, as above)."""
+"""Expected errors of depth: violet if small, pale yellow if large (Inferno, as above)."""
 
 ERROR_SCALE = ColorScale(
     kind="symmetric_log",
@@ -126,4 +126,4 @@ ERROR_SCALE = ColorScale(
     ticks_m=(-10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0),
     table=_blue_grey_orange(),
 )
-"""Predicted less true depth: blue where too near, orange where too far, grey where right."""
+"""Predicted minus true depth: blue if too near, orange if too far, grey if correct."""

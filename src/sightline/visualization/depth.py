@@ -10,7 +10,7 @@ from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, RG
 from sightline.visualization.lettering import put_text, text_width
 
 MISSING: RGB = (112, 48, 100)
-"""In an error map: depth is known there, but none was predicted."""
+"""Colour in an error map of pixels with true depth but no predicted depth."""
 
 
 def colorize_depth(
@@ -19,13 +19,13 @@ def colorize_depth(
     scale: ColorScale = DEPTH_SCALE,
     point_size_px: int = 1,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """A depth map [m] in colours; pixels without a depth (0, negative or not finite) are dark.
+    """Colour a depth map [m]; pixels without a depth (0, negative or not finite) are dark.
 
     Args:
         depth_m: Metres along the optical axis.
         scale: Colours of the depths.
-        point_size_px: Odd; single measurements of a sparse map grow to squares of this size, the
-            nearest on top, so that they can be seen.
+        point_size_px: Size of the squares drawn for single measurements of a sparse map, the
+            nearest on top; odd.
     """
     depth = _known(depth_m)
     if point_size_px > 1:
@@ -45,16 +45,16 @@ def colorize_error(
     scale: ColorScale = ERROR_SCALE,
     point_size_px: int = 1,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Predicted less true depth in colours, dark where no truth is known.
+    """Colour predicted minus true depth; pixels without truth are dark.
 
-    Where the truth is known and the prediction has no value, the pixel is `MISSING`.
+    Pixels with truth but without a predicted value are `MISSING`.
 
     Args:
-        predicted_m: Metres; no value where 0, negative or not finite.
-        truth_m: Metres; likewise.
+        predicted_m: Predicted depth [m]; 0, negative or not finite: no value.
+        truth_m: True depth [m]; 0, negative or not finite: no value.
         scale: Colours of the differences.
-        point_size_px: Odd; single pixels of a sparse truth grow to squares of this size, the
-            largest error on top.
+        point_size_px: Size of the squares drawn for single pixels of a sparse truth, the largest
+            error on top; odd.
     """
     predicted, truth = _known(predicted_m), _known(truth_m)
     picture = np.full((*truth.shape, 3), INVALID, np.uint8)
@@ -81,15 +81,15 @@ def put_legend(
     width_px: int = 300,
     hole: str = "",
 ) -> None:
-    """Writes a scale's bar with its marks in metres, its right end at column `right`.
+    """Draws a scale's bar with its marks in metres, its right end at column `right`.
 
     Args:
-        canvas: Where it is written.
-        scale: What it explains.
+        canvas: Canvas to draw on.
+        scale: Scale of the bar.
         right: Column of the bar's right end.
-        top: Row of its upper side.
-        width_px: Of the bar.
-        hole: What pixels without a value are called, left of the bar; empty: nothing is said.
+        top: Row of the bar's upper side.
+        width_px: Width of the bar.
+        hole: Caption for pixels without a value, left of the bar; empty: no caption.
     """
     left, height = right - width_px, 8
     if hole:
@@ -97,9 +97,9 @@ def put_legend(
     bar = scale.table[np.linspace(0, 255, width_px).astype(np.int64)]
     canvas[top : top + height, left:right] = bar
     sign = "+" if scale.kind == "symmetric_log" else ""
-    for tick, at in zip(scale.ticks_m, scale.positions(np.array(scale.ticks_m)), strict=True):
+    for tick, position in zip(scale.ticks_m, scale.positions(np.array(scale.ticks_m)), strict=True):
         text = f"{tick:{sign}g}" if tick else "0"
-        column = left + round(float(at) * (width_px - 1))
+        column = left + round(float(position) * (width_px - 1))
         canvas[top + height : top + height + 3, column] = MUTED
         text_left = min(max(column - text_width(text, 8) // 2, left - 4), right)
         put_text(canvas, text, text_left, top + height + 14, height_px=8, color=MUTED)
@@ -108,7 +108,7 @@ def put_legend(
 
 
 def _put_hole(canvas: UInt8[np.ndarray, "height width 3"], hole: str, right: int, top: int) -> None:
-    """A square of the colour of holes before its name, which ends at column `right`."""
+    """Draw the colour of pixels without a value, and its caption, which ends at column `right`."""
     left = right - text_width(hole, 8)
     put_text(canvas, hole, left, top + 9, height_px=8, color=MUTED)
     cv2.rectangle(canvas, (left - 16, top), (left - 6, top + 9), MUTED, 1)

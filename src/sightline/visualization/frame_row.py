@@ -1,6 +1,6 @@
-"""A frame and what was found in it at a glance: camera, depth and bird's-eye view in one picture.
+"""Picture of a frame with its predictions: camera, depth and bird's-eye view.
 
-Smaller than a sheet and always of one size, as videos and sheets of several frames need it.
+Smaller than a sheet and always of one size, for videos and sheets of several frames.
 """
 
 from collections import Counter
@@ -29,18 +29,18 @@ _ALARM: RGB = (240, 130, 60)
 _GAP_PX: Final = 10
 _HEAD_PX: Final = 34
 _LINE_PX: Final = 30
-_WIDE: Final = 2.0  # pictures at least so many times as wide as high stand one above the other
+_WIDE: Final = 2.0  # minimum width / height of pictures that are stacked
 _STACKED_PX, _BESIDE_PX = 940, 620  # widths of a camera's picture
 _ABOVE_PX: Final = 300
-_HIGHEST: Final = 1.5  # pictures higher than so many times their width are made narrower
-_DEPTH_PLACE: Final = 1  # of its panel
+_HIGHEST: Final = 1.5  # maximum height / width of pictures; higher ones become narrower
+_DEPTH_PANEL: Final = 1  # its index
 _FARTHEST_M: Final = 80.0
 _TWO_COLUMNS_FROM: Final = 4  # frames
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RowLayout:
-    """Where the parts of a picture stand: the same for all frames of a video."""
+    """Layout of a picture's parts: the same for all frames of a video."""
 
     camera_size: tuple[int, int]
     """Height, width [px] of each panel: camera, depth, further predictions."""
@@ -65,7 +65,7 @@ class RowLayout:
 
     @property
     def above_size(self) -> tuple[int, int]:
-        """Height, width [px] of the bird's-eye view, which is as high as what stands beside it."""
+        """Height, width [px] of the bird's-eye view, which is as high as the panels beside it."""
         height = self.camera_size[0]
         if self.is_stacked:
             height = self.num_panels * (height + _LINE_PX + _GAP_PX) - _LINE_PX - _GAP_PX
@@ -73,7 +73,7 @@ class RowLayout:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height, width [px] of the whole: even numbers, as videos need them."""
+        """Height, width [px] of the whole picture: even numbers, as required by videos."""
         columns = 1 if self.is_stacked else self.num_panels
         height = _HEAD_PX + _LINE_PX + self.above_size[0] + _GAP_PX
         width = columns * (self.camera_size[1] + _GAP_PX) + self.above_size[1] + 2 * _GAP_PX
@@ -81,73 +81,79 @@ class RowLayout:
 
 
 def draw_row(
-    sample: CameraLidarSample, told: Perception, layout: RowLayout, *, note: str = ""
+    sample: CameraLidarSample, perception: Perception, layout: RowLayout, *, note: str = ""
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The frame as an RGB picture of the layout's size.
+    """Draw a frame as an RGB picture of the layout's size.
 
-    The camera's image with 2D boxes (only their corners where there are 3D boxes, too) and 3D boxes
-    (the edges that it sees), depth where it may be believed, further predictions, and sweep and 3D
-    boxes from above. A part that is missing is named in its place, a sensor that delivered nothing
-    also in the head.
+    It has the camera's image with 2D boxes (only their corners if there are also 3D boxes) and 3D
+    boxes (their visible edges), trusted depth, further predictions, and sweep and 3D boxes from
+    above. Missing parts are named in their places, missing sensors also in the head.
 
     Args:
-        sample: Any of its sensors may be missing.
-        told: What was found; all of it is drawn.
-        layout: Of an image size like the sample's; another size is fitted in.
-        note: Written at the right of the head, the time for example.
+        sample: The sample; any of its sensors may be missing.
+        perception: Predictions to draw.
+        layout: Layout; images of another size are scaled to it.
+        note: Text at the right of the head, for example the time.
     """
-    sample, told = level_view(sample, told)
+    sample, perception = level_view(sample, perception)
     height, width = layout.size
     page = np.full((height, width, 3), PAGE, np.uint8)
-    _put_head(page, sample, told, note)
+    _put_head(page, sample, perception, note)
     camera_px = layout.camera_size
-    fitted, seen = _fitted(sample, told, camera_px)
+    fitted, scaled = _fitted(sample, perception, camera_px)
     panels = [
-        (_camera_title(told), _camera(fitted, seen)),
-        ("Depth" if told.depth is not None else "Depth of the sweep", _depth(fitted, seen)),
-        *(_further(sample, told, key, camera_px) for key in layout.further),
+        (_camera_title(perception), _camera(fitted, scaled)),
+        ("Depth" if perception.depth is not None else "Depth of the sweep", _depth(fitted, scaled)),
+        *(_further(sample, perception, key, camera_px) for key in layout.further),
     ]
-    for place, (title, picture) in enumerate(panels):
-        row, column = (place, 0) if layout.is_stacked else (0, place)
+    for index, (title, picture) in enumerate(panels):
+        row, column = (index, 0) if layout.is_stacked else (0, index)
         line = _HEAD_PX + row * (_LINE_PX + camera_px[0] + _GAP_PX)
         left = _GAP_PX + column * (camera_px[1] + _GAP_PX)
         _put_titled(page, title, line, left)
         _put_picture(page, picture, line + _LINE_PX, left, camera_px)
-        if place == _DEPTH_PLACE:
+        if index == _DEPTH_PANEL:
             right = left + camera_px[1] - 20
             put_legend(page, DEPTH_SCALE, right=right, top=line + 4, hole="no value")
     left += camera_px[1] + _GAP_PX
     _put_titled(page, "From above", _HEAD_PX, left)
-    _put_picture(page, _above(sample, told, layout), _HEAD_PX + _LINE_PX, left, layout.above_size)
+    above = _above(sample, perception, layout)
+    _put_picture(page, above, _HEAD_PX + _LINE_PX, left, layout.above_size)
     return page
 
 
 def _fitted(
-    sample: CameraLidarSample, told: Perception, room: tuple[int, int]
+    sample: CameraLidarSample, perception: Perception, room: tuple[int, int]
 ) -> tuple[CameraLidarSample, Perception]:
     zoom = min(side / old for side, old in zip(room, sample.image_size, strict=True))
     height, width = (max(round(side * zoom), 1) for side in sample.image_size)
-    return zoomed(sample, told, (height, width))
+    return zoomed(sample, perception, (height, width))
 
 
-def _camera_title(told: Perception) -> str:
-    if told.detections2d is None or told.detections3d is None:
+def _camera_title(perception: Perception) -> str:
+    if perception.detections2d is None or perception.detections3d is None:
         return "Camera"
     return "Camera: 2D boxes (corners), 3D boxes (edges)"
 
 
-def _camera(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "height width 3"]:
+def _camera(
+    sample: CameraLidarSample, perception: Perception
+) -> UInt8[np.ndarray, "height width 3"]:
     picture = camera_picture(sample)
     if sample.image is None:
-        picture = sweep_picture(sample)  # so that boxes stand on something
+        picture = sweep_picture(sample)  # as a background for the boxes
         _put_notice(picture, "no camera image", share=0.12)
-    return draw_detections(picture, told.detections2d, told.detections3d, sample.calibration)
+    return draw_detections(
+        picture, perception.detections2d, perception.detections3d, sample.calibration
+    )
 
 
-def _depth(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "height width 3"]:
-    """Completed, else as far as it was measured."""
-    if told.depth is not None:
-        return colorize_depth(torch.where(told.depth.valid, told.depth.depth_m, 0.0))
+def _depth(
+    sample: CameraLidarSample, perception: Perception
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw the completed depth, else the measured depth."""
+    if perception.depth is not None:
+        return colorize_depth(torch.where(perception.depth.valid, perception.depth.depth_m, 0.0))
     if sample.points is None:
         return _notice(sample.image_size, "no depth")
     sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
@@ -155,24 +161,24 @@ def _depth(sample: CameraLidarSample, told: Perception) -> UInt8[np.ndarray, "he
 
 
 def _further(
-    sample: CameraLidarSample, told: Perception, key: str, room: tuple[int, int]
+    sample: CameraLidarSample, perception: Perception, key: str, room: tuple[int, int]
 ) -> tuple[str, UInt8[np.ndarray, "height width 3"]]:
     """Title and picture of a further prediction's panel."""
-    found = told.further.get(key)
+    found = perception.further.get(key)
     if found is None:
         return key, _notice(room, f"no {key}")
     return found.title, scaled_into(found.draw(sample), room)
 
 
 def _above(
-    sample: CameraLidarSample, told: Perception, layout: RowLayout
+    sample: CameraLidarSample, perception: Perception, layout: RowLayout
 ) -> UInt8[np.ndarray, "height width 3"]:
     height, width = layout.above_size
     view = BirdsEyeView()
     pixels_per_m = width / (view.y_max_m - view.y_min_m)
     farthest_m = min(view.x_min_m + height / pixels_per_m, _FARTHEST_M)
     view = replace(view, x_max_m=farthest_m, pixels_per_m=pixels_per_m)
-    found = told.detections3d
+    found = perception.detections3d
     picture = draw_birds_eye(
         sample.points,
         None if found is None else found.boxes,
@@ -189,10 +195,10 @@ def _above(
 def _put_head(
     page: UInt8[np.ndarray, "height width 3"],
     sample: CameraLidarSample,
-    told: Perception,
+    perception: Perception,
     note: str,
 ) -> None:
-    """The frame's name, what fails, and how many of each class were found."""
+    """Write the frame's name, missing sensors, and the number of detections per class."""
     baseline, left = 23, _GAP_PX
     put_text(page, sample.sample_id, left, baseline, height_px=13, color=TITLE)
     left += text_width(sample.sample_id, 13) + 18
@@ -200,7 +206,7 @@ def _put_head(
         text = f"no {SENSOR_TITLES[sensor]}"
         put_text(page, text, left, baseline, height_px=11, color=_ALARM)
         left += text_width(text, 11) + 18
-    for dimensions, found in (("2D", told.detections2d), ("3D", told.detections3d)):
+    for dimensions, found in (("2D", perception.detections2d), ("3D", perception.detections3d)):
         if found is None:
             continue
         put_text(page, dimensions, left, baseline, height_px=10, color=MUTED)
@@ -227,7 +233,7 @@ def _put_picture(
     left: int,
     room: tuple[int, int],
 ) -> None:
-    """In the middle of its room, on the colour of holes."""
+    """Put a picture into the middle of its area, on the colour of missing values."""
     page[top : top + room[0], left : left + room[1]] = INVALID
     rows, columns = min(picture.shape[0], room[0]), min(picture.shape[1], room[1])
     top, left = top + (room[0] - rows) // 2, left + (room[1] - columns) // 2
@@ -243,7 +249,7 @@ def _notice(size: tuple[int, int], text: str) -> UInt8[np.ndarray, "height width
 def _put_notice(
     picture: UInt8[np.ndarray, "height width 3"], text: str, *, share: float = 0.5
 ) -> None:
-    """In the middle of a row, at a share of the height."""
+    """Write a centred notice at a share of the height."""
     height, width = picture.shape[:2]
     left = (width - text_width(text, 12)) // 2
     put_text(picture, text, left, round(share * height) + 6, height_px=12, color=MUTED)
@@ -252,16 +258,16 @@ def _put_notice(
 def draw_rows(
     frames: Sequence[tuple[CameraLidarSample, Perception]],
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Several frames on one page, two beside each other from the fourth on; see `draw_row`.
+    """Draw several frames on one page, in two columns for four or more; see `draw_row`.
 
     Raises:
         ValueError: There is no frame.
     """
     if not frames:
         raise ValueError("a page needs at least one frame")
-    further = tuple(dict.fromkeys(key for _, told in frames for key in told.further))
+    further = tuple(dict.fromkeys(key for _, perception in frames for key in perception.further))
     layout = RowLayout.of(frames[0][0].image_size, further)
-    rows = [draw_row(sample, told, layout) for sample, told in frames]
+    rows = [draw_row(sample, perception, layout) for sample, perception in frames]
     num_columns = 1 if len(rows) < _TWO_COLUMNS_FROM else 2
     rows += [np.full_like(rows[0], PAGE)] * (-len(rows) % num_columns)
     lines = [

@@ -1,4 +1,4 @@
-"""The health of a drive's sensors, drawn over its frames."""
+"""Chart of the health of a drive's sensors over its frames."""
 
 import itertools
 import textwrap
@@ -23,27 +23,26 @@ _LINE: RGB = (86, 180, 233)
 _YAW: RGB = (20, 190, 140)
 _ALARM: RGB = (190, 40, 40)
 _LIMIT: RGB = (230, 120, 40)
-_LARGEST_YAW_DEG = 4.0
+_MAX_YAW_DEG = 4.0
 _MAP_HEIGHT = 150
 _NUM_TICKS = 6
-_LONGEST_NAME = 12  # letters that have their place below a chart
+_MAX_NAME_LETTERS = 12  # of a frame's name below a chart
 _NOTE_LINE_PX = 18
-_NOTE_LETTERS = 130  # of a line of notes
-_DENSE = 300  # frames, from which lines are thin and without dots
+_NOTE_LETTERS = 130  # per line of notes
+_DENSE = 300  # number of frames above which lines are thin and without dots
 
 
 def draw_health(
     frames: Sequence[FrameHealth], notes: Sequence[str] = ()
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Scores and alarms of camera, LiDAR and alignment, the yaw error, and where sensors were bad.
+    """Draw scores and alarms of camera, LiDAR and alignment, the yaw error, and faulty regions.
 
-    Red is where the alarm is on; the orange line is the score below which a frame is bad. The maps
-    at the foot tell in what share of the frames a part of the image, or of what lies ahead of the
-    LiDAR, showed nothing.
+    Alarms are red; frames with a score below the orange line are bad. The maps at the bottom show
+    the share of the frames in which a part of the image, or of the LiDAR's view ahead, had no data.
 
     Args:
-        frames: At least one, in the order of the drive.
-        notes: Lines of text below all that: which limits were taken, warnings.
+        frames: Frames in the order of the drive, at least one.
+        notes: Lines of text at the bottom: the limits used, warnings.
 
     Raises:
         ValueError: There is no frame.
@@ -83,16 +82,16 @@ def _ticks(frames: Sequence[FrameHealth]) -> list[tuple[float, str]]:
 
 
 def _short_names(names: Sequence[str]) -> list[str]:
-    """Without leading zeros; of long ones, without what all begin with, the ends.
+    """Shorten names: without leading zeros, and without a common prefix if they are long.
 
-    Numbers stay whole: what names share ends before the digits of a number.
+    Numbers stay whole: the common prefix ends before the digits of a number.
     """
-    if len(names) > 1 and max(map(len, names)) > _LONGEST_NAME:
+    if len(names) > 1 and max(map(len, names)) > _MAX_NAME_LETTERS:
         letters = itertools.takewhile(lambda each: len(set(each)) == 1, zip(*names, strict=False))
         shared = "".join(each[0] for each in letters).rstrip("0123456789")
         names = [name.removeprefix(shared) for name in names]
     bare = [name.lstrip("0") or "0" for name in names]
-    return [n if len(n) <= _LONGEST_NAME else f"..{n[-_LONGEST_NAME:]}" for n in bare]
+    return [n if len(n) <= _MAX_NAME_LETTERS else f"..{n[-_MAX_NAME_LETTERS:]}" for n in bare]
 
 
 def _score_chart(
@@ -116,13 +115,13 @@ def _score_chart(
 
 def _yaw_chart(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
     canvas, plot = _blank(_CHART_HEIGHT), _plot()
-    degrees = np.linspace(-_LARGEST_YAW_DEG, _LARGEST_YAW_DEG, 5).tolist()
-    marks = [(0.5 + deg / (2 * _LARGEST_YAW_DEG), f"{deg:+.0f}") for deg in degrees]
+    degrees = np.linspace(-_MAX_YAW_DEG, _MAX_YAW_DEG, 5).tolist()
+    marks = [(0.5 + deg / (2 * _MAX_YAW_DEG), f"{deg:+.0f}") for deg in degrees]
     put_axes(canvas, plot, columns=_ticks(frames), rows=marks)
     shares = [
         None
         if frame.health.yaw_deg is None
-        else float(np.clip(0.5 + frame.health.yaw_deg / (2 * _LARGEST_YAW_DEG), 0, 1))
+        else float(np.clip(0.5 + frame.health.yaw_deg / (2 * _MAX_YAW_DEG), 0, 1))
         for frame in frames
     ]
     _put_series(canvas, plot, shares, _YAW)
@@ -136,7 +135,7 @@ def _put_series(
     shares: Sequence[float | None],
     color: RGB,
 ) -> None:
-    """A line from frame to frame, with a dot for each; both left out where there is no value."""
+    """Draw a line over the frames, with a dot for each; frames without a value are left out."""
     count = len(shares)
     is_dense = count > _DENSE
     places = [
@@ -162,16 +161,16 @@ def _maps(frames: Sequence[FrameHealth]) -> UInt8[np.ndarray, "height width 3"]:
     left, right, above, below = _MARGINS_PX
     width = (_WIDTH - left - right - 20) // 2
     for number, (title, regions) in enumerate(zip(titles, series, strict=True)):
-        at = left + number * (width + 20)
-        area = canvas[above : _MAP_HEIGHT - below, at : at + width]
+        start = left + number * (width + 20)
+        area = canvas[above : _MAP_HEIGHT - below, start : start + width]
         area[:] = lay_shares(np.full_like(area, 255), _mean_regions(regions))
-        put_text(canvas, title, at, above - 9, height_px=AXIS_TEXT_PX, color=MUTED)
+        put_text(canvas, title, start, above - 9, height_px=AXIS_TEXT_PX, color=MUTED)
     put_share_legend(
         canvas, "never", "always", right=_WIDTH - right, top=_MAP_HEIGHT - below + 9, color=MUTED
     )
-    said = "left to right as the car sees it"
-    at = _WIDTH - right - 260 - text_width(said, AXIS_TEXT_PX)
-    put_text(canvas, said, at, _MAP_HEIGHT - below + 18, height_px=AXIS_TEXT_PX, color=MUTED)
+    text = "left to right as the car sees it"
+    text_left = _WIDTH - right - 260 - text_width(text, AXIS_TEXT_PX)
+    put_text(canvas, text, text_left, _MAP_HEIGHT - below + 18, height_px=AXIS_TEXT_PX, color=MUTED)
     return canvas
 
 
@@ -187,7 +186,7 @@ def _note_lines(notes: Sequence[str]) -> UInt8[np.ndarray, "height width 3"]:
 def _mean_regions(
     regions: Sequence[Bool[np.ndarray, "_ _"]],
 ) -> Float64[np.ndarray, "mean_rows mean_columns"]:
-    """Their mean, those of other shapes stretched to the finest: an absent sensor has one cell."""
+    """Mean of masks, stretched to the finest of them: an absent sensor has one cell."""
     finest = max(regions, key=lambda each: each.size).shape
     size = (int(finest[1]), int(finest[0]))
     stretched = [

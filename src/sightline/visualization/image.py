@@ -31,7 +31,7 @@ from sightline.visualization.colors import (
 )
 from sightline.visualization.lettering import Tag, put_tags
 
-# Corner numbers as Boxes3D.corners() gives them.
+# Indices of corners from Boxes3D.corners().
 _EDGES = np.array(
     [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
 )
@@ -42,20 +42,20 @@ _FACES = np.array(
 _FRONT = _FACES[0]
 _EDGE_FACES = np.array([[set(edge) <= set(face) for face in _FACES.tolist()] for edge in _EDGES])
 """Mask of the faces that meet in each edge."""
-_CORNER_SHARE, _CORNER_PX = 0.3, 16.0  # what is drawn of a side from each corner, at most
-_COVERING = 0.75  # how much of a box is gone behind a nearer one
+_CORNER_SHARE, _CORNER_PX = 0.3, 16.0  # maximum length of a side drawn from each corner
+_COVERING = 0.75  # opacity of a nearer box over a farther one
 _TAG_HEIGHT_PX = 9
 
 
 def camera_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
-    """The sample's image; black where there is none."""
+    """Image of the sample; black without a camera."""
     if sample.image is None:
         return np.zeros((*sample.image_size, 3), np.uint8)
     return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
 
 
 def sweep_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
-    """The sample's points by their range, on black."""
+    """Points of the sample in the image, coloured by range, on black."""
     black = np.zeros((*sample.image_size, 3), np.uint8)
     if sample.points is None:
         return black
@@ -72,18 +72,18 @@ def draw_boxes2d(
     tags: bool = True,
     corners_only: bool = False,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The RGB picture with the boxes' outlines in the colours of their classes.
+    """Draw the outlines of 2D boxes in the colours of their classes on a copy of an RGB picture.
 
     Args:
-        picture: Is left as it is.
-        boxes: In pixels of the picture.
-        class_names: One for each box.
-        scores: Written behind the class, if given.
-        color: One for all boxes instead.
-        tags: Whether the classes are written at the boxes; larger boxes first where it is narrow.
-            DontCare regions are never named.
-        corners_only: Draws strong corners instead of whole outlines, which leaves room for 3D boxes
-            of the same objects.
+        picture: The picture; not changed.
+        boxes: Boxes in pixels of the picture.
+        class_names: Class name of each box.
+        scores: Scores to write after the class names.
+        color: Colour of all boxes, instead of their classes' colours.
+        tags: Whether to write the class names at the boxes, larger boxes first; DontCare regions
+            never have one.
+        corners_only: Whether to draw strong corners instead of whole outlines, which leaves room
+            for 3D boxes of the same objects.
 
     Raises:
         ValueError: There is not one class name for each box.
@@ -98,7 +98,7 @@ def draw_boxes2d(
         name = class_names[index]
         x_min, y_min, x_max, y_max = rows[index].tolist()
         corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
-        # A homogeneous 1 makes pixels of them: boxes far outside are cut like all else.
+        # As homogeneous points, so that boxes far outside are clipped.
         homogeneous = np.concatenate((corners, np.ones((4, 1))), axis=1)
         outline = np.stack((homogeneous, np.roll(homogeneous, -1, axis=0)), axis=1)
         if corners_only:
@@ -126,20 +126,20 @@ def draw_boxes3d(
     color: RGB | None = None,
     tags: bool = True,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The RGB picture with the projected boxes, the front face filled where it is seen.
+    """Draw projected 3D boxes, with filled visible front faces, on a copy of an RGB picture.
 
-    Only edges of faces that the camera sees are drawn, all of them where it is within the box.
-    Edges are cut where they pass the camera, so a box beside it is drawn right; a box behind the
-    camera, or of no size, is not drawn. Within nearer boxes farther ones are faint.
+    Only edges of visible faces are drawn; all edges if the camera is inside the box. Edges are
+    clipped at the camera, so a box beside it is drawn correctly; a box behind the camera, or
+    without a size, is not drawn. Farther boxes are faint inside nearer ones.
 
     Args:
-        picture: Is left as it is.
-        boxes: LiDAR frame.
-        class_names: One for each box.
-        calibration: Of the picture, at its size.
-        scores: Written behind the class, if given.
-        color: One for all boxes instead.
-        tags: Whether the classes are written at the boxes, nearest first where it is narrow.
+        picture: The picture; not changed.
+        boxes: Boxes in the LiDAR frame.
+        class_names: Class name of each box.
+        calibration: Calibration for the picture's size.
+        scores: Scores to write after the class names.
+        color: Colour of all boxes, instead of their classes' colours.
+        tags: Whether to write the class names at the boxes, nearest first.
 
     Raises:
         ValueError: There is not one class name for each box.
@@ -151,7 +151,7 @@ def draw_boxes3d(
     corners = boxes.corners().detach().cpu().double()
     flat = transform_points(calibration.image_from_lidar, corners.reshape(-1, 3))
     homogeneous = flat.reshape(-1, 8, 3).numpy()
-    sees_face = _seen_faces(boxes, calibration)
+    sees_face = _visible_faces(boxes, calibration)
     sees_edge = (sees_face @ _EDGE_FACES.T) | ~sees_face.any(axis=1, keepdims=True)
     has_size = (boxes.sizes > 0).all(dim=-1).cpu().numpy()
     order = np.argsort(-homogeneous[..., 2].mean(axis=1), kind="stable")
@@ -207,7 +207,7 @@ def draw_detections(
     return picture
 
 
-def _seen_faces(
+def _visible_faces(
     boxes: Boxes3D, calibration: Calibration
 ) -> Bool[np.ndarray, "num_boxes num_faces"]:
     """Find the faces, in the order of `_FACES`, that have the camera's centre on their outside."""
@@ -223,7 +223,7 @@ def _seen_faces(
 def _ends(
     outline: Float[np.ndarray, "num_sides 2 3"], length_px: float
 ) -> Float[np.ndarray, "twice_as_many 2 3"]:
-    """Both ends of each side."""
+    """End pieces of each side of a box."""
     start, end = outline[:, 0], outline[:, 1]
     along = end - start
     whole = np.linalg.norm(along, axis=1, keepdims=True).clip(min=1e-9)
@@ -241,14 +241,14 @@ def draw_points(
     scale: ColorScale = DEPTH_SCALE,
     diameter_px: float | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The RGB picture with the LiDAR points in front of the camera, coloured by their range.
+    """Draw LiDAR points, coloured by range, on a copy of an RGB picture; nearer points on top.
 
     Args:
-        picture: Is left as it is.
-        points: LiDAR frame: x, y, z first.
-        calibration: Of the picture, at its size.
+        picture: The picture; not changed.
+        points: Points in the LiDAR frame: x, y, z first.
+        calibration: Calibration for the picture's size.
         scale: Colours of the ranges (distance from the LiDAR).
-        diameter_px: Of a point; by the picture's width if not given. Nearer points cover farther.
+        diameter_px: Diameter of a point. None: from the picture's width.
     """
     canvas = picture.copy()
     xyz = points[:, :3].detach().cpu()

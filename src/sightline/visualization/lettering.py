@@ -1,6 +1,6 @@
 """Text on pictures: anti-aliased, measured in pixels, kept within the picture.
 
-`put_...` functions write into the picture that they are given.
+`put_...` functions change the given picture.
 """
 
 from collections.abc import Sequence
@@ -14,18 +14,18 @@ from jaxtyping import Float32, UInt8
 from sightline.visualization.colors import RGB
 
 _OVERSAMPLING = 4
-_CAP_HEIGHT = 21  # of OpenCV's font at scale 1 [px]
-_ASCENT, _DESCENT = 1.4, 0.5  # of a line, in cap heights
+_CAP_HEIGHT = 21  # px, of OpenCV's font at scale 1
+_ASCENT, _DESCENT = 1.4, 0.5  # of a line, in heights of capitals
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tag:
-    """A short text to be put at a box."""
+    """Short text at a box."""
 
     text: str
     color: RGB
     box: tuple[float, float, float, float]
-    """x_min, y_min, x_max, y_max [px] of what the tag names."""
+    """x_min, y_min, x_max, y_max [px] of the tagged object."""
 
 
 def text_width(text: str, height_px: int) -> int:
@@ -57,7 +57,7 @@ def put_text(
 def with_title(
     picture: UInt8[np.ndarray, "height width 3"], title: str, *, height_px: int = 11
 ) -> UInt8[np.ndarray, "new_height width 3"]:
-    """The picture below a dark bar with its title; a title that is too long is cut off."""
+    """Put a dark bar with a title above a picture; too long a title is cut off."""
     bar = np.full((2 * height_px, picture.shape[1], 3), 24, np.uint8)
     put_text(bar, title, height_px // 2, round(1.5 * height_px), height_px=height_px)
     return np.concatenate((bar, picture))
@@ -66,10 +66,11 @@ def with_title(
 def put_tags(
     canvas: UInt8[np.ndarray, "height width 3"], tags: Sequence[Tag], *, height_px: int
 ) -> None:
-    """Writes tags on plates beside their boxes, so that no two overlap while there is room.
+    """Writes tags on plates beside their boxes, without overlaps.
 
-    Tried in turn: above the box's top left corner, within it, below the box, and the same from the
-    right edge. A tag that finds no free place is left out: its box has its class's colour.
+    Positions are tried in this order: above the box's top left corner, within it, below the box,
+    and the same from the right edge. A tag without a free position is left out: the box has its
+    class's colour.
     """
     taken: list[tuple[int, int, int, int]] = []
     for tag in tags:

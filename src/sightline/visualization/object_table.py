@@ -1,4 +1,4 @@
-"""The objects of a frame as a table in the picture: what a drawing cannot show exactly."""
+"""Table of a frame's objects, with exact values, as a picture."""
 
 from dataclasses import dataclass
 
@@ -29,9 +29,9 @@ class _Row:
     class_name: str
     range_m: float
     index: int
-    """Index of its box."""
+    """Index of the object's box."""
     last: tuple[str, str]
-    """The cells that labels and detections differ in."""
+    """Last two cells, which differ between labels and detections."""
 
 
 def draw_object_table(
@@ -41,13 +41,13 @@ def draw_object_table(
     width_px: int,
     max_height_px: int,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """A table of the objects with a 3D part, nearest first; what has no room is counted.
+    """Draw a table of the objects with a 3D part, nearest first; objects without room are counted.
 
     Args:
         objects: Labels (with truncation and occlusion) or detections (with scores).
-        points: The sweep whose points within each box are counted; None leaves them out.
-        width_px: Of the picture.
-        max_height_px: The picture is as high as its rows need, but no higher.
+        points: Sweep for the number of points in each box. None: no numbers.
+        width_px: Width of the picture.
+        max_height_px: Maximum height of the picture.
     """
     if isinstance(objects, ObjectLabels):
         rows, boxes, columns = _label_rows(objects), objects.boxes3d, _LABEL_COLUMNS
@@ -55,18 +55,18 @@ def draw_object_table(
         rows, boxes, columns = _detection_rows(objects), objects.boxes, _DETECTION_COLUMNS
     rows.sort(key=lambda row: row.range_m)
     room = (max_height_px - 6) // _ROW_PX - 1
-    shown = rows if len(rows) <= room else rows[: max(room - 1, 0)]
-    num_lines = 1 + len(shown) + (len(shown) < len(rows))
+    listed = rows if len(rows) <= room else rows[: max(room - 1, 0)]
+    num_lines = 1 + len(listed) + (len(listed) < len(rows))
     canvas = np.full((num_lines * _ROW_PX + 6, width_px, 3), BACKGROUND, np.uint8)
     _put_row(canvas, 0, "class", columns, color=MUTED)
-    for number, row in enumerate(shown, start=1):
+    for number, row in enumerate(listed, start=1):
         top = number * _ROW_PX
         swatch = slice(top + 6, top + _ROW_PX - 5)
         canvas[swatch, _LEFT_PX : _LEFT_PX + 9] = class_color(row.class_name)
         _put_row(canvas, number, row.class_name, _cells(row, boxes, points), color=TEXT)
-    if len(shown) < len(rows):
-        more = f"and {len(rows) - len(shown)} more, farther away"
-        _put_row(canvas, len(shown) + 1, more, (), color=MUTED)
+    if len(listed) < len(rows):
+        more = f"and {len(rows) - len(listed)} more, farther away"
+        _put_row(canvas, len(listed) + 1, more, (), color=MUTED)
     return canvas
 
 

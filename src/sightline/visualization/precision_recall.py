@@ -1,4 +1,4 @@
-"""Precision over recall: what average precision is the mean of, and what was measured."""
+"""Precision-recall charts with the recall positions of average precision."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,7 @@ _PLOT_HEIGHT = 410
 _MARGINS_PX = (64, 24, 44, 42)  # left, right, above, below to the legend
 _TEXT_PX = 12
 _LINE_PX = 24  # from one line of the legend to the next
-_SAMPLE_PX = 34  # of a line, in the legend
+_SAMPLE_PX = 34  # length of a line in the legend
 _R40_RADIUS_PX, _R11_RADIUS_PX = 2, 5
 _MEASURED_OPACITY = 0.45
 _SHARES = tuple(number / 10 for number in range(0, 11, 2))
@@ -30,15 +30,15 @@ _ROWS = tuple((share, f"{100 * share:.0f} %") for share in _SHARES)
 def draw_precision_recall(
     title: str, curves: Mapping[str, PrecisionRecall]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Curves in one chart, up to four of them, with their average precision below.
+    """Draw up to four curves in one chart, with their average precision below.
 
-    The strong line joins the slots, dots are those that AP R40 is the mean of, rings those of R11;
-    slots that were never reached count as 0 and are not drawn. The faint line is what was measured,
-    each precision at its own recall.
+    The strong line joins the slots. Dots mark the recall positions of AP R40, rings those of R11;
+    slots that were never reached count as 0 and are not drawn. The faint line has each measured
+    precision at its own recall.
 
     Args:
-        title: Above it.
-        curves: By what the legend calls them.
+        title: Title above the chart.
+        curves: Curves by their name in the legend.
 
     Raises:
         ValueError: There are more curves than colours.
@@ -60,7 +60,7 @@ def draw_precision_recall(
     put_axes(canvas, plot, columns=_COLUMNS, rows=_ROWS)
     put_title(canvas, plot, f"{title}: precision over recall")
     named = list(zip(curves.items(), _COLORS, strict=False))
-    for (_, curve), color in reversed(named):  # the first one uppermost
+    for (_, curve), color in reversed(named):  # so that the first one is on top
         measured = np.stack((curve.recall, curve.precision), axis=1)
         _put_line(canvas, plot, measured, color, opacity=_MEASURED_OPACITY)
         reached = len(curve.recall)
@@ -84,7 +84,7 @@ def _put_line(
     width_px: int = 1,
     opacity: float = 1.0,
 ) -> None:
-    """Through (recall, precision)."""
+    """Draw a line through points (recall, precision)."""
     if len(shares) < 2:
         return
     pixels = np.array([[plot.column(float(x)), plot.row(float(y))] for x, y in shares])
@@ -111,7 +111,7 @@ def _put_entry(
     curve: PrecisionRecall,
     color: RGB,
 ) -> None:
-    """A line of the legend: name, average precision, objects."""
+    """Write a line of the legend: name, average precision, number of objects."""
     left, baseline = _MARGINS_PX[0], top + _TEXT_PX
     middle = baseline - _TEXT_PX // 2
     ends = np.array([[[left, middle], [left + _SAMPLE_PX, middle]]], dtype=np.float64)
@@ -122,26 +122,26 @@ def _put_entry(
         (left + 340, f"AP R11 {curve.ap_r11:.2f}", TEXT),
         (left + 500, f"{curve.num_objects:,} objects", MUTED),
     )
-    for at, said, shade in cells:
-        put_text(canvas, said, at, baseline, height_px=_TEXT_PX, color=shade)
+    for column, text, shade in cells:
+        put_text(canvas, text, column, baseline, height_px=_TEXT_PX, color=shade)
 
 
 def _put_key(canvas: UInt8[np.ndarray, "height width 3"], top: int) -> None:
     """Draw the key of dots, rings and the faint line."""
-    at, baseline = _MARGINS_PX[0], top + _TEXT_PX
+    column, baseline = _MARGINS_PX[0], top + _TEXT_PX
     middle = baseline - _TEXT_PX // 2
-    cv2.circle(canvas, (at + 6, middle), _R40_RADIUS_PX, MUTED, -1, cv2.LINE_AA)
-    at = _put_word(canvas, "recall positions of R40", at + 16, baseline)
-    cv2.circle(canvas, (at + 6, middle), _R11_RADIUS_PX, MUTED, 1, cv2.LINE_AA)
-    at = _put_word(canvas, "of R11", at + 16, baseline)
-    ends = np.array([[[at, middle], [at + _SAMPLE_PX, middle]]], dtype=np.float64)
+    cv2.circle(canvas, (column + 6, middle), _R40_RADIUS_PX, MUTED, -1, cv2.LINE_AA)
+    column = _put_word(canvas, "recall positions of R40", column + 16, baseline)
+    cv2.circle(canvas, (column + 6, middle), _R11_RADIUS_PX, MUTED, 1, cv2.LINE_AA)
+    column = _put_word(canvas, "of R11", column + 16, baseline)
+    ends = np.array([[[column, middle], [column + _SAMPLE_PX, middle]]], dtype=np.float64)
     put_lines(canvas, ends, MUTED, opacity=_MEASURED_OPACITY)
-    _put_word(canvas, "measured, at its own recall", at + _SAMPLE_PX + 8, baseline)
+    _put_word(canvas, "measured, at its own recall", column + _SAMPLE_PX + 8, baseline)
 
 
 def _put_word(
-    canvas: UInt8[np.ndarray, "height width 3"], said: str, left: int, baseline: int
+    canvas: UInt8[np.ndarray, "height width 3"], text: str, left: int, baseline: int
 ) -> int:
-    """Writes; gives the column where the next may begin."""
-    put_text(canvas, said, left, baseline, height_px=_TEXT_PX - 1, color=MUTED)
-    return left + text_width(said, _TEXT_PX - 1) + 22
+    """Write a text, and return the column for the next one."""
+    put_text(canvas, text, left, baseline, height_px=_TEXT_PX - 1, color=MUTED)
+    return left + text_width(text, _TEXT_PX - 1) + 22

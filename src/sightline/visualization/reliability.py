@@ -1,4 +1,4 @@
-"""Reliability diagrams: what scores say against how often they are right."""
+"""Reliability diagrams: scores against the share of true detections."""
 
 from collections.abc import Sequence
 
@@ -30,7 +30,7 @@ _MARGINS_PX = (46, 16, 28, 30 + _COUNT_ROWS_PX)
 def draw_reliability_sheet(
     rows: Sequence[Sequence[tuple[str, Reliability]]],
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Rows of diagrams with their titles; all rows are of one length."""
+    """Draw rows of titled diagrams; all rows have the same length."""
     pictures = [
         np.concatenate([draw_reliability(title, each) for title, each in row], axis=1)
         for row in rows
@@ -41,15 +41,14 @@ def draw_reliability_sheet(
 def draw_reliability(
     title: str, reliability: Reliability, *, size: tuple[int, int] = _SIZE
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """One diagram: DeGroot and Fienberg 1983; with gaps as Guo et al. 2017 draw them.
+    """Draw a diagram after DeGroot and Fienberg 1983, with gaps as in Guo et al. 2017.
 
-    Bars reach up to what the scores of a bin should have told, orange lines from there to their
-    mean score; on the diagonal both are the same. Below stand the numbers of detections, as bars
-    on a logarithmic scale.
+    Bars show the mean target of each bin, orange lines the difference to its mean score; on the
+    diagonal both are equal. Below are the numbers of detections, as bars on a logarithmic scale.
 
     Args:
-        title: Above it.
-        reliability: What is drawn.
+        title: Title above the diagram.
+        reliability: Data of the diagram.
         size: Height, width [px].
     """
     height, width = size
@@ -63,9 +62,9 @@ def draw_reliability(
     _put_counts(canvas, plot, reliability)
     put_title(canvas, plot, title)
     if reliability.error is not None:
-        said = f"error {100 * reliability.error:.1f} %"
-        at = plot.right - text_width(said, AXIS_TEXT_PX)
-        put_text(canvas, said, at, above - 9, height_px=AXIS_TEXT_PX, color=_GAP)
+        text = f"error {100 * reliability.error:.1f} %"
+        text_left = plot.right - text_width(text, AXIS_TEXT_PX)
+        put_text(canvas, text, text_left, above - 9, height_px=AXIS_TEXT_PX, color=_GAP)
     return canvas
 
 
@@ -87,18 +86,18 @@ def _put_counts(
     canvas: UInt8[np.ndarray, "height width 3"], plot: Plot, reliability: Reliability
 ) -> None:
     foot = plot.bottom + 24 + _COUNT_ROWS_PX
-    most = max(int(reliability.counts.max(initial=0)), 1)
+    max_count = max(int(reliability.counts.max(initial=0)), 1)
     for number in np.flatnonzero(reliability.counts):
         start, end = _columns(plot, reliability, int(number))
-        share = np.log1p(reliability.counts[number]) / np.log1p(most)
+        share = np.log1p(reliability.counts[number]) / np.log1p(max_count)
         canvas[foot - max(round(share * _COUNT_ROWS_PX), 1) : foot, start + 1 : end] = _COUNT
-    said = f"{most:,}"
-    at = plot.left - text_width(said, AXIS_TEXT_PX - 1) - 5
+    text = f"{max_count:,}"
+    text_left = plot.left - text_width(text, AXIS_TEXT_PX - 1) - 5
     baseline = foot - _COUNT_ROWS_PX + AXIS_TEXT_PX
-    put_text(canvas, said, at, baseline, height_px=AXIS_TEXT_PX - 1, color=MUTED)
+    put_text(canvas, text, text_left, baseline, height_px=AXIS_TEXT_PX - 1, color=MUTED)
 
 
 def _columns(plot: Plot, reliability: Reliability, number: int) -> tuple[int, int]:
-    """Where a bin begins and ends [px]."""
+    """First and last column of a bin [px]."""
     edges = number / reliability.num_bins, (number + 1) / reliability.num_bins
     return round(plot.column(edges[0])), round(plot.column(edges[1]))

@@ -1,4 +1,4 @@
-"""Frames and what was found in them as a file of the Rerun viewer, on a time line."""
+"""Writer of frames and predictions to a file of the Rerun viewer, on a time line."""
 
 import itertools
 import os
@@ -35,21 +35,21 @@ IMAGE: Final = "lidar/camera/image"
 BOXES_2D: Final = "lidar/camera/boxes"
 DEPTH: Final = "lidar/camera/depth"
 FURTHER: Final = "further"
-"""Paths in the file; `lidar` is the LiDAR frame, in metres; pictures of further predictions stand
+"""Paths in the file; `lidar` is the LiDAR frame, in metres; pictures of further predictions are
 below `further` by their keys."""
 
 FRAME_TIMELINE: Final = "frame"
 TIME_TIMELINE: Final = "time"
-"""Time lines: the number of the frame, and seconds where the data set tells them."""
+"""Time lines: the number of the frame, and seconds if the data set has them."""
 
 _JPEG_QUALITY = 85
-_LONGEST_FLUSH_S: Final = 600.0
+_MAX_FLUSH_S: Final = 600.0
 _BLOCK_BYTES: Final = 2**20
-_SHOWN_DEPTH_M = (0.0, 80.0)
+_DISPLAYED_DEPTH_M = (0.0, 80.0)
 
 
 def check_rerun(path: Path) -> None:
-    """Refuses what cannot become a file of the viewer, before anything is made for it.
+    """Refuses an invalid file of the viewer, before any work.
 
     Raises:
         ValueError: The name does not end in .rrd, or the library is not installed.
@@ -65,15 +65,15 @@ def write_rerun(
     *,
     further: Sequence[str] = (),
 ) -> int:
-    """Writes a file that `rerun FILE` opens, whole or not at all; gives the number of frames.
+    """Writes a file for `rerun FILE` atomically; returns the number of frames.
 
-    Image, depth, points, 2D and 3D boxes, further predictions stand at each frame's own time; what
-    a frame lacks is cleared, so that nothing of the frame before stays on the screen.
+    Image, depth, points, 2D and 3D boxes and further predictions are at each frame's own time;
+    missing parts are cleared, so that nothing of an earlier frame stays on the screen.
 
     Args:
         path: The file; its name ends in .rrd.
-        frames: In their order, one at a time.
-        further: Keys of the further predictions to show.
+        frames: Frames in order, read one at a time.
+        further: Keys of the further predictions to include.
 
     Raises:
         ValueError: The name ends otherwise, rerun-sdk is not installed, or the disk is full.
@@ -89,21 +89,21 @@ def write_rerun(
         ),
     ):
         recording.log("lidar", rr.ViewCoordinates.FLU, static=True)
-        for sample, told in itertools.starmap(level_view, frames):
+        for sample, perception in itertools.starmap(level_view, frames):
             copier.check()
-            recording.reset_time()  # a frame without a time has not that of the one before
+            recording.reset_time()  # so that a frame without a time does not get the previous one's
             recording.set_time(FRAME_TIMELINE, sequence=count)
             if sample.timestamp_s is not None:
                 recording.set_time(TIME_TIMELINE, duration=sample.timestamp_s)
-            _log_frame(recording, sample, told, further)
+            _log_frame(recording, sample, perception, further)
             count += 1
     return count
 
 
 class _Copier(threading.Thread):
-    """Writes to a file what comes through a pipe.
+    """Thread that copies a pipe to a file.
 
-    The library is given the pipe: where its own writing to a file fails, it waits for ever.
+    The library writes to the pipe: if it failed to write to a file, it would wait for ever.
     """
 
     def __init__(self, path: Path) -> None:
@@ -119,11 +119,11 @@ class _Copier(threading.Thread):
                     shutil.copyfileobj(pipe, file)
             except OSError as error:
                 self._fault = error
-                while pipe.read(_BLOCK_BYTES):  # or the library would wait for a reader
+                while pipe.read(_BLOCK_BYTES):  # else the library would wait for a reader
                     pass
 
     def check(self) -> None:
-        """Raises the error of the disk, where there was one."""
+        """Raises the disk's error, if there was one."""
         if self._fault is not None:
             raise self._fault
 
@@ -132,22 +132,22 @@ class _Copier(threading.Thread):
 def _recording_to(
     path: Path, further: Sequence[str]
 ) -> Iterator[tuple["rerun.RecordingStream", _Copier]]:
-    """A recording that is written to a file, whole when the block has ended well."""
+    """Open a recording to a file, complete if the block ends without an error."""
     rr = _library()
     recording = rr.RecordingStream("sightline")
-    recording.set_log_time_enabled(False)  # when it was written is nobody's time line
+    recording.set_log_time_enabled(False)  # the time of writing is no useful time line
     copier = _Copier(path)
     copier.start()
     try:
         try:
             recording.save(f"/dev/fd/{copier.sink}", default_blueprint=_blueprint(further))
         finally:
-            os.close(copier.sink)  # the library has opened it once more
+            os.close(copier.sink)  # the library has opened it itself
         yield recording, copier
-        recording.flush(timeout_sec=_LONGEST_FLUSH_S)
+        recording.flush(timeout_sec=_MAX_FLUSH_S)
     finally:
         recording.disconnect()
-        copier.join(_LONGEST_FLUSH_S)
+        copier.join(_MAX_FLUSH_S)
     copier.check()
 
 
@@ -163,7 +163,7 @@ def _library() -> ModuleType:
 
 
 def _blueprint(further: Sequence[str]) -> "rerun.blueprint.Blueprint":
-    """The image over the depth and further predictions, and the scene beside them."""
+    """Layout: the image above depth and further predictions, and the scene beside them."""
     import rerun.blueprint as rrb
 
     flat = (
@@ -178,7 +178,7 @@ def _blueprint(further: Sequence[str]) -> "rerun.blueprint.Blueprint":
 def _log_frame(
     recording: "rerun.RecordingStream",
     sample: CameraLidarSample,
-    told: Perception,
+    perception: Perception,
     further: Sequence[str],
 ) -> None:
     import rerun as rr
@@ -189,12 +189,12 @@ def _log_frame(
     recording.log("frame", rr.TextDocument(_description(sample)))
     recording.log(IMAGE, empty if image is None else _image(image.permute(1, 2, 0).numpy()))
     recording.log(POINTS, empty if points is None else _points(points[:, :3].numpy()))
-    found = told.detections2d
-    recording.log(BOXES_2D, empty if found is None else _boxes_2d(found))
-    recording.log(BOXES_3D, empty if told.detections3d is None else _boxes_3d(told.detections3d))
-    recording.log(DEPTH, empty if told.depth is None else _depth(told.depth))
+    in_2d, in_3d = perception.detections2d, perception.detections3d
+    recording.log(BOXES_2D, empty if in_2d is None else _boxes_2d(in_2d))
+    recording.log(BOXES_3D, empty if in_3d is None else _boxes_3d(in_3d))
+    recording.log(DEPTH, empty if perception.depth is None else _depth(perception.depth))
     for key in further:
-        each = told.further.get(key)
+        each = perception.further.get(key)
         recording.log(f"{FURTHER}/{key}", empty if each is None else _image(each.draw(sample)))
 
 
@@ -204,7 +204,7 @@ def _description(sample: CameraLidarSample) -> str:
 
 
 def _log_camera(recording: "rerun.RecordingStream", sample: CameraLidarSample) -> None:
-    """Where the camera stands, at each frame: a calibration may change."""
+    """Log the camera's pose for each frame: a calibration may change."""
     import rerun as rr
 
     matrix, lidar_from_camera = pinhole_of(sample.calibration)
@@ -224,9 +224,9 @@ def _log_camera(recording: "rerun.RecordingStream", sample: CameraLidarSample) -
 def pinhole_of(
     calibration: Calibration,
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "4 4"]]:
-    """The camera's matrix [px], and the LiDAR frame from the frame of the camera's own centre.
+    """Camera matrix [px], and the transform from the camera's own frame to the LiDAR frame.
 
-    KITTI's P2 has the way from camera 0 to camera 2 in its last column; a pinhole has no such.
+    KITTI's P2 has the offset of camera 0 to camera 2 in its last column; a pinhole has none.
     """
     matrix = calibration.image_from_camera[:, :3]
     offset = torch.linalg.solve(matrix, calibration.image_from_camera[:, 3])
@@ -253,16 +253,16 @@ def _depth(depth: DepthMap) -> "rerun.DepthImage":
     """Depth in KITTI's PNG encoding: 0 where it is not valid or beyond the encoding's range."""
     import rerun as rr
 
-    is_shown = depth.valid & (depth.depth_m <= MAX_DEPTH_M)
-    metres = np.where(is_shown.numpy(), depth.depth_m.numpy(), 0)
+    is_displayed = depth.valid & (depth.depth_m <= MAX_DEPTH_M)
+    metres = np.where(is_displayed.numpy(), depth.depth_m.numpy(), 0)
     steps = np.rint(metres * STEPS_PER_METRE).astype(np.uint16)
     return rr.DepthImage(
-        steps, meter=STEPS_PER_METRE, colormap="viridis", depth_range=_shown_steps()
+        steps, meter=STEPS_PER_METRE, colormap="viridis", depth_range=_displayed_steps()
     )
 
 
-def _shown_steps() -> tuple[float, float]:
-    nearest_m, farthest_m = _SHOWN_DEPTH_M
+def _displayed_steps() -> tuple[float, float]:
+    nearest_m, farthest_m = _DISPLAYED_DEPTH_M
     return nearest_m * STEPS_PER_METRE, farthest_m * STEPS_PER_METRE
 
 

@@ -1,4 +1,4 @@
-"""Maps of shares from 0 to 1, gates say, laid over a picture; and how often shares occur."""
+"""Maps of shares from 0 to 1, such as gates, over a picture, and histograms of shares."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from sightline.visualization.chart import AXIS_TEXT_PX, BACKGROUND, Plot, put_ax
 from sightline.visualization.colors import RGB
 from sightline.visualization.lettering import put_text, text_width
 
-_DARKEST = 0.6  # what black leaves of a colour
+_DARKEST = 0.6  # brightness of a colour over black
 _BINS = 25
-_MARGINS_PX = (46, 14, 26, 22)  # left, right, above and below what is drawn in
+_MARGINS_PX = (46, 14, 26, 22)  # left, right, above, below
 _FILL = 0.55
 
 
 def lay_shares(
     picture: UInt8[np.ndarray, "height width 3"], shares: Float[np.ndarray, "rows columns"]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The colours of a map, shaded by the RGB picture: violet is 0, green a half, yellow 1.
+    """Colour a map, shaded by an RGB picture: violet is 0, green 0.5, yellow 1.
 
-    The map is stretched to the picture's size; values beyond 0 and 1 take the colour of that end.
+    The map is stretched to the picture's size; values beyond 0 and 1 have the colour of that end.
     """
     height, width = picture.shape[:2]
     levels = np.rint(255 * np.clip(shares, 0, 1)).astype(np.uint8)
@@ -38,7 +38,7 @@ def lay_shares(
 
 @lru_cache(maxsize=1)
 def _share_colors() -> UInt8[np.ndarray, "256 3"]:
-    """Viridis (Smith and van der Walt 2015), which is even to colour-blind eyes as well."""
+    """Colour map Viridis (Smith and van der Walt 2015), also even for colour-blind people."""
     ramp = np.arange(256, dtype=np.uint8)[:, None]
     return np.ascontiguousarray(cv2.applyColorMap(ramp, cv2.COLORMAP_VIRIDIS)[:, 0, ::-1])
 
@@ -53,7 +53,7 @@ def put_share_legend(
     color: RGB,
     width_px: int = 120,
 ) -> None:
-    """Writes the bar of `lay_shares` between words for its ends, the last at column `right`."""
+    """Draws the colour bar of `lay_shares` between labels of its ends, up to column `right`."""
     end = right - text_width(high, AXIS_TEXT_PX) - 6
     start = end - width_px
     canvas[top : top + AXIS_TEXT_PX, start:end] = _share_colors()[
@@ -67,22 +67,22 @@ def put_share_legend(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ShareSeries:
-    """Shares that a histogram counts."""
+    """Series of shares in a histogram."""
 
     name: str
     values: Float[np.ndarray, " num_values"]
-    """From 0 to 1."""
+    """Values from 0 to 1."""
     color: RGB
 
 
 def draw_histogram(
     title: str, series: Sequence[ShareSeries], *, size: tuple[int, int]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """How often shares occur, in percent of each series, in 25 bins from 0 to 1.
+    """Draw a histogram of shares, in percent of each series, in 25 bins from 0 to 1.
 
     Args:
-        title: Above it.
-        series: Drawn one over the other.
+        title: Title above the histogram.
+        series: Series, drawn one over the other.
         size: Height, width [px] of the picture.
     """
     height, width = size
@@ -94,11 +94,11 @@ def draw_histogram(
         counts, _ = np.histogram(np.clip(each.values, 0, 1), bins=_BINS, range=(0, 1))
         _put_steps(canvas, plot, counts / max(len(each.values), 1), each.color)
     put_title(canvas, plot, title)
-    at = width - right
+    name_left = width - right
     for each in reversed(series):
-        at -= text_width(each.name, AXIS_TEXT_PX)
-        put_text(canvas, each.name, at, above - 9, height_px=AXIS_TEXT_PX, color=each.color)
-        at -= 14
+        name_left -= text_width(each.name, AXIS_TEXT_PX)
+        put_text(canvas, each.name, name_left, above - 9, height_px=AXIS_TEXT_PX, color=each.color)
+        name_left -= 14
     return canvas
 
 
@@ -108,7 +108,7 @@ def _put_steps(
     heights: Float[np.ndarray, " num_bins"],
     color: RGB,
 ) -> None:
-    """Bars, transparent enough for another series to show through, and their outline."""
+    """Draw transparent bars and their outline."""
     edges = [plot.column(edge) for edge in np.linspace(0, 1, len(heights) + 1)]
     tops = [plot.row(float(share)) for share in heights]
     for start, end, top in zip(edges[:-1], edges[1:], tops, strict=True):

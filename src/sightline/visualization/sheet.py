@@ -1,4 +1,4 @@
-"""One page that shows what is known about a frame."""
+"""Page with a frame's data, labels and predictions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -52,9 +52,9 @@ _TITLE_PX = 36
 _HEAD_PX = 46
 _MIN_TABLE_PX = 130
 _FARTHEST_M = 90.0  # no point of KITTI's LiDAR lies farther away
-_WIDE = 2.0  # pictures at least so many times as wide as high stand one above the other
-_HIGHEST = 1.5  # pictures higher than so many times the panel's width are made narrower than it
-_MAX_OBJECTS = 500  # drawn; twenty times KITTI's fullest frame
+_WIDE = 2.0  # minimum width / height of pictures that are stacked
+_HIGHEST = 1.5  # maximum height of a picture / width of its panel; higher ones become narrower
+_MAX_OBJECTS = 500  # maximum number drawn; twenty times KITTI's fullest frame
 _NO_POINT, _NO_VALUE = "no point", "no value"
 _SPARSE_SHARE = 0.3  # maps with values on fewer pixels are drawn with larger points
 
@@ -70,15 +70,15 @@ class _Panel:
 
 @dataclass(frozen=True)
 class _Frame:
-    """Content of the page, at the size at which it is drawn."""
+    """Content of the page, at its drawn size."""
 
     sample: CameraLidarSample
-    told: Perception
+    perception: Perception
 
     @property
     def has_detections(self) -> bool:
-        """Whether there are any, in 2D or 3D: labels are white beside them."""
-        return self.told.detections2d is not None or self.told.detections3d is not None
+        """Whether there are 2D or 3D detections: labels are white beside them."""
+        return self.perception.detections2d is not None or self.perception.detections3d is not None
 
 
 @named_arguments
@@ -91,14 +91,14 @@ def frame_sheet(
     detections3d: Detections3D | None = None,
     further: Mapping[str, FurtherPrediction] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """An RGB page of the frame's boxes, sweep and depth maps, titled and with legends.
+    """Draw an RGB page of the frame's boxes, sweep and depth maps, with titles and legends.
 
-    Shows the image with 2D boxes (their corners) and 3D boxes (the edges that the camera sees), the
-    LiDAR coloured by range on it, the sparse depth, the dense depth with its expected error (where
-    it has one) and its error (where the sample has true depth), further predictions, a bird's-eye
-    view and a table of the objects. A part that the sample lacks is named in its place. Where there
-    are detections, they have the colours and labels are white. At most 500 labels are drawn, the
-    nearest, and at most 500 detections, those with the highest scores.
+    Shows the image with 2D boxes (their corners) and 3D boxes (their visible edges), the LiDAR
+    coloured by range on it, the sparse depth, the dense depth with its expected error (if it has
+    one) and its error (if the sample has true depth), further predictions, a bird's-eye view and a
+    table of the objects. Missing parts are named in their places. If there are detections, they
+    have the colours and labels are white. At most 500 labels are drawn, the nearest, and at most
+    500 detections, those with the highest scores.
 
     Examples:
         >>> import sightline, tempfile
@@ -108,16 +108,16 @@ def frame_sheet(
         ...     sightline.write_rgb(f"{folder}/000000.png", page)
 
     Args:
-        sample: Any of image, points, objects and depth may be None.
+        sample: The sample; any of image, points, objects and depth may be None.
         dense_depth: A completed depth map of the sample's image size.
-        dense_name: How it was made, for its title.
-        detections2d: Drawn on the image.
-        detections3d: Drawn on the image and from above, and listed.
+        dense_name: Name of the depth map's method or weights, for its title.
+        detections2d: Detections drawn on the image.
+        detections3d: Detections drawn on the image and from above, and listed.
         further: Predictions of other kinds, each with a panel of its own.
 
     Raises:
-        ValueError: `dense_depth` is not of the sample's image size, or detections are something
-            else.
+        ValueError: `dense_depth` is not of the sample's image size, or detections have another
+            type.
     """
     for name, found, kind in (
         ("detections2d", detections2d, Detections2D),
@@ -125,8 +125,8 @@ def frame_sheet(
     ):
         if not isinstance(found, kind | None):
             raise ValueError(
-                f"{name} is a {type(found).__name__}, expected {kind.__name__}; of what a "
-                "predictor of detection2d answers give its .detections"
+                f"{name} is a {type(found).__name__}, expected {kind.__name__}; of a "
+                "prediction of detection2d, give its .detections"
             )
     if dense_depth is not None and tuple(dense_depth.depth_m.shape) != sample.image_size:
         raise ValueError(
@@ -136,16 +136,16 @@ def frame_sheet(
         )
     num_columns = 1 if sample.image_size[1] >= _WIDE * sample.image_size[0] else 2
     panel_px = (_COLUMN_PX - (num_columns - 1) * _GAP_PX) // num_columns
-    told = Perception(
-        detections2d=detections2d and detections2d.select(_surest(detections2d.scores)),
-        detections3d=detections3d and detections3d.select(_surest(detections3d.scores)),
+    perception = Perception(
+        detections2d=detections2d and detections2d.select(_highest_scores(detections2d.scores)),
+        detections3d=detections3d and detections3d.select(_highest_scores(detections3d.scores)),
         depth=dense_depth,
         further=further or {},
     )
-    sample, told = level_view(sample, told)
-    frame = _fitted(replace(sample, objects=_nearest(sample.objects)), told, panel_px)
+    sample, perception = level_view(sample, perception)
+    frame = _fitted(replace(sample, objects=_nearest(sample.objects)), perception, panel_px)
     panels = [_boxes_panel(frame), _lidar_panel(frame), *_depth_panels(frame, dense_name)]
-    for each in frame.told.further.values():
+    for each in frame.perception.further.values():
         picture = scaled_into(each.draw(frame.sample), panels[0].picture.shape[:2])
         panels.append(_Panel(title=each.title, picture=picture))
     main = _arranged([_titled(panel, panel_px) for panel in panels], num_columns)
@@ -160,7 +160,7 @@ def frame_sheet(
 
 
 def _nearest(labels: ObjectLabels | None) -> ObjectLabels | None:
-    """Select the nearest labels, as many as are drawn; without a 3D part they count as farthest."""
+    """Select the nearest labels to draw; labels without a 3D part count as farthest."""
     if labels is None or len(labels) <= _MAX_OBJECTS:
         return labels
     ranges_m = labels.boxes3d.centers[:, :2].norm(dim=1)
@@ -170,19 +170,19 @@ def _nearest(labels: ObjectLabels | None) -> ObjectLabels | None:
     return labels.select(is_drawn)
 
 
-def _surest(scores: Float[Tensor, " num_detections"]) -> Int64[Tensor, " num_kept"]:
-    """In their order."""
+def _highest_scores(scores: Float[Tensor, " num_detections"]) -> Int64[Tensor, " num_kept"]:
+    """Indices of the highest scores to draw, in the order of the detections."""
     return scores.argsort(descending=True, stable=True)[:_MAX_OBJECTS].sort().values
 
 
-def _fitted(sample: CameraLidarSample, told: Perception, panel_px: int) -> _Frame:
-    """The frame at a size that fits the panel; kept pixel by pixel where it nearly does."""
+def _fitted(sample: CameraLidarSample, perception: Perception, panel_px: int) -> _Frame:
+    """Scale the frame to the panel; a frame of nearly that size stays unchanged."""
     height, width = sample.image_size
     zoom = min(panel_px / width, _HIGHEST * panel_px / height)
     if 1 <= zoom <= 1 / 0.75:
-        return _Frame(sample, told)
+        return _Frame(sample, perception)
     size = (max(round(height * zoom), 1), max(round(width * zoom), 1))
-    return _Frame(*zoomed(sample, told, size))
+    return _Frame(*zoomed(sample, perception, size))
 
 
 def _backdrop(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
@@ -199,9 +199,10 @@ def _notice(size: tuple[int, int], text: str) -> UInt8[np.ndarray, "height width
 
 
 def _boxes_panel(frame: _Frame) -> _Panel:
-    """Labels below detections, 3D boxes below the corners of 2D boxes."""
+    """Draw labels below detections, and 3D boxes below the corners of 2D boxes."""
     sample, picture = frame.sample, _backdrop(frame.sample)
-    in_2d, in_3d, labels = frame.told.detections2d, frame.told.detections3d, sample.objects
+    in_2d, in_3d = frame.perception.detections2d, frame.perception.detections3d
+    labels = sample.objects
     if labels is not None:
         picture = _with_labels(picture, frame, beside_detections=frame.has_detections)
     picture = draw_detections(picture, in_2d, in_3d, sample.calibration)
@@ -219,11 +220,11 @@ def _boxes_panel(frame: _Frame) -> _Panel:
 def _with_labels(
     picture: UInt8[np.ndarray, "height width 3"], frame: _Frame, *, beside_detections: bool
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Labels by their classes; beside detections in white, and only what was to be detected."""
-    labels, told = frame.sample.objects, frame.told
+    """Draw labels in the colours of classes; beside detections in white, of the same dimension."""
+    labels, perception = frame.sample.objects, frame.perception
     assert labels is not None, "there are labels to draw"
     color = _LABEL_BESIDE_DETECTION if beside_detections else None
-    if not beside_detections or told.detections3d is not None:
+    if not beside_detections or perception.detections3d is not None:
         kept = labels.select(labels.has_box3d)
         picture = draw_boxes3d(
             picture,
@@ -233,7 +234,7 @@ def _with_labels(
             color=color,
             tags=False,
         )
-    if not beside_detections or told.detections3d is None:
+    if not beside_detections or perception.detections3d is None:
         picture = draw_boxes2d(
             picture,
             labels.boxes2d,
@@ -256,7 +257,7 @@ def _lidar_panel(frame: _Frame) -> _Panel:
 
 
 def _depth_panels(frame: _Frame, dense_name: str) -> list[_Panel]:
-    sample, dense, truth = frame.sample, frame.told.depth, frame.sample.depth
+    sample, dense, truth = frame.sample, frame.perception.depth, frame.sample.depth
     panels = []
     if sample.points is None:
         picture = _notice(sample.image_size, "no LiDAR sweep")
@@ -295,8 +296,8 @@ def _point_size(depth_m: Float32[Tensor, "height width"]) -> int:
 
 
 def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 3"]:
-    """The bird's-eye view and, where it leaves room, the table of the objects."""
-    sample, found, labels = frame.sample, frame.told.detections3d, frame.sample.objects
+    """Draw the bird's-eye view and, if there is room, the table of the objects."""
+    sample, found, labels = frame.sample, frame.perception.detections3d, frame.sample.objects
     listed = found if found is not None else labels
     view = BirdsEyeView(pixels_per_m=_SIDE_PX / (BirdsEyeView.y_max_m - BirdsEyeView.y_min_m))
     room = height - _TITLE_PX
@@ -326,7 +327,7 @@ def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 
 
 
 def _titled(panel: _Panel, width_px: int) -> UInt8[np.ndarray, "height width 3"]:
-    """The picture under a line with its title and its legend, padded to the panel's width."""
+    """Draw the picture below its title and legend, padded to the panel's width."""
     line = _blank(_TITLE_PX, width_px)
     put_text(line, panel.title, 0, _TITLE_PX - 12, height_px=11, color=TITLE)
     if panel.scale is not None and text_width(panel.title, 11) + 430 < width_px:
@@ -339,7 +340,7 @@ def _titled(panel: _Panel, width_px: int) -> UInt8[np.ndarray, "height width 3"]
 def _arranged(
     pictures: Sequence[UInt8[np.ndarray, "_height _width 3"]], num_columns: int
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Pictures of one size in rows of `num_columns`."""
+    """Arrange pictures of one size in rows of `num_columns`."""
     height, width = pictures[0].shape[:2]
     blanks = [_blank(height, width)] * (-len(pictures) % num_columns)
     cells = [*pictures, *blanks]

@@ -1,4 +1,4 @@
-"""Videos that browsers play."""
+"""Writer of videos for browsers."""
 
 import warnings
 from collections.abc import Iterable, Iterator
@@ -17,11 +17,11 @@ from sightline.files.atomic import atomic_path
 from sightline.files.problem import install_command
 
 _QUALITY = "23"  # x264's constant rate factor: 0 is lossless, 51 the worst
-_LEAST_FPS, _MOST_FPS = 0.01, 240.0
+_MIN_FPS, _MAX_FPS = 0.01, 240.0
 
 
 class _Sink(Protocol):
-    """Takes the pictures of a video, one after the other."""
+    """Interface that takes the pictures of a video in order."""
 
     def write(self, picture: UInt8[np.ndarray, "height width 3"]) -> None: ...
 
@@ -29,10 +29,10 @@ class _Sink(Protocol):
 def write_video(
     path: Path, pictures: Iterable[UInt8[np.ndarray, "height width 3"]], *, fps: float = 10.0
 ) -> int:
-    """Writes an MP4, whole or not at all; gives the number of frames.
+    """Writes an MP4 atomically; returns the number of frames.
 
-    By H.264, which browsers play, where PyAV is installed (extra `viz`); else
-    by MPEG-4 Part 2, which players do and browsers do not, with a warning.
+    The codec is H.264, which browsers play, if PyAV is installed (extra `viz`); else MPEG-4 Part 2,
+    which players play and browsers do not, with a warning.
 
     Args:
         path: The file; its name ends in .mp4.
@@ -41,15 +41,15 @@ def write_video(
 
     Raises:
         ValueError: The name ends otherwise, there is no picture, the sizes differ or are odd, or
-            the rate makes no sense.
+            the rate is not in range.
     """
     check_video(path, fps)
     count = 0
     with atomic_path(path) as temporary:
-        shown = iter(pictures)
-        first = next(shown, None)
+        remaining = iter(pictures)
+        first = next(remaining, None)
         if first is None:
-            raise ValueError(f"{path} cannot be written: there is no frame to show")
+            raise ValueError(f"{path} cannot be written: there are no frames; give at least one")
         height, width = first.shape[:2]
         if height % 2 or width % 2:
             raise ValueError(
@@ -57,28 +57,28 @@ def write_video(
                 "expected even numbers; pad or crop them"
             )
         with _open_sink(temporary, (height, width), fps) as sink:
-            for picture in _one_size(first, shown, path):
+            for picture in _check_sizes(first, remaining, path):
                 sink.write(picture)
                 count += 1
     return count
 
 
 def check_video(path: Path, fps: float) -> None:
-    """Refuses what cannot become a video, before frames are made for it.
+    """Refuses an invalid video, before frames are made for it.
 
     Raises:
-        ValueError: The name does not end in .mp4, or the rate makes no sense.
+        ValueError: The name does not end in .mp4, or the rate is not in range.
     """
     if path.suffix.lower() != ".mp4":
         raise ValueError(f"{path} cannot be written: expected a name that ends in .mp4")
-    if not _LEAST_FPS <= fps <= _MOST_FPS:
+    if not _MIN_FPS <= fps <= _MAX_FPS:
         raise ValueError(
-            f"a video of {fps} frames per second cannot be written; give {_LEAST_FPS:g} to "
-            f"{_MOST_FPS:g}"
+            f"a video of {fps} frames per second cannot be written; give {_MIN_FPS:g} to "
+            f"{_MAX_FPS:g}"
         )
 
 
-def _one_size(
+def _check_sizes(
     first: UInt8[np.ndarray, "height width 3"],
     others: Iterator[UInt8[np.ndarray, "_height _width 3"]],
     path: Path,
@@ -88,7 +88,7 @@ def _one_size(
         if picture.shape != first.shape:
             raise ValueError(
                 f"{path} cannot be written: a frame of {picture.shape[1]}x{picture.shape[0]} px "
-                f"follows one of {first.shape[1]}x{first.shape[0]}; give all of them one size"
+                f"follows one of {first.shape[1]}x{first.shape[0]}; give all frames the same size"
             )
         yield picture
 
@@ -129,11 +129,11 @@ class _OpenCVSink:
 def _h264_sink(path: Path, size: tuple[int, int], fps: float) -> Iterator[_Sink]:
     import av
 
-    # The index at the front: a browser starts before it has all of the file.
+    # Index first, so that a browser can start before it has the whole file.
     with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
         stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
         stream.height, stream.width = size
-        stream.pix_fmt = "yuv420p"  # the only one that every browser knows
+        stream.pix_fmt = "yuv420p"  # the only format that every browser supports
         stream.options = {"crf": _QUALITY}
 
         class Sink:

@@ -1,4 +1,4 @@
-"""A frame and what was found in it, at the size at which both are shown."""
+"""Scaling of a frame and its predictions for drawing."""
 
 from dataclasses import replace
 
@@ -10,16 +10,18 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def zoomed(
-    sample: CameraLidarSample, told: Perception, size: tuple[int, int]
+    sample: CameraLidarSample, perception: Perception, size: tuple[int, int]
 ) -> tuple[CameraLidarSample, Perception]:
-    """Both at an image size of (height, width); 3D boxes stay, the calibration follows."""
+    """Scale both to an image size of (height, width) with the calibration; 3D boxes stay."""
     height, width = sample.image_size
-    depth, found = told.depth, told.detections2d
+    depth, detections = perception.depth, perception.detections2d
     if depth is not None:
         depth = _zoomed_depth(depth, size)
-    if found is not None:
-        found = replace(found, boxes=found.boxes.resize(size[1] / width, size[0] / height))
-    return resize(sample, *size), replace(told, depth=depth, detections2d=found)
+    if detections is not None:
+        detections = replace(
+            detections, boxes=detections.boxes.resize(size[1] / width, size[0] / height)
+        )
+    return resize(sample, *size), replace(perception, depth=depth, detections2d=detections)
 
 
 def _zoomed_depth(depth: DepthMap, size: tuple[int, int]) -> DepthMap:

@@ -10,7 +10,7 @@ from sightline.inference.predictor import Predictor
 from sightline.jobs.run import JobResult, check_workers, run_job
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
-_CASES_AT_A_TIME = 8  # cases per read of a frame: few enough for many workers on few frames
+_CASES_PER_READ = 8  # of a frame: few enough for many workers on few frames
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -20,15 +20,15 @@ class MethodRun:
     predictor: Predictor
     cases: tuple[Case, ...]
     folder: Path
-    """Folder of the stored predictions: CASE/NAME with the keeper's suffix."""
+    """Folder of the stored predictions: CASE/NAME with the writer's suffix."""
     also: Callable[[Case, BenchPrediction], None] | None = None
     """Further processing of a prediction, before it is stored; picklable."""
 
 
-def answer_in_cases(
+def predict_in_cases(
     dataset: SampleDataset,
-    asked: Sequence[MethodRun],
-    keeper: ResultWriter,
+    runs: Sequence[MethodRun],
+    writer: ResultWriter,
     *,
     seed: int,
     workers: int,
@@ -37,13 +37,13 @@ def answer_in_cases(
     """Run every method on every frame in each of its cases.
 
     Methods never get the ground truth: labels and true depth are removed from their input. A
-    frame's corruption depends only on the seed, its name and the kind. A file appears whole or not
-    at all, and existing files are skipped, so a stopped job can be resumed.
+    frame's corruption depends only on the seed, its name and the kind. Files are
+    written atomically, and existing files are skipped, so a stopped job can be resumed.
 
     Args:
         dataset: The frames; they are only read.
-        asked: The methods; their folders are already claimed.
-        keeper: Defines the methods' input and the stored part of their predictions.
+        runs: The methods with their cases; their folders are already claimed.
+        writer: Defines the methods' input and the stored part of their predictions.
         seed: Another seed draws other boxes, discs and noise.
         workers: Number of processes; 1 uses this process alone.
         description: Text for the progress display.
@@ -57,26 +57,26 @@ def answer_in_cases(
     """
     check_numbers(seed, workers)
     present = {
-        (each.folder, case.name): _present(each.folder / case.name, keeper.suffix)
-        for each in asked
+        (each.folder, case.name): _present(each.folder / case.name, writer.suffix)
+        for each in runs
         for case in each.cases
     }
-    cases = {case.name: case for each in asked for case in each.cases}
+    cases = {case.name: case for each in runs for case in each.cases}
     works, written = [], 0
     for index, name in enumerate(dataset.sample_ids):
         pending = []
         for case in cases.values():
             lacking = tuple(
-                each for each in asked if name not in present.get((each.folder, case.name), (name,))
+                each for each in runs if name not in present.get((each.folder, case.name), (name,))
             )
             if lacking:
                 pending.append((case, lacking))
                 written += len(lacking)
-        for start in range(0, len(pending), _CASES_AT_A_TIME):
-            some = tuple(pending[start : start + _CASES_AT_A_TIME])
-            works.append(_FrameWork(dataset, index, name, keeper, seed, some))
+        for start in range(0, len(pending), _CASES_PER_READ):
+            cases_of_read = tuple(pending[start : start + _CASES_PER_READ])
+            works.append(_FrameWork(dataset, index, name, writer, seed, cases_of_read))
     run_job(works, workers, description=description)
-    total = len(dataset) * sum(len(each.cases) for each in asked)
+    total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)
 
 
@@ -103,7 +103,7 @@ class _FrameWork:
     dataset: SampleDataset
     index: int
     name: str
-    keeper: ResultWriter
+    writer: ResultWriter
     seed: int
     pending: tuple[tuple[Case, tuple[MethodRun, ...]], ...]
 
@@ -111,13 +111,13 @@ class _FrameWork:
         return f"frame {self.name}"
 
     def run(self) -> None:
-        posed = self.keeper.pose(self.dataset[self.index])
+        frame = self.writer.prepare(self.dataset[self.index])
         for case, methods in self.pending:
-            corrupted = case.corrupt(posed.sample, self.seed)
-            given = replace(corrupted.sample, objects=None, depth=None)
+            corrupted = case.corrupt(frame.sample, self.seed)
+            blind = replace(corrupted.sample, objects=None, depth=None)
             for each in methods:
-                answered = BenchPrediction(posed, corrupted, each.predictor(given))
+                prediction = BenchPrediction(frame, corrupted, each.predictor(blind))
                 if each.also is not None:
-                    each.also(case, answered)
-                path = each.folder / case.name / f"{self.name}{self.keeper.suffix}"
-                self.keeper.keep(path, answered)
+                    each.also(case, prediction)
+                path = each.folder / case.name / f"{self.name}{self.writer.suffix}"
+                self.writer.store(path, prediction)
