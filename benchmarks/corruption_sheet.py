@@ -60,7 +60,7 @@ def _row(kind: Kind, sensor: Sensor, sample: CameraLidarSample, seed: int) -> Pi
         found = kind.at(severity).corrupt(sample, fault_rng(sample, seed, kind.name))
         title = np.full((_TITLE_PX, _WIDTH_PX, 3), _PAGE, dtype=np.uint8)
         named = f"{kind.name}-1" if severity == 1 else str(severity)
-        said = f"{named}   {kind.said(severity)}"
+        said = f"{named}   {kind.describe(severity)}"
         height_px = next(px for px in _TEXT_PX if text_width(said, px) < _WIDTH_PX)
         put_text(title, said, 1, _TITLE_PX - 5, height_px=height_px, color=_TEXT)
         cell = np.concatenate((title, _scaled(_picture(found, sensor))))

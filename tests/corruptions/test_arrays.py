@@ -109,7 +109,7 @@ def test_tensors_and_lists_are_arrays_as_well(kind):
         found = corrupt_arrays(kind, 4, image=torch.from_numpy(IMAGE), points=points, **matrices)
         np.testing.assert_array_equal(found.image, expected.image)
         np.testing.assert_array_equal(found.points, expected.points)
-    with pytest.raises(ValueError, match="an array is needed, got something else"):
+    with pytest.raises(ValueError, match="expected an array; give rows of one length"):
         corrupt_arrays(kind, 4, image=[[1], [2, 3]], **MATRICES)
 
 
@@ -117,9 +117,9 @@ def test_tensors_and_lists_are_arrays_as_well(kind):
 def test_clouds_of_three_columns_or_of_five_are_those_of_four(kind):
     dark = POINTS * np.float32([1, 1, 1, 0])
     five = np.hstack([POINTS, np.full((len(POINTS), 1), np.nan)])  # a column that nobody needs
-    told = {3: "0 is taken for the reflectance", 5: "the others are left out"}
+    messages = {3: "the reflectance of their points is set to 0", 5: "the others are dropped"}
     for given, same in ((POINTS[:, :3], dark), (five, POINTS)):
-        with pytest.warns(UserWarning, match=told[given.shape[1]]):
+        with pytest.warns(UserWarning, match=messages[given.shape[1]]):
             found = corrupt_arrays(kind, 3, image=IMAGE, points=given, **MATRICES)
         expected = corrupt_arrays(kind, 3, image=IMAGE, points=same, **MATRICES)
         assert np.array_equal(found.points, expected.points)

@@ -63,7 +63,7 @@ def test_an_archive_of_arrays_is_no_npy_file(tmp_path):
 
 def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(tmp_path):
     np.save(tmp_path / "cloud.npy", POINTS[:5, :3])
-    with pytest.warns(UserWarning, match="have three columns, x, y, z: 0 is taken for the refl"):
+    with pytest.warns(UserWarning, match="have three columns, x, y, z: the reflectance of"):
         assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()
     np.save(tmp_path / "empty.npy", POINTS[:0])
     assert read_cloud(tmp_path / "empty.npy").shape == (0, 4)

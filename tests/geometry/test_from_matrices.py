@@ -49,8 +49,8 @@ def with_(rows, row, column, value):
     [
         (CAMERA[:2], RIGID, "camera_matrix is 2x3, expected a matrix of 3x3 or 3x4 numbers"),
         ([[1.0, 0.0], [2.0]], RIGID, "camera_matrix: an array is needed, got"),
-        (np.array(5.0), RIGID, "camera_matrix is something else, .*, expected a matrix of 3x3"),
-        (np.ravel(CAMERA), RIGID, "camera_matrix is something else, .*; give .reshape.3, 3."),
+        (np.array(5.0), RIGID, "camera_matrix is .*, expected a matrix of 3x3"),
+        (np.ravel(CAMERA), RIGID, "camera_matrix is .*; give .reshape.3, 3."),
         (RIGID, CAMERA, "camera_matrix is 4x4, .* swap the arguments"),
         (np.array(CAMERA, complex), RIGID, "camera_matrix is array.*, expected numbers; give"),
         (np.ma.masked_equal(CAMERA, 1), RIGID, "camera_matrix has . of 9 values masked"),

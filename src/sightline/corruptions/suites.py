@@ -9,7 +9,7 @@ from sightline.corruptions.blank import CameraBlank, LidarBlank
 from sightline.corruptions.combined import JOINED, find_corruption
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption
 from sightline.corruptions.exposure import CameraIllumination
-from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, find_kind, unknown
+from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, find_kind, unknown_name_message
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
@@ -62,16 +62,16 @@ class Suite:
         names = self.case_names
         if names[:1] != (CLEAN,):
             raise ValueError(
-                f"suite {self.name} needs sound sensors as its first case, which all others are "
-                f"held against; name that one '{CLEAN}'"
+                f"suite {self.name} needs the reference of sound sensors as its first case; "
+                f"name it '{CLEAN}'"
             )
         if len(set(names)) < len(names):
             raise ValueError(f"suite {self.name} needs a name for each case, got {names}")
         total = sum(case.probability for case in self.cases)
         if any(case.probability for case in self.cases) and abs(total - 1) > 1e-9:
             raise ValueError(
-                f"suite {self.name} needs probabilities that sum to 1, got {total:g}; or leave out "
-                "all of them, where no training draws from it"
+                f"suite {self.name} needs probabilities that sum to 1, got {total:g}; "
+                "omit all of them for a suite without training"
             )
 
     @property
@@ -110,16 +110,19 @@ class Suite:
         left_out = set(kinds)
         there = tuple(dict.fromkeys(case.kind for case in self.cases if case.name != CLEAN))
         for name in sorted(left_out - set(there)):
-            raise ValueError(unknown(f"suite {self.name} has no kind", name, there))
+            raise ValueError(unknown_name_message(f"suite {self.name} has no kind", name, there))
         return tuple(case for case in self.cases if case.kind not in left_out)
 
     def _unknown(self, problem: str, name: str) -> str:
         names = self.case_names
         if len(names) <= _SHORT:
-            return unknown(problem, name, names)
+            return unknown_name_message(problem, name, names)
         rest = [case.name for case in self.cases if case.severity is None]
         listed = (*rest, *self.kinds)
-        return unknown(problem, name, (*names, *self.kinds), listed) + ", or KIND-1 to KIND-5"
+        return (
+            unknown_name_message(problem, name, (*names, *self.kinds), listed)
+            + ", or KIND-1 to KIND-5"
+        )
 
 
 def _dgfn7(name: str, noise: Corruption) -> Suite:
@@ -193,8 +196,8 @@ def find_suite(name: str) -> Suite:
         return SUITES[name]
     names = tuple(name.split(JOINED))
     if len(names) == 1 and name not in KINDS:
-        told = unknown("there is no suite", name, (*SUITES, *KINDS), tuple(SUITES))
-        raise ValueError(f"{told}, a kind, or kinds as camera_fog+lidar_fog")
+        message = unknown_name_message("there is no suite", name, (*SUITES, *KINDS), tuple(SUITES))
+        raise ValueError(f"{message}, a kind, or kinds as camera_fog+lidar_fog")
     kinds = [find_kind(each) for each in names]
     return severity_suite(name, kinds) if len(kinds) == 1 else _joint_suite(name, kinds)
 
