@@ -86,7 +86,7 @@ def test_no_queries_give_nothing_and_no_points_are_refused():
     none = three_nearest(cloud[:, :0], cloud[:, :0])
     assert none.indices.shape == (1, 0, 3)
     assert interpolate_points(torch.rand(1, 0, 4), none).shape == (1, 0, 4)
-    with pytest.raises(ValueError, match="points holds none, so nothing is nearest"):
+    with pytest.raises(ValueError, match="points is empty, expected at least one"):
         three_nearest(cloud[:, :0], cloud)
 
 

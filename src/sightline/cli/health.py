@@ -102,7 +102,7 @@ def _limits(
     from sightline.data.recording_tree import IMAGES
     from sightline.health.limits import read_limits
     from sightline.health.shipped import (
-        LOOKED_AT,
+        NUM_CHECKED_FRAMES,
         ChosenLimits,
         check_frames,
         choose_shipped,
@@ -112,7 +112,9 @@ def _limits(
     if limits is not None:
         return ChosenLimits(limits=read_limits(limits), camera=str(limits), lidar=str(limits))
     count = len(dataset)
-    spread = {round(n * (count - 1) / max(LOOKED_AT - 1, 1)) for n in range(LOOKED_AT)}
+    spread = {
+        round(n * (count - 1) / max(NUM_CHECKED_FRAMES - 1, 1)) for n in range(NUM_CHECKED_FRAMES)
+    }
     looked_at = check_frames([dataset[index] for index in sorted(spread) if index < count])
     are_jpeg = any((data / IMAGES).glob("*.jp*g"))
     chosen = choose_shipped(looked_at, images=images, beams=beams, are_jpeg_files=are_jpeg)

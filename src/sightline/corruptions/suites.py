@@ -165,7 +165,7 @@ def severity_suite(name: str, kinds: Iterable[Kind], lidar: SpinningLidar = HDL_
     cases = [
         Case(
             name=f"{kind.name}-{severity}",
-            title=f"{kind.name.replace('_', ' ')}: {kind.said(severity)}",
+            title=f"{kind.name.replace('_', ' ')}: {kind.describe(severity)}",
             corruption=kind.at(severity, lidar),
             probability=probability,
             severity=severity,
@@ -208,7 +208,7 @@ def _joint_suite(name: str, kinds: Sequence[Kind]) -> Suite:
         Case(
             name=f"{name}-{severity}",
             title="; ".join(
-                f"{kind.name.replace('_', ' ')}: {kind.said(severity)}" for kind in kinds
+                f"{kind.name.replace('_', ' ')}: {kind.describe(severity)}" for kind in kinds
             ),
             corruption=find_corruption(name, severity),
             severity=severity,
