@@ -57,13 +57,13 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"image": IMAGE.astype(np.float32)}, "image must be uint8, height x width x 3; got float"),
         ({"image": IMAGE.transpose(2, 0, 1)}, "got uint8 of shape 3 x 120 x 400"),
         ({"points": POINTS[:, :2]}, "the points are float32 of shape .300, 2., expected"),
         ({"points": POINTS[None]}, "points must be N x 3 or more, .* got float32 of shape 1 x 300"),
-        ({"camera_from_lidar": None}, "give both, or none"),
+        ({"camera_from_lidar": None}, "give both or neither"),
         ({"camera_from_lidar": None, "image_from_camera": None}, "camera_fog needs a calibration"),
         ({"points": np.array([[1, 2, 3, 0], [1, 2, 3, np.nan]])}, "finite and .* row 1 is not"),
         (
@@ -82,7 +82,7 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
             {"image": None, "image_size": (0, 5)},
             "image_size is .0, 5., expected .height, width.",
         ),
-        ({"image_size": (5, 5)}, "image is 120x400 .* but image_size is 5x5; leave"),
+        ({"image_size": (5, 5)}, "image is 120x400 .* but image_size is 5x5; omit"),
         ({"image": IMAGE[:, :, 0], "image_size": (5, 5)}, "image must be uint8, height x width"),
         ({"points": np.full((1, 4), np.inf, np.float16)}, "points must be finite .* row 0 is not"),
         ({"seed": -1}, "seed must not be negative"),
@@ -95,8 +95,8 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
         ({"depth": np.full((120, 400), np.inf)}, "depth must be finite"),
     ],
 )
-def test_what_is_no_such_array_is_refused(wrong, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_is_no_such_array_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
         corrupt_arrays("camera_fog", 1, **{"image": IMAGE, **MATRICES, **wrong})
 
 

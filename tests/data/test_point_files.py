@@ -172,7 +172,7 @@ def test_a_field_of_rings_brings_points_into_kittis_order(tmp_path, suffix, name
 
 def test_a_scale_far_above_all_intensities_is_doubted(tmp_path):
     np.save(tmp_path / "cloud.npy", POINTS)
-    with pytest.warns(UserWarning, match="reach no hundredth of max_intensity, 255, so refl"):
+    with pytest.warns(UserWarning, match="are below a hundredth of max_intensity, 255, so"):
         read_cloud(tmp_path / "cloud.npy", 255.0)
 
 

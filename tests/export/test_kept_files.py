@@ -14,7 +14,7 @@ from tests.export.networks import METADATA
 
 @pytest.fixture
 def exported(tmp_path, monkeypatch):
-    """Exports that were made: each gives other bytes, and none takes its seconds."""
+    """Fake exports: each gives other bytes, without the seconds of a real one."""
     made = []
 
     def export(graph):

@@ -72,13 +72,13 @@ def test_too_few_frames_are_refused():
 
 
 def test_checks_that_tell_nothing_of_a_frame_are_left_out_and_such_of_all_frames_refused():
-    known = rows(0, 100)
-    some = [row._replace(turned=math.nan) for row in known[:30]] + known
+    complete = rows(0, 100)
+    some = [row._replace(turned=math.nan) for row in complete[:30]] + complete
     limits = fit_limits(some, MIN_SPREADS)
-    assert limits.checks["turned"] == fit_limits(known, MIN_SPREADS).checks["turned"]
+    assert limits.checks["turned"] == fit_limits(complete, MIN_SPREADS).checks["turned"]
     for value in (math.nan, math.inf):
         with pytest.raises(ValueError, match="check 'turned' has no value"):
-            fit_limits([row._replace(turned=value) for row in known], MIN_SPREADS)
+            fit_limits([row._replace(turned=value) for row in complete], MIN_SPREADS)
 
 
 def test_limits_are_read_as_they_were_written(tmp_path):

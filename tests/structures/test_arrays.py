@@ -81,7 +81,7 @@ def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none()
     points = np.array([[1, 2, 3], [np.nan, 0, 0], [4, 5, np.inf], [4, 5, 6]])
     with (
         pytest.warns(UserWarning, match="three columns, x, y, z: the reflectance of their"),
-        pytest.warns(UserWarning, match="2 of 4 points are dropped, 2 with x, y, z not fin"),
+        pytest.warns(UserWarning, match="2 of 4 points are left out, 2 with x, y, z not fin"),
     ):
         assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
     with pytest.warns(UserWarning, match="the points are none"):
@@ -173,7 +173,7 @@ def test_columns_after_the_fourth_are_left_out_with_a_warning():
 
 def test_a_scale_far_above_all_intensities_is_doubted():
     for max_intensity in (255, 1e8):
-        with pytest.warns(UserWarning, match="reach no hundredth of max_intensity"):
+        with pytest.warns(UserWarning, match="are below a hundredth of max_int"):
             sweep_points(POINTS, max_intensity)
     sweep_points(POINTS * np.float32([1, 1, 1, 0]), 255)  # a sensor that tells none
 

@@ -92,9 +92,9 @@ def losses(
     if num_lost > usual_share * len(points):
         num_not_finite = np.count_nonzero(~_is_finite(points[:, :3]).all(axis=1))
         messages.append(
-            f"{num_lost} of {len(points)} points are dropped, {num_not_finite} with x, y, z not "
+            f"{num_lost} of {len(points)} points are left out, {num_not_finite} with x, y, z not "
             f"finite and {num_lost - num_not_finite} at 0, 0, 0: "
-            + (f"{num_left} remain" if num_left else "none remains, the cloud is empty")
+            + (f"{num_left} are left" if num_left else "none is left, the cloud is empty")
         )
     num_without_intensity = np.count_nonzero(~_is_finite(points[has_echo, 3]))
     if num_without_intensity:
@@ -184,7 +184,7 @@ def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, s
     num_places = len(np.unique(places))
     if num_places >= _DISTINCT_SHARE * len(points):
         return None
-    place_count = "one position" if num_places == 1 else f"{num_places} positions"
+    place_count = "one place" if num_places == 1 else f"{num_places} places"
     return (
         f"holds {len(points)} points at only {place_count}",
         "check its conversion: points of a LiDAR have distinct positions",
@@ -246,7 +246,7 @@ def cloud_fault(
         if _are_evenly_spread(intensities):
             return (
                 f"whole numbers from {intensities.min():.0f} to {intensities.max():.0f} "
-                "instead of intensities, each about equally often: they are probably ring numbers",
+                "instead of intensities, each about equally often: they look like ring numbers",
                 "give columns in the order x, y, z, intensity, and zeros for an unknown intensity",
             )
         return problem, (
@@ -382,7 +382,7 @@ def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:
 
 def _unlikeness(values: Float[np.ndarray, " count"], columns: int) -> float:
     """Mean of log(1 + difference) between numbers and the next row's."""
-    level = np.place_count(np.isfinite(values), values, _NOT_FINITE_VALUE).astype(np.float64)
+    level = np.where(np.isfinite(values), values, _NOT_FINITE_VALUE).astype(np.float64)
     steps = np.log1p(np.abs(level[columns:] - level[:-columns]))
     return float(steps.mean()) if len(steps) else _NOT_FINITE_VALUE
 

@@ -52,7 +52,7 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
     turn_deg = _turn_deg(rotation)
     if turn_deg <= _IDENTITY_DEG:
         return (
-            "has the identity as its rotation, so the camera's axes equal the LiDAR's "
+            "has the identity for its rotation, so the camera's axes equal the LiDAR's "
             "(forward, left, up), expected right, down, forward: give the camera's optical frame"
         )
     if turn_deg <= _SMALL_TURN_DEG:
