@@ -120,7 +120,7 @@ def test_fields_that_nobody_needs_may_hold_anything(tmp_path, bad):
     np.save(tmp_path / "cloud.npy", rows)
     assert read_cloud(tmp_path / "cloud.npy").tolist() == [[5, 0, 0, 0]] * 9
     np.save(tmp_path / "rows.npy", np.hstack([POINTS[:9], np.full((9, 2), bad)]))
-    with pytest.warns(UserWarning, match="have 6 columns: the first four are taken for x, y, z"):
+    with pytest.warns(UserWarning, match="have 6 columns: the first four are read as x, y, z"):
         np.testing.assert_array_equal(read_cloud(tmp_path / "rows.npy"), POINTS[:9])
 
 

@@ -73,7 +73,7 @@ def test_what_is_no_calibration_is_refused_with_the_matrix_name(camera, rigid, m
 def test_lens_distortion_is_refused_with_the_way_to_straighten_it():
     Calibration.from_matrices(CAMERA, RIGID, distortion=np.zeros(5))
     for distortion in ([-0.3, 0.1, 0, 0], torch.tensor([-0.3, 0.1])):
-        with pytest.raises(ValueError, match=r"distorts by -0.3, 0.1.* by sightline.undistort"):
+        with pytest.raises(ValueError, match=r"distortion is -0.3, 0.1.* with sightline.undistort"):
             Calibration.from_matrices(CAMERA, RIGID, distortion=distortion)
 
 

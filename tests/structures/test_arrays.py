@@ -190,7 +190,7 @@ def test_ring_numbers_in_the_place_of_intensities_are_told_as_such(columns, max_
 
 
 def test_negative_intensities_are_not_blamed_on_their_scale():
-    with pytest.raises(ValueError, match=r"intensities from -1 to 0, .*; write them from 0 on"):
+    with pytest.raises(ValueError, match=r"intensities from -1 to 0, .*; write intensities from 0"):
         sweep_points(np.float32([[3, 1, 0, -1], [4, 1, 0, 0]]))
 
 

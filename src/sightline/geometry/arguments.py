@@ -98,9 +98,7 @@ def sample_index(place: object, length: int) -> int:
     remedy = "for several samples: [dataset[index] for index in range(start, stop)]"
     if isinstance(place, str):
         remedy = f"for a name: dataset[dataset.sample_ids.index({short_repr(place)})]"
-    raise TypeError(
-        f"a data set is asked for a sample by its number, got {short_repr(place)}; {remedy}"
-    )
+    raise TypeError(f"a sample index must be a whole number, got {short_repr(place)}; {remedy}")
 
 
 def nearest(name: str, names: Collection[str]) -> str:
@@ -127,7 +125,6 @@ def plain_names(name: str, values: object, names: Sequence[Name]) -> tuple[Name,
     for value in values:
         if value not in names:
             hint = nearest(value, names) if isinstance(value, str) else ""
-            raise ValueError(
-                f"{name} holds {short_repr(value)}; {hint}name some of {', '.join(names)}"
-            )
+            valid = ", ".join(names)
+            raise ValueError(f"{name} contains {short_repr(value)}; {hint}choose from {valid}")
     return tuple(values)
