@@ -77,7 +77,10 @@ def test_the_levels_are_those_that_are_documented():
     assert KINDS["misalignment_spatial"].at(3).rotation_deg == 1
     assert KINDS["lidar_impulse_noise"].at(1).share == pytest.approx(1 / 30)
     assert KINDS["camera_gaussian_noise"].at(1).sigma_levels == pytest.approx((20.4, 20.4))
-    assert KINDS["sun_glare"].describe(5) == "radius 70 px, ghosts 0.02 of the points"
+    text = "radius 70 px, ghosts 0.02 of the points"
+    assert KINDS["sun_glare"].describe(5) == text
+    with pytest.warns(DeprecationWarning, match="call Kind.describe"):
+        assert KINDS["sun_glare"].said(5) == text
     assert len(KINDS) == 34
 
 

@@ -1,6 +1,7 @@
 """All kinds of corruption at five severities; levels are tabulated in the sensors' own units."""
 
 import difflib
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -89,6 +90,13 @@ class Kind:
             for quantity, number in zip(self.quantities, numbers, strict=True)
         )
 
+    def said(self, severity: int) -> str:
+        """Deprecated name of `describe`."""
+        warnings.warn(
+            "Kind.said is deprecated; call Kind.describe", DeprecationWarning, stacklevel=2
+        )
+        return self.describe(severity)
+
 
 def plain_severity(kind: str, severity: object) -> int:
     """Convert a severity of any number type to int: 3.0 and NumPy's 3 give 3, True is invalid.
@@ -110,11 +118,11 @@ def find_kind(name: str) -> Kind:
         ValueError: There is no such kind.
     """
     if name not in KINDS:
-        raise ValueError(unknown_name_message("there is no kind of corruption", name, tuple(KINDS)))
+        raise ValueError(unknown("there is no kind of corruption", name, tuple(KINDS)))
     return KINDS[name]
 
 
-def unknown_name_message(
+def unknown(
     problem: str, name: str, names: Sequence[str], listed: Iterable[str] | None = None
 ) -> str:
     """Describe an unknown name, with similar valid names and all of them.

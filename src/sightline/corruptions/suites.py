@@ -9,7 +9,7 @@ from sightline.corruptions.blank import CameraBlank, LidarBlank
 from sightline.corruptions.combined import JOINED, find_corruption
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption
 from sightline.corruptions.exposure import CameraIllumination
-from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, find_kind, unknown_name_message
+from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, find_kind, unknown
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
@@ -110,19 +110,16 @@ class Suite:
         left_out = set(kinds)
         there = tuple(dict.fromkeys(case.kind for case in self.cases if case.name != CLEAN))
         for name in sorted(left_out - set(there)):
-            raise ValueError(unknown_name_message(f"suite {self.name} has no kind", name, there))
+            raise ValueError(unknown(f"suite {self.name} has no kind", name, there))
         return tuple(case for case in self.cases if case.kind not in left_out)
 
     def _unknown(self, problem: str, name: str) -> str:
         names = self.case_names
         if len(names) <= _SHORT:
-            return unknown_name_message(problem, name, names)
+            return unknown(problem, name, names)
         rest = [case.name for case in self.cases if case.severity is None]
         listed = (*rest, *self.kinds)
-        return (
-            unknown_name_message(problem, name, (*names, *self.kinds), listed)
-            + ", or KIND-1 to KIND-5"
-        )
+        return unknown(problem, name, (*names, *self.kinds), listed) + ", or KIND-1 to KIND-5"
 
 
 def _dgfn7(name: str, noise: Corruption) -> Suite:
@@ -196,7 +193,7 @@ def find_suite(name: str) -> Suite:
         return SUITES[name]
     names = tuple(name.split(JOINED))
     if len(names) == 1 and name not in KINDS:
-        message = unknown_name_message("there is no suite", name, (*SUITES, *KINDS), tuple(SUITES))
+        message = unknown("there is no suite", name, (*SUITES, *KINDS), tuple(SUITES))
         raise ValueError(f"{message}, a kind, or kinds as camera_fog+lidar_fog")
     kinds = [find_kind(each) for each in names]
     return severity_suite(name, kinds) if len(kinds) == 1 else _joint_suite(name, kinds)

@@ -174,7 +174,7 @@ def read_limits(path: Path = SHIPPED) -> HealthLimits:
     except KeyError as error:
         raise FileError(path, f"holds no limits: {error} is not in it", remedy) from error
     except (TypeError, ValueError, RecursionError) as error:
-        raise FileError(path, f"contains no limits of these checks ({error})", remedy) from error
+        raise FileError(path, f"holds no limits of these checks ({error})", remedy) from error
 
 
 def _by_sensor(limits: HealthLimits) -> dict[str, SensorLimits]:

@@ -60,7 +60,7 @@ class FrameFiles:
     calibration: Path | None
     """Calibration file; None if the day's calibration applies to all frames."""
 
-    def all_exist(self) -> bool:
+    def are_there(self) -> bool:
         """Whether all files exist; an existing file is complete."""
         paths = [self.image, self.points, self.objects, self.depth, self.sparse_depth]
         paths += [self.instances, self.calibration]
@@ -320,7 +320,7 @@ def simulate(
         layout = ObjectLayout(root=out, velodyne=velodyne, camera=config.camera)
         frames = layout.num_planned(frames)
         indices = list(shard(range(frames), shard_index, num_shards))
-    pending = [index for index in indices if not layout.frame(index).all_exist()]
+    pending = [index for index in indices if not layout.frame(index).are_there()]
     for index in pending:
         action = partial(_write_frame, layout, config, streets, velodyne, index)
         works.append(_Work(f"frame {index}", action))
