@@ -65,10 +65,10 @@ def main(
 def _row(
     title: str, sample: CameraLidarSample, predictor: DetectionPredictor, width_px: int
 ) -> Picture:
-    answer = predictor(sample)
-    assert answer.camera_gate is not None, "it has gates"
-    assert answer.lidar_gate is not None, "it has gates"
-    found = answer.detections.filter_by_score(DRAWN_SCORE)
+    prediction = predictor(sample)
+    assert prediction.camera_gate is not None, "it has gates"
+    assert prediction.lidar_gate is not None, "it has gates"
+    found = prediction.detections.filter_by_score(DRAWN_SCORE)
     cells = [
         titled_cell(
             name,
@@ -76,8 +76,8 @@ def _row(
             _with_boxes(scaled_to_width(picture, width_px), sample, found),
         )
         for name, sensor, picture, gate in (
-            (title, "camera", camera_picture(sample), answer.camera_gate),
-            ("", "LiDAR", sweep_picture(sample), answer.lidar_gate),
+            (title, "camera", camera_picture(sample), prediction.camera_gate),
+            ("", "LiDAR", sweep_picture(sample), prediction.lidar_gate),
         )
     ]
     return np.concatenate(cells, axis=1)

@@ -40,7 +40,7 @@ def main(
         out: Picture to write.
         first_seed: Seed of the first frame; the others follow.
         frames: Number of frames, even.
-        hard_negatives: Whether the streets are full of things that look like people and cars.
+        hard_negatives: Whether streets have many objects that look like people and cars.
     """
     seeds = range(first_seed, first_seed + frames)
     rows = [

@@ -60,9 +60,9 @@ def _row(kind: Kind, sensor: Sensor, sample: CameraLidarSample, seed: int) -> Pi
         found = kind.at(severity).corrupt(sample, fault_rng(sample, seed, kind.name))
         title = np.full((_TITLE_PX, _WIDTH_PX, 3), _PAGE, dtype=np.uint8)
         named = f"{kind.name}-1" if severity == 1 else str(severity)
-        said = f"{named}   {kind.said(severity)}"
-        height_px = next(px for px in _TEXT_PX if text_width(said, px) < _WIDTH_PX)
-        put_text(title, said, 1, _TITLE_PX - 5, height_px=height_px, color=_TEXT)
+        caption = f"{named}   {kind.describe(severity)}"
+        height_px = next(px for px in _TEXT_PX if text_width(caption, px) < _WIDTH_PX)
+        put_text(title, caption, 1, _TITLE_PX - 5, height_px=height_px, color=_TEXT)
         cell = np.concatenate((title, _scaled(_picture(found, sensor))))
         cells.append(cv2.copyMakeBorder(cell, 0, 0, _GAP_PX, 0, cv2.BORDER_CONSTANT, value=_PAGE))
     return np.concatenate(cells, axis=1).astype(np.uint8, copy=False)

@@ -67,9 +67,9 @@ def main(
         paper_repeats: Number of timed frames of the paper's network, which is slow on a CPU.
     """
     context = multiprocessing.get_context("spawn")
-    ways = [(engine, "float32") for engine in engines]
-    ways[1:1] = [("torch", "bfloat16")] if "torch" in engines else []
-    rows = [(name, *way) for name in networks for way in ways]
+    runs = [(engine, "float32") for engine in engines]
+    runs[1:1] = [("torch", "bfloat16")] if "torch" in engines else []
+    rows = [(name, *run) for name in networks for run in runs]
     print(
         f"{'network':<26}{'engine':<13}{'precision':<10}{'median ms':>10}{'95 %':>9}{'network':>9}"
         f"{'MiB':>7}{'GFLOP':>8}{'M':>7}"

@@ -41,8 +41,8 @@ from sightline.visualization.precision_recall import draw_precision_recall
 
 _COUNTS: Final = (100, 300)  # proposals of a frame
 _FEW_PASSES: Final = {0: "stage 1 alone", 1: "refined once", 2: "refined twice"}
-_MOST_CURVES: Final = 4  # in one chart
-_LEAST_HEAT: Final = 0.01  # of a proposal, where as many as that are asked for
+_MAX_CURVES: Final = 4  # in one chart
+_MIN_HEAT: Final = 0.01  # minimum heat of a proposal, to get as many as requested
 _OVERLAPS: Final = {"strict": STRICT, "loose": LOOSE}  # 0.7 and 0.5 for cars
 
 
@@ -81,11 +81,11 @@ def main(
     for number, name in enumerate(weights):
         loaded = load_network(NETWORK_TASK, name)
         loaded = _changed(loaded, replace(loaded.network.config, flip_test=False, axes=None))
-        answers = _score_answers(loaded, scene, out / loaded.name)
-        rows += (row for row, _ in answers)
+        scored_passes = _score_passes(loaded, scene, out / loaded.name)
+        rows += (row for row, _ in scored_passes)
         rows.append(_score_proposals(loaded, scene, out / loaded.name / "proposals"))
         if picture is not None and number == 0:
-            curves = dict(itertools.islice((curve for _, curve in answers), _MOST_CURVES))
+            curves = dict(itertools.islice((curve for _, curve in scored_passes), _MAX_CURVES))
             write_rgb(picture, draw_precision_recall("Car, 3D IoU 0.7, moderate", curves))
     setting = {"frames": len(samples), "sample_list": sample_list, "velodyne": velodyne}
     print_record({**setting, "results": rows}, seed=0, weights=weights)
@@ -101,7 +101,7 @@ class _Scene(NamedTuple):
     engine: EngineName
 
 
-def _score_answers(
+def _score_passes(
     loaded: LoadedNetwork[Detector3D], scene: _Scene, out: Path
 ) -> list[tuple[dict[str, Any], tuple[str, PrecisionRecall]]]:
     """Score each number of passes; with the named curve of moderate cars."""
@@ -121,7 +121,7 @@ def _score_answers(
         }
         row: dict[str, Any] = {"weights": loaded.name, "passes": passes}
         row |= {
-            overlaps: _without_curves(report.to_json()["entries"])
+            overlaps: _drop_curves(report.to_json()["entries"])
             for overlaps, report in reports.items()
         }
         _print_cars(row)
@@ -161,7 +161,7 @@ def _variants(
 def _changed(
     loaded: LoadedNetwork[Detector3D], config: Detection3DConfig
 ) -> LoadedNetwork[Detector3D]:
-    """Give the network other settings; the weights stay the same."""
+    """Build the network with other settings and the same weights."""
     network = Detector3D(config)
     kept = {name: loaded.weights.tensors[name] for name in network.state_dict()}
     fill_network(network, kept)
@@ -172,32 +172,32 @@ def _changed(
 def _detect(loaded: LoadedNetwork[Detector3D], scene: _Scene, results: Path) -> None:
     runners = StageRunners(loaded, engine=scene.engine, threads=1)
 
-    def answer(sweep: Sweep) -> Detections3D:
+    def predict(sweep: Sweep) -> Detections3D:
         return runners.refine(sweep, runners.propose(sweep))
 
-    _write_answers(answer, loaded, scene.samples, results)
+    _write_predictions(predict, loaded, scene.samples, results)
 
 
 def _propose(loaded: LoadedNetwork[Detector3D], scene: _Scene, results: Path) -> None:
     """Write as many proposals as are counted, whatever the network's own number."""
-    config, most = loaded.network.config, max(_COUNTS)
+    config, max_count = loaded.network.config, max(_COUNTS)
     many = replace(
         config,
-        proposals=replace(config.proposals, num_proposals=most),
-        centers=replace(config.centers, max_boxes=most, min_heat=_LEAST_HEAT),
+        proposals=replace(config.proposals, num_proposals=max_count),
+        centers=replace(config.centers, max_boxes=max_count, min_heat=_MIN_HEAT),
         refinement=None,
         regions=None,
     )
     runners = StageRunners(_changed(loaded, many), engine=scene.engine, threads=1)
 
-    def answer(sweep: Sweep) -> Detections3D:
+    def predict(sweep: Sweep) -> Detections3D:
         return runners.detector.as_detections(*runners.propose(sweep)[:3])
 
-    _write_answers(answer, loaded, scene.samples, results)
+    _write_predictions(predict, loaded, scene.samples, results)
 
 
-def _write_answers(
-    answer: Callable[[Sweep], Detections3D],
+def _write_predictions(
+    predict: Callable[[Sweep], Detections3D],
     loaded: LoadedNetwork[Detector3D],
     samples: Sequence[CameraLidarSample],
     results: Path,
@@ -208,7 +208,7 @@ def _write_answers(
     for sample in track(samples, description=f"{loaded.name}, {results.name}"):
         path = results / f"{sample.sample_id}.txt"
         if not path.exists():
-            write_results(path, sample, answer(network_sweep(sample, settings)))
+            write_results(path, sample, predict(network_sweep(sample, settings)))
 
 
 def _moderate_cars(report: ObjectReport) -> PrecisionRecall:
@@ -219,7 +219,7 @@ def _moderate_cars(report: ObjectReport) -> PrecisionRecall:
     )
 
 
-def _without_curves(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _drop_curves(entries: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Select the 3D and bird's-eye-view entries, without their curves."""
     curves = ("precision", "thresholds", "tp", "fp", "fn")
     return [
@@ -233,13 +233,13 @@ def _print_cars(row: dict[str, Any]) -> None:
     print(f"{row['weights']}, refined {row['passes']} times")
     for overlaps in _OVERLAPS:
         for metric in ("3d", "bev"):
-            of_cars = [
+            car_entries = [
                 entry
                 for entry in row[overlaps]
                 if entry["class"] == "Car" and entry["metric"] == metric
             ]
             columns = (
-                f"{key} " + " / ".join(f"{entry[key]:5.1f}" for entry in of_cars)
+                f"{key} " + " / ".join(f"{entry[key]:5.1f}" for entry in car_entries)
                 for key in ("AP_all_points", "AP_R40", "AP_R11")
             )
             print(f"  {metric:<4}{overlaps:<7}{'   '.join(columns)}")
@@ -247,12 +247,12 @@ def _print_cars(row: dict[str, Any]) -> None:
 
 def _print_recalls(row: dict[str, Any]) -> None:
     for count, entries in row["recall"].items():
-        told = (
+        texts = (
             f"{entry['iou']}: {entry['recall']:.1f}"
             for entry in entries
             if (entry["class"], entry["metric"], entry["difficulty"]) == ("Car", "3d", "moderate")
         )
-        print(f"  recall of moderate cars with {count} proposals, at 3D IoU {', '.join(told)}")
+        print(f"  recall of moderate cars with {count} proposals, at 3D IoU {', '.join(texts)}")
 
 
 if __name__ == "__main__":

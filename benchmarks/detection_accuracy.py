@@ -97,10 +97,10 @@ def main(
                     )
                     scores += _scores(report, iou, _METRICS[task.name])
             results.append({"weights": name, "case": case.name, "scores": scores})
-            shown = " ".join(
+            scores_text = " ".join(
                 f"{row['class']} {row['metric']} {row['iou']}: {row['ap'][1]:.1f}" for row in scores
             )
-            print(f"{name:<22} {case.name:<20} {shown}")
+            print(f"{name:<22} {case.name:<20} {scores_text}")
     print_record(
         {
             "frames": len(samples),

@@ -59,8 +59,8 @@ def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int =
             if number + 1 in (first, samples):
                 gc.collect()
                 sizes[number + 1] = round(_resident_mib(), 1)
-        told = ", ".join(f"{size:.0f} MiB after {number:,}" for number, size in sizes.items())
-        print(f"{name:<12} {told}")
+        sizes_text = ", ".join(f"{size:.0f} MiB after {number:,}" for number, size in sizes.items())
+        print(f"{name:<12} {sizes_text}")
         results.append({"work": name, "resident_mib": sizes})
     print_record({"suite": suite, "results": results}, seed=seed)
 

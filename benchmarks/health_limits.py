@@ -71,12 +71,10 @@ def main(
             provenance,
             transfer=True,
             camera_spreads=(
-                camera_checks.JPEG_LEAST_SPREADS if is_jpeg else camera_checks.LEAST_SPREADS
+                camera_checks.JPEG_MIN_SPREADS if is_jpeg else camera_checks.MIN_SPREADS
             ),
             lidar_spreads=(
-                lidar_checks.LEAST_SPREADS
-                if every_ring == 1
-                else lidar_checks.FEW_RINGS_LEAST_SPREADS
+                lidar_checks.MIN_SPREADS if every_ring == 1 else lidar_checks.FEW_RINGS_MIN_SPREADS
             ),
         )
         write_limits(out / f"{name}.json", limits)

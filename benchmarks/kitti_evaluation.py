@@ -75,8 +75,8 @@ def _write_jittered(
 ) -> int:
     """Write a frame's result file of jittered copies of its objects, and return their number."""
     truth = read_labels(labels / f"{name}.txt")
-    wanted = [i for i, kind in enumerate(truth.class_names) if kind != "DontCare"]
-    chosen = np.repeat(np.array(wanted, dtype=np.int64), copies)
+    kept = [i for i, kind in enumerate(truth.class_names) if kind != "DontCare"]
+    chosen = np.repeat(np.array(kept, dtype=np.int64), copies)
 
     def jitter(values: np.ndarray, spread: float) -> np.ndarray:
         return values[chosen] + generator.normal(scale=spread, size=values[chosen].shape)
@@ -92,7 +92,7 @@ def _write_jittered(
         rotation_y=jitter(truth.rotation_y, 0.05),
         scores=generator.normal(size=len(chosen)),
     )
-    # every tenth detection is clutter, far from what it was made of
+    # every tenth detection is clutter, far from its object
     clutter = generator.random(len(chosen)) < 0.1
     found = replace(found, locations=found.locations + 20.0 * clutter[:, None])
     write_objects(results / f"{name}.txt", found)

@@ -28,11 +28,11 @@ class Latency:
     median_ms: float
     percentile_95_ms: float
     repeats: int
-    """Number of timed calls, without those that warm up."""
+    """Number of timed calls, without the warm-up."""
     peak_memory_mib: float | None
-    """Most memory in use at once during the calls, those that warm up included, less what was in
-    use before them: of the GPU as PyTorch allots it, or of the process, which keeps what earlier
-    calls took. None where the system does not tell."""
+    """Peak memory during the calls, including the warm-up, minus the memory in use before: GPU
+    memory allocated by PyTorch, or memory of the process, which keeps memory of earlier calls.
+    None if the system does not report it."""
 
     def to_json(self) -> dict[str, object]:
         """Convert to the content of a report file."""
@@ -80,7 +80,7 @@ def measure_latency(
             f"repeats must be at least 1 and warm_up at least 0, got {repeats} and {warm_up}"
         )
     device = torch.device(device)
-    # Before the first call: libraries keep what it takes, so later ones seem to need nothing.
+    # Before the first call: libraries keep its memory, so later calls seem to need none.
     before_mib = _start_watching_memory(device)
     for _ in range(warm_up):
         run()
@@ -118,7 +118,7 @@ def count_cost(module: nn.Module, inputs: Mapping[str, Tensor]) -> Cost:
 
 
 class _TrafficCounter(TorchDispatchMode):  # type: ignore[no-untyped-call]
-    """Sum of the bytes of tensors that operators read and write; views move nothing."""
+    """Sum of the bytes of tensors that operators read and write; views count nothing."""
 
     def __init__(self) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
@@ -181,7 +181,7 @@ def _peak_memory_mib(device: torch.device) -> float | None:
 
 
 def _own_memory_mib(entry: str) -> float | None:
-    """Read an entry of the system's account of this process; None where there is none."""
+    """Read an entry of the system's status of this process; None if there is none."""
     if not _OWN_STATUS.is_file():
         return None
     found = re.search(rf"^{entry}:\s+(\d+) kB$", _OWN_STATUS.read_text(), re.MULTILINE)

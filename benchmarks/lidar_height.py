@@ -24,7 +24,7 @@ from sightline.jobs.progress import track
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import choose_task
 
-_TELL_HEIGHT = 5  # sweeps, as of a recording
+_NUM_HEIGHT_SWEEPS = 5  # sweeps, as of a recording
 
 
 def main(
@@ -36,7 +36,7 @@ def main(
     shifts_m: Sequence[float] = (0.0, 0.6, -0.5),
     engine: EngineName = "openvino",
 ) -> None:
-    """Score each height and each way to give it.
+    """Score each height and each source of the given height.
 
     Args:
         data: KITTI object tree with labels.
@@ -58,12 +58,18 @@ def main(
     rows: list[dict[str, object]] = []
     for up_m in shifts_m:
         moved = [at_height(sample, up_m) for sample in samples]
-        seen = [sample.points.numpy() for sample in moved if sample.points is not None]
-        by_road_m = drive_height_m(seen[:: max(frames // _TELL_HEIGHT, 1)][:_TELL_HEIGHT])
-        told = {"nothing": None, "its height": KITTI_LIDAR_HEIGHT_M + up_m, "the road": by_road_m}
-        for how, height_m in told.items():
+        sweeps = [sample.points.numpy() for sample in moved if sample.points is not None]
+        by_road_m = drive_height_m(
+            sweeps[:: max(frames // _NUM_HEIGHT_SWEEPS, 1)][:_NUM_HEIGHT_SWEEPS]
+        )
+        heights_m = {
+            "nothing": None,
+            "its height": KITTI_LIDAR_HEIGHT_M + up_m,
+            "the road": by_road_m,
+        }
+        for source, height_m in heights_m.items():
             with tempfile.TemporaryDirectory() as out:
-                for sample in track(moved, description=f"{up_m:+.1f} m, told {how}"):
+                for sample in track(moved, description=f"{up_m:+.1f} m, height: {source}"):
                     given = replace(sample, lidar_height_m=height_m)
                     path = Path(out) / f"{sample.sample_id}.txt"
                     task.outputs[0].write(path, given, predictor(given))
@@ -74,14 +80,14 @@ def main(
                 for entry in report["entries"]
                 if entry["metric"] == metric and entry["difficulty"] == "moderate"
             }
-            rows.append({"up_m": up_m, "told": how, "height_m": height_m, **scores})
+            rows.append({"up_m": up_m, "told": source, "height_m": height_m, **scores})
             print(" ".join(f"{key} {value}" for key, value in rows[-1].items()))
     setting = {"frames": frames, "metric": f"{metric} AP_R40 moderate"}
     print_record({**setting, "results": rows}, seed=None, weights=[weights])
 
 
 def at_height(sample: CameraLidarSample, up_m: float) -> CameraLidarSample:
-    """Give the sample a LiDAR whose origin is higher by `up_m`."""
+    """Raise the origin of a sample's LiDAR by `up_m`."""
     assert sample.points is not None, "detectors need sweeps"
     old_from_new = torch.eye(4, dtype=torch.float64)
     old_from_new[2, 3] = up_m

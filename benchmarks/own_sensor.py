@@ -1,7 +1,7 @@
 """Other sensors than KITTI's, from a folder to scores: `python -m benchmarks.own_sensor OUT`.
 
-The same simulated streets are taken by several rigs, each laid out as a recording of one's own
-(JPG, .npy, one YAML file that does not tell the LiDAR's height), checked, perceived by all tasks,
+The same simulated streets are recorded by several rigs, each in the layout of a user's recording
+(JPG, .npy, one YAML file without the LiDAR's height), checked, perceived by all tasks,
 and scored. Prints a Markdown table, then one line of JSON: benchmarks/results/own_sensor.json.
 
 Difficulties are by pixels of KITTI's image, which a camera of a longer focal length reaches with
@@ -39,7 +39,7 @@ from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.settings import KITTI_FOCAL_PX
 
 _TASKS: Final[Mapping[str, Metric]] = {"detection2d": "bbox", "detection3d": "3d"}
-_SHOWN: Final = ("Car", "Pedestrian")
+_TABLE_CLASSES: Final = ("Car", "Pedestrian")
 _BOOTSTRAP: Final = 1000
 
 
@@ -53,7 +53,7 @@ class ObjectScore:
     ap_r40: float
     """Percent, like the next two."""
     ap_all_points_95: tuple[float, float] | None
-    """95 % interval of the area under the whole curve; None where nothing counts."""
+    """95 % interval of the area under the whole curve; None without counted objects."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -106,23 +106,23 @@ def main(
     perceiver = MultiTaskPredictor.load(engine=engine, threads=1)
     results = []
     for rig in rigs:
-        recording, answers = out / rig, out / f"{rig}-perceived"
+        recording, predictions = out / rig, out / f"{rig}-perceived"
         for index in track(range(frames), description=f"taking {rig}"):
             record_street(RIGS[rig], recording, seed=seed, index=index)
-        told = (*map(str, summarize_tree(recording)), *map(str, check_tree(recording)))
-        print("\n".join(told))
-        perceive(recording, answers, perceiver=perceiver)
+        check_lines = (*map(str, summarize_tree(recording)), *map(str, check_tree(recording)))
+        print("\n".join(check_lines))
+        perceive(recording, predictions, perceiver=perceiver)
         results.append(
             RigScores(
                 rig=rig,
-                check=tuple(line.replace(str(recording), rig) for line in told),
+                check=tuple(line.replace(str(recording), rig) for line in check_lines),
                 lidar_height_m=open_dataset(recording)[0].lidar_height_m,
-                objects=score_objects(recording, answers),
+                objects=score_objects(recording, predictions),
                 objects_in_kitti_pixels=score_objects(
-                    recording, answers, scale=KITTI_FOCAL_PX / RIGS[rig].focal_px
+                    recording, predictions, scale=KITTI_FOCAL_PX / RIGS[rig].focal_px
                 ),
-                depth=score_depth(recording, answers),
-                median_ms=_median_ms(answers),
+                depth=score_depth(recording, predictions),
+                median_ms=_median_ms(predictions),
             )
         )
     print("\n".join(_table(results)))
@@ -131,14 +131,16 @@ def main(
     print_record({"frames": frames, "engine": engine, "results": rows}, seed=seed, weights=made_by)
 
 
-def score_objects(recording: Path, answers: Path, *, scale: float = 1.0) -> tuple[ObjectScore, ...]:
+def score_objects(
+    recording: Path, predictions: Path, *, scale: float = 1.0
+) -> tuple[ObjectScore, ...]:
     """Score both detectors, with boxes in the image resized by `scale`."""
     scores: list[ObjectScore] = []
     for task, metric in _TASKS.items():
         with tempfile.TemporaryDirectory() as folder:
             results, labels = Path(folder, "results"), Path(folder, "labels")
             for path in sorted((recording / "labels").glob("*.txt")):
-                found, true = read_results(answers / task / path.name), read_labels(path)
+                found, true = read_results(predictions / task / path.name), read_labels(path)
                 for place, objects in ((results, found), (labels, true)):
                     resized = replace(objects, boxes2d=objects.boxes2d * scale)
                     write_objects(place / path.name, resized, decimals=None)
@@ -164,14 +166,14 @@ def _interval(entry: ObjectEntry) -> tuple[float, float] | None:
     return round(points.low, 2), round(points.high, 2)
 
 
-def score_depth(recording: Path, answers: Path) -> DepthScore:
+def score_depth(recording: Path, predictions: Path) -> DepthScore:
     """Score the depth maps against the simulator's."""
     dataset = open_dataset(recording, parts=("points", "depth"))
     rows = []
     for index in track(range(len(dataset)), description="scoring depth"):
         sample = dataset[index]
         truth_m = dense_truth_in_reach(sample).numpy()
-        depth_m = read_depth_png(answers / "depth-completion" / f"{sample.sample_id}.png")
+        depth_m = read_depth_png(predictions / "depth-completion" / f"{sample.sample_id}.png")
         is_scored = truth_m > 0
         error_mm = 1e3 * np.abs(depth_m.astype(np.float64) - truth_m)[is_scored]
         row = [np.sqrt(np.mean(error_mm**2)), np.mean(error_mm), np.median(error_mm)]
@@ -181,14 +183,14 @@ def score_depth(recording: Path, answers: Path) -> DepthScore:
     return DepthScore(**dict(zip(names, means, strict=True)))
 
 
-def _median_ms(answers: Path) -> dict[str, float]:
-    lines = (answers / TIMINGS_NAME).read_text().splitlines()
+def _median_ms(predictions: Path) -> dict[str, float]:
+    lines = (predictions / TIMINGS_NAME).read_text().splitlines()
     times = [json.loads(line)["milliseconds"] for line in lines]
     return {name: statistics.median(each[name] for each in times) for name in times[0]}
 
 
 def _table(results: Sequence[RigScores]) -> Iterator[str]:
-    heads = [f"{metric}: {name}" for metric in ("2D", "3D") for name in _SHOWN]
+    heads = [f"{metric}: {name}" for metric in ("2D", "3D") for name in _TABLE_CLASSES]
     columns = ("sensors", "pixels", *heads, "depth: RMSE", "MAE", "median [mm]")
     yield f"| {' | '.join(columns)} |"
     yield "|---" * len(columns) + "|"
@@ -203,7 +205,7 @@ def _table(results: Sequence[RigScores]) -> Iterator[str]:
 
 
 def _cells(scores: Sequence[ObjectScore]) -> list[str]:
-    shown = [each for each in scores if each.class_name in _SHOWN]
+    shown = [each for each in scores if each.class_name in _TABLE_CLASSES]
     return [f"{each.ap_r40:.1f} ({each.num_objects})" for each in shown]
 
 

@@ -82,14 +82,14 @@ RIGS: Final[Mapping[str, Rig]] = {
         lidar=replace(LIDARS["hdl-32e"], height_m=_OWN_HEIGHT_M),
     ),
 }
-"""The sensors of the table; those in between tell what of a loss comes from the beams."""
+"""Sensors of the table; the intermediate ones separate the loss by fewer beams."""
 
 
 def record_street(rig: Rig, folder: Path, *, seed: int, index: int) -> None:
     """Record one street as a frame of a recording, in the layout of docs/recordings.md.
 
     JPG, .npy with intensities up to 255, labels, dense depth; a frame that is there is kept. The
-    calibration does not tell the LiDAR's height.
+    calibration does not contain the LiDAR's height.
     """
     name = f"{index:06d}"
     cloud_path = folder / "points" / f"{name}.npy"

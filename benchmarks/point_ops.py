@@ -12,10 +12,10 @@ sees of it, drawn to 16,384 points; 300 proposals: 220 around its objects, 80 ar
   mask and a draw for each box.
 - recall: IoUs of the 300 proposals and the objects, and which objects reach 0.5.
 
-"plain torch" is what serves other devices. Times are processor time, which other programs on the
-machine disturb least, and would show any second thread. Where the answer is not ours to the last
-index, the table says so: RoI pooling by numpy draws other points; the trees of fpsample 1.0.2 start
-at another point than the one that they are given, its plain method parts from numpy's at ties.
+"plain torch" is the implementation for other devices. Times are processor time of all threads,
+which other programs on the machine disturb least. The table marks results with other indices than
+Sightline's: RoI pooling by numpy draws other points; the trees of fpsample 1.0.2 start at another
+point than the given one, and its plain method differs from numpy's at ties.
 """
 
 import importlib
@@ -66,9 +66,9 @@ def main(repeats: int = 15) -> None:
     scene = make_scene(np.random.default_rng(0))
     results = []
     for operation, methods in operations(scene).items():
-        answers = {name: method() for name, method in methods.items()}  # warms up, too
+        outputs = {name: method() for name, method in methods.items()}  # warms up, too
         same = {
-            name: np.array_equal(answer, answers["sightline"]) for name, answer in answers.items()
+            name: np.array_equal(output, outputs["sightline"]) for name, output in outputs.items()
         }
         times: dict[str, list[float]] = {name: [] for name in methods}
         for _ in range(repeats):  # in turns, so that all meet the same disturbances
@@ -80,7 +80,7 @@ def main(repeats: int = 15) -> None:
             results.append(row | {"iqr_ms": high - low, "same_answer": same[name]})
             print(
                 f"{operation:<14} {name:<14} {median:9.2f} ms  (IQR {high - low:.2f})"
-                f"{'' if same[name] else '  another answer'}"
+                f"{'' if same[name] else '  another result'}"
             )
     setting = {
         "points": POINTS,
@@ -95,9 +95,9 @@ def main(repeats: int = 15) -> None:
 def milliseconds(method: Method) -> float:
     """Processor time of this process for one call."""
     start = time.process_time_ns()
-    answer = method()
+    result = method()
     taken = (time.process_time_ns() - start) / 1e6
-    del answer  # its memory is not given back within the time
+    del result  # its memory is not given back within the time
     return taken
 
 

@@ -2,8 +2,8 @@
 
 One thread, processor time. 64 regions of 512 points of each simulated frame that comes with
 Sightline, in the published sizes: inputs, forward and backward pass. "every neighbour" computes
-all 64 of each centre, most of which are copies; "sightline" the distinct ones alone. The largest
-difference of the boxes is told with them. The last line is JSON.
+all 64 of each centre, mostly copies; "sightline" only the distinct ones. The largest
+difference of the boxes is printed, too. The last line is JSON.
 """
 
 import statistics
@@ -74,20 +74,22 @@ def main(repeats: int = 3) -> None:
             for name, stage in stages.items():
                 start = time.process_time()
                 loss = Detection3DLossConfig()
-                regions, wanted = stage.examples(sweep, proposed, truth, loss, seed=number)
+                regions, targets = stage.examples(sweep, proposed, truth, loss, seed=number)
                 output = stage(**regions.inputs)
-                torch.autograd.backward(stage.losses(output, regions, wanted, loss).total)
+                torch.autograd.backward(stage.losses(output, regions, targets, loss).total)
                 if turn:
                     times[name].append(1000 * (time.process_time() - start))
                     boxes[name].append(output.boxes.detach())
-    ours = statistics.median(times["sightline"])
+    own_median = statistics.median(times["sightline"])
     results = []
     for name, measured in times.items():
         pairs = zip(boxes[name], boxes["sightline"], strict=True)
         error = max(float((one - other).abs().max()) for one, other in pairs)
         median = statistics.median(measured)
-        results.append({"method": name, "median_ms": median, "times_sightline": median / ours})
-        print(f"{name:<16} {median:9.1f} ms  {median / ours:5.1f} x  difference {error:.1e}")
+        results.append(
+            {"method": name, "median_ms": median, "times_sightline": median / own_median}
+        )
+        print(f"{name:<16} {median:9.1f} ms  {median / own_median:5.1f} x  difference {error:.1e}")
     setting = {"regions": 64, "points": 512, "repeats": repeats, "threads": 1}
     print_record({**setting, "results": results}, seed=0)
 

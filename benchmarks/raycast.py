@@ -1,14 +1,14 @@
-"""Times rays against streets, ours and embreex's own: `python -m benchmarks.raycast`.
+"""Times of ray casting by Sightline and by embreex: `python -m benchmarks.raycast`.
 
-One run, in turns, a process each: beside ours, helper threads of embreex's device would run without
-pause. Its last line is kept in benchmarks/results/raycast.json. Both call the same Embree library,
-which the package embreex brings along: `Raycaster` by itself, the peer through the classes
-`TriangleMesh` and `EmbreeScene` of embreex.
+One run, in turns, one process each: in a shared process, helper threads of embreex's device would
+run without pause. Its last line is kept in benchmarks/results/raycast.json. Both call the Embree
+library in the package embreex: `Raycaster` directly, the peer through the classes `TriangleMesh`
+and `EmbreeScene` of embreex.
 
 - search tree: a mesh is handed over and the tree is built (embreex builds it at the first cast).
-- camera: a ray through each pixel of 1242x375, of which neighbours look alike.
-- around: a ray in any direction from what every second pixel shows.
-- shadow: whether those points see a sun that stands high on the left.
+- camera: a ray through each pixel of 1242x375, with nearly equal neighbours.
+- around: a ray in a random direction from the surface of every second pixel.
+- shadow: visibility of a sun high on the left from these points.
 
 Processor time, which other programs on the machine disturb least and which counts helper threads,
 too; the sum over the streets, median over the repeats.
@@ -34,7 +34,7 @@ from sightline.simulation.scene import Mesh
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import calibration_of, lidar_of, simulate_street
 
-_LIFT = np.float32(0.999)  # of the way to a surface, where rays around it start
+_LIFT = np.float32(0.999)  # share of the distance to a surface at which rays around it start
 _SUN = np.array((0.48, 0.36, 0.8), np.float32)
 _STAGES = ("search tree", "camera", "around", "shadow")
 
@@ -49,12 +49,12 @@ class Work(NamedTuple):
 
 
 class Peer(Protocol):
-    """A way to cast rays."""
+    """Interface to cast rays."""
 
     def __init__(self, mesh: Mesh) -> None:
         """Build the search tree."""
 
-    def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
+    def cast_rays(self, rays: Rays) -> tuple[ndarray, ndarray]:
         """Cast rays of neighbouring pixels: faces, distances and weights of corners."""
 
     def scatter(self, rays: Rays) -> tuple[ndarray, ndarray]:
@@ -64,13 +64,13 @@ class Peer(Protocol):
         """Test whether rays meet anything."""
 
 
-class Ours:
-    """Our `Raycaster`."""
+class Sightline:
+    """`Raycaster` of Sightline."""
 
     def __init__(self, mesh: Mesh) -> None:
         self._raycaster = Raycaster(mesh)
 
-    def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
+    def cast_rays(self, rays: Rays) -> tuple[ndarray, ndarray]:
         """Cast coherent rays, like the camera."""
         hits = self._raycaster.cast(*rays, coherent=True)
         return hits.faces, hits.distances
@@ -94,12 +94,12 @@ class Embreex:
         ray = np.ones((1, 3), np.float32)
         self._scene.run(ray, ray)
 
-    def look(self, rays: Rays) -> tuple[ndarray, ndarray]:
+    def cast_rays(self, rays: Rays) -> tuple[ndarray, ndarray]:
         """Cast rays one by one."""
         found = self._scene.run(*rays, output=1)
         return found["primID"], found["tfar"]
 
-    scatter = look
+    scatter = cast_rays
 
     def shade(self, rays: Rays) -> ndarray:
         """Cast rays one by one."""
@@ -107,7 +107,7 @@ class Embreex:
         return first >= 0
 
 
-PEERS: dict[str, type[Peer]] = {"sightline": Ours, "embreex": Embreex}
+PEERS: dict[str, type[Peer]] = {"sightline": Sightline, "embreex": Embreex}
 
 
 def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
@@ -130,12 +130,12 @@ def main(streets: int = 6, repeats: int = 5, seed: int = 11) -> None:
         }
         for name, rows in times.items()
     }
-    for stage, ours in results["sightline"].items():
-        theirs = results["embreex"][stage]
-        print(f"{stage:<12} {ours:8.1f} ms  embreex {theirs:8.1f} ms  {theirs / ours:5.2f} x")
-    (our_faces, our_depths), (their_faces, their_depths) = seen
-    others = our_faces != their_faces
-    elsewhere = others & ~np.isclose(our_depths, their_depths, rtol=1e-5, atol=0.0)
+    for stage, own_ms in results["sightline"].items():
+        peer_ms = results["embreex"][stage]
+        print(f"{stage:<12} {own_ms:8.1f} ms  embreex {peer_ms:8.1f} ms  {peer_ms / own_ms:5.2f} x")
+    (own_faces, own_depths), (peer_faces, peer_depths) = seen
+    others = own_faces != peer_faces
+    elsewhere = others & ~np.isclose(own_depths, peer_depths, rtol=1e-5, atol=0.0)
     hits = {"camera_rays": len(others), "other_faces": int(others.sum())}
     hits["at_other_distances"] = int(elsewhere.sum())
     print(", ".join(f"{name} {count:,}" for name, count in hits.items()))
@@ -154,13 +154,15 @@ def _street_work(peer: type[Peer], config: SimulationConfig, index: int) -> Work
     rows, columns = np.indices(config.image_size, dtype=np.float32).reshape(2, -1)
     view = camera_view(calibration_of(config), scene.ego, lidar_of(config).height_m)
     camera = view.rays(columns, rows)
-    faces, distances = peer(scene.mesh).look(camera)
-    met = np.flatnonzero(faces >= 0)[::2]
-    starts = camera.origins[met] + _LIFT * distances[met, None] * camera.directions[met]
-    ways = np.random.default_rng(index).normal(size=starts.shape).astype(np.float32)
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    faces, distances = peer(scene.mesh).cast_rays(camera)
+    hit_rows = np.flatnonzero(faces >= 0)[::2]
+    starts = (
+        camera.origins[hit_rows] + _LIFT * distances[hit_rows, None] * camera.directions[hit_rows]
+    )
+    directions = np.random.default_rng(index).normal(size=starts.shape).astype(np.float32)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     shadow = Rays(starts, np.tile(_SUN, (len(starts), 1)))
-    return Work(scene.mesh, camera, Rays(starts, ways), shadow)
+    return Work(scene.mesh, camera, Rays(starts, directions), shadow)
 
 
 def measure(name: str, streets: int, seed: int) -> list[float]:
@@ -171,7 +173,7 @@ def measure(name: str, streets: int, seed: int) -> list[float]:
         peer = PEERS[name](work.mesh)
         clock.append(time.process_time())
         for cast, rays in (
-            (peer.look, work.camera),
+            (peer.cast_rays, work.camera),
             (peer.scatter, work.around),
             (peer.shade, work.shadow),
         ):
@@ -184,7 +186,7 @@ def measure(name: str, streets: int, seed: int) -> list[float]:
 def all_seen(name: str, streets: int, seed: int) -> ndarray:
     """Faces and distances that the camera's rays meet in all streets, in two rows."""
     works = street_works(name, streets, seed)
-    return np.concatenate([PEERS[name](work.mesh).look(work.camera) for work in works], axis=1)
+    return np.concatenate([PEERS[name](work.mesh).cast_rays(work.camera) for work in works], axis=1)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ BANDS_M = (10.0, 20.0, 40.0, 90.0)
 METHODS: tuple[Method, ...] = ("linear", "classical", "adaptive")
 WEIGHTS = ("depth-fast-cpu", "depth-best")
 AGAINST = "classical"
-"""Method whose errors the others' are compared with, frame by frame."""
+"""Reference method of the comparison, frame by frame."""
 BEAMS = (64, 32, 16, 8)
 
 Frame = dict[str, Any]
@@ -176,7 +176,7 @@ def _with_beams(frame: Frame, beams: int) -> Frame:
         return {**frame, "sparse": frame["measured"], "beams": beams}
     step = NUM_RINGS // beams
     points = frame["points"][ring_numbers(frame["points"]) % step == (step // 2 if step > 2 else 0)]
-    # The selection is cut from the image that the calibration is of; its intrinsics say where.
+    # The selection is cut from the image of the calibration; its intrinsics give the offset.
     height, width = frame["measured"].shape
     principal = frame["calibration"].image_from_camera[:2, 2].numpy()
     left, top = np.round(principal - frame["intrinsics"][:2, 2]).astype(int).tolist()

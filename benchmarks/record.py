@@ -1,4 +1,4 @@
-"""Record of a benchmark run: figures, and all that is needed to run it again."""
+"""Record of a benchmark run: results, and everything needed to run it again."""
 
 import hashlib
 import json
@@ -33,10 +33,10 @@ def _git(*arguments: str) -> str | None:
     """Run git in this repository; None without git or outside a clone."""
     words = ["git", "-C", str(Path(__file__).parent), *arguments]
     try:
-        answer = subprocess.run(words, capture_output=True, text=True, check=True)
+        completed = subprocess.run(words, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return None
-    return answer.stdout.strip()
+    return completed.stdout.strip()
 
 
 def _state() -> dict[str, str | bool]:
@@ -50,12 +50,12 @@ _STATE = _state()
 
 
 def print_record(
-    figures: Mapping[str, object], *, seed: int | None, weights: Iterable[str | Path] = ()
+    content: Mapping[str, object], *, seed: int | None, weights: Iterable[str | Path] = ()
 ) -> None:
     """Print the record as one line of JSON, to be kept in `benchmarks/results`.
 
     Args:
-        figures: Settings and results.
+        content: Settings and results.
         seed: Seed of the run; None: nothing is drawn.
         weights: Names or files of the trained weights in the run; those of untrained networks are
             left out.
@@ -68,7 +68,7 @@ def print_record(
         "weights": {Path(each).stem: digest(find_weights(each)) for each in weights},
         "machine": describe_machine(),
     }
-    print(json.dumps({**record, **figures}))
+    print(json.dumps({**record, **content}))
 
 
 def command(arguments: list[str]) -> str:
@@ -101,16 +101,16 @@ def describe_machine() -> dict[str, str | int]:
 
 
 def _processor() -> str:
-    facts = Path("/proc/cpuinfo")
-    if facts.is_file():
-        for line in facts.read_text().splitlines():
+    cpu_info = Path("/proc/cpuinfo")
+    if cpu_info.is_file():
+        for line in cpu_info.read_text().splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
 
 
 def _cores() -> int:
-    """Count the cores that this process may use, or all where the system does not say."""
+    """Count the cores that this process may use, or all if the system does not report it."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -100,7 +100,7 @@ def milliseconds(method: Method, pairs: list[tuple[ndarray, ndarray]]) -> float:
 
 
 def largest_error(method: Method, proposals: ndarray, cars: ndarray) -> float:
-    """Over one scene; pairs further apart than 10 m share nothing."""
+    """Compute all IoUs of one scene; pairs further apart than 10 m do not overlap."""
     iou, exact = method(proposals, cars), np.zeros((len(proposals), len(cars)))
     for i, j in np.argwhere(distances(proposals, cars) < 10):
         exact[i, j] = exact_iou_bev(tuple(proposals[i].tolist()), tuple(cars[j].tolist()))
@@ -114,12 +114,12 @@ def distances(a: ndarray, b: ndarray) -> ndarray:
 
 
 def by_sightline(proposals: ndarray, cars: ndarray) -> ndarray:
-    """Our public function."""
+    """Public function of Sightline."""
     return pairwise_iou_bev(torch.from_numpy(proposals), torch.from_numpy(cars)).numpy()
 
 
 def by_shapely(proposals: ndarray, cars: ndarray) -> ndarray:
-    """GEOS, as vectorised as shapely 2 goes."""
+    """GEOS, vectorised by shapely 2."""
     a, b = polygons(proposals), polygons(cars)
     i, j = shapely.STRtree(b).query(a)
     shared = np.zeros((len(a), len(b)))

@@ -1,12 +1,12 @@
 """Scores of the health monitor: `python -m benchmarks.sensor_health KITTI SCORES`.
 
 For each case of a suite the area under the ROC curve of the scores, against the same frames clean,
-over the frames that the case did break: of the sensors that it breaks, and of the worst score of
-camera and LiDAR. Misalignments by single frames and by five together that share the fault. Then
-false alarms of single clean frames, the error of the yaw estimate, the time of a frame; with
-`--drive`, how soon faults that set in are told along that drive; with `--sound_drive`, alarms along
-a drive of sound sensors. SCORES keeps what the checks said, so that a run goes on where it was
-stopped, shards can work beside each other, and other limits are tried at once. 60 frames of suite
+over the frames that the case broke: of the sensors that it breaks, and of the worst score of camera
+and LiDAR. Misalignments by single frames and by five together that share the fault. Then false
+alarms of single clean frames, the error of the yaw estimate, the time of a frame; with `--drive`,
+the delay of alarms after faults begin along that drive; with `--sound_drive`, alarms along a drive
+of sound sensors. SCORES stores the checks' values, so that a stopped run can be resumed, shards can
+run at the same time, and other limits need no new run. 60 frames of suite
 core take about 5 minutes of one core. Its last line is kept in
 benchmarks/results/sensor_health.json.
 """
@@ -82,7 +82,7 @@ def main(
         sound_drive: Drive of sound sensors, for false alarms.
         seed: Seed of the corruptions and the turns.
         shard_index: Index of the part of the frames to score.
-        num_shards: Number of parts; with more than one nothing is printed.
+        num_shards: Number of parts; with more than one, no table is printed.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -110,7 +110,7 @@ def main(
     ]
     if num_shards > 1:
         return
-    answer: dict[str, object] = {
+    result: dict[str, object] = {
         **{name: setting[name] for name in ("data", "sample_list", "frames", "suite")},
         "limits": dict(monitor.limits.provenance),
         "median_ms": _median_ms(dataset, monitor, places),
@@ -123,17 +123,17 @@ def main(
             if case.severity in (None, _drive_severity(case, drive_severity))
         ]
         moving = open_dataset(drive, parts=_PARTS)
-        answer["delays"] = rows = delays(moving, monitor, faults, onset, seed)
+        result["delays"] = rows = delays(moving, monitor, faults, onset, seed)
         print(f"\n{drive.name}, {len(moving)} frames, fault from frame {onset}:")
         for row in rows:
             delay = row["delay_frames"]
             print(f"{row['case']:<28} {'not raised' if delay is None else f'{delay} frames'}")
     if sound_drive is not None:
-        answer["sound_drive"] = sound = false_alarms(
+        result["sound_drive"] = sound = false_alarms(
             open_dataset(sound_drive, parts=_PARTS), monitor
         )
         print(f"\n{sound_drive.name}, sound: {sound}")
-    print_record(answer, seed=seed)
+    print_record(result, seed=seed)
 
 
 def _drive_severity(case: Case, severity: int) -> int:
@@ -160,8 +160,8 @@ def _tables(
     frames = [frame for group in groups for frame in group["frames"]]
     clean = [judge(limits, frame["clean"]) for frame in frames]
     shares = {name: float((-_badness(clean, (name,)) < ALARM_SCORE).mean()) for name in SENSORS}
-    said = ", ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
-    print(f"{len(frames)} frames; false alarms of single clean ones: {said}")
+    rates = ", ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
+    print(f"{len(frames)} frames; false alarms of single clean ones: {rates}")
     print(f"{'case':<28} {'frames':>6} {'own':>6} {'any':>6} {'alarms':>7} {'5 tog.':>7}  worst")
     rows = []
     for case in cases:
@@ -176,12 +176,12 @@ def _tables(
         ]
         row = _row(case, clean, named, together)
         rows.append(row)
-        numbers = (f"{_said(row[name]):>7}" for name in ("own", "any", "alarms", "together"))
+        numbers = (f"{_number_text(row[name]):>7}" for name in ("own", "any", "alarms", "together"))
         print(f"{case.name:<28} {row['frames']:>6}{''.join(numbers)}  {row['worst_check']}")
     return {"false_alarms": shares, "cases": rows, "yaw": _yaw_errors(groups)}
 
 
-def _said(number: float | None) -> str:
+def _number_text(number: float | None) -> str:
     return "-" if number is None else f"{number:.3f}"
 
 
@@ -227,12 +227,12 @@ def _badness(
 
 def _yaw_errors(groups: Sequence[Mapping[str, Any]]) -> dict[str, object]:
     """Errors of the estimated turns [degrees], also less the data's own turn."""
-    told = [group["yaw"] for group in groups]
-    own_deg = float(np.nanmedian([each["unturned_deg"] for each in told]))
-    single = [e - each["turn_deg"] for each in told for e in each["single_deg"]]
-    together = [each["together_deg"] - each["turn_deg"] for each in told]
+    yaws = [group["yaw"] for group in groups]
+    own_deg = float(np.nanmedian([each["unturned_deg"] for each in yaws]))
+    single = [e - each["turn_deg"] for each in yaws for e in each["single_deg"]]
+    together = [each["together_deg"] - each["turn_deg"] for each in yaws]
     rows = {}
-    print(f"\nyaw of the data as it is {own_deg:+.3f} deg; errors, median / 90 %:")
+    print(f"\nyaw of the unrotated data {own_deg:+.3f} deg; errors, median / 90 %:")
     for name, errors in (("1", single), (f"{TOGETHER}", together)):
         known = np.array(errors)[~np.isnan(errors)]
         row = [

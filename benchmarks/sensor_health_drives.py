@@ -12,7 +12,7 @@ from sightline.health.monitor import HealthMonitor
 from sightline.health.sequence import DriveMonitor
 from sightline.structures.sample import CameraLidarSample
 
-_LONGEST_DELAY = 20  # frames, after which an alarm is taken never to come
+_LONGEST_DELAY = 20  # frames after which an alarm counts as not raised
 
 
 def false_alarms(drive: SampleDataset, monitor: HealthMonitor) -> dict[str, object]:
@@ -66,7 +66,7 @@ def _delay(
     names = SENSORS if is_misalignment(case) else case.corruption.sensors
     before = watch.alarms
     for number, sample in enumerate(samples[:_LONGEST_DELAY]):
-        # Under one name what is drawn stays the same along the drive.
+        # With one name, random draws stay the same along the drive.
         named = replace(sample, sample_id=samples[0].sample_id)
         alarms = watch(case.corrupt(named, seed).sample).alarms
         if any(getattr(alarms, name) and not getattr(before, name) for name in names):

@@ -25,7 +25,7 @@ from sightline.structures.sample import CameraLidarSample
 
 SENSORS = ("camera", "lidar", "alignment")
 TOGETHER = 5
-"""Frames whose edges are matched together: they meet the same misalignment."""
+"""Number of frames matched together; they share one misalignment."""
 CHECKS = {
     "camera": CameraChecks._fields,
     "lidar": LidarChecks._fields,
@@ -62,11 +62,11 @@ class ScoreJob:
         for case in self.cases:
             found = case.corrupt(sample, self.seed)
             if found.camera_mask.any() or found.lidar_mask.any():  # else it was left alone
-                looked_at: set[str] = {*case.corruption.sensors}
+                checked_sensors: set[str] = {*case.corruption.sensors}
                 if is_misalignment(case):
-                    looked_at.add("alignment")
-                broken[case.name] = _look_at(found.sample, looked_at)
-        return {"clean": _look_at(sample, {*SENSORS}), "broken": broken}
+                    checked_sensors.add("alignment")
+                broken[case.name] = _check_sensors(found.sample, checked_sensors)
+        return {"clean": _check_sensors(sample, {*SENSORS}), "broken": broken}
 
     def _together(self, samples: Sequence[CameraLidarSample]) -> dict[str, Found]:
         """Judge the alignment by the edges of all frames; a fault is drawn once for all."""
@@ -100,7 +100,7 @@ def judge(limits: HealthLimits, found: Found) -> dict[str, Health]:
     }
 
 
-def _look_at(sample: CameraLidarSample, sensors: set[str]) -> Found:
+def _check_sensors(sample: CameraLidarSample, sensors: set[str]) -> Found:
     found: Found = {}
     image, points = rgb_of(sample), sample.points
     if "camera" in sensors and image is not None:
@@ -121,8 +121,8 @@ def is_misalignment(case: Case) -> bool:
 
 
 def _matched(samples: Sequence[CameraLidarSample]) -> EdgeMatch | None:
-    known = [match for each in samples if (match := match_edges(each)) is not None]
-    return reduce(add, known) if known else None
+    matches = [match for each in samples if (match := match_edges(each)) is not None]
+    return reduce(add, matches) if matches else None
 
 
 def _yaw_of(samples: Sequence[CameraLidarSample]) -> float:

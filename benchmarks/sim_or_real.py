@@ -1,25 +1,23 @@
-"""Real or simulated, by judges: `python -m benchmarks.sim_or_real --real KITTI --simulated OUT`.
+"""Separation of real and simulated data: `python -m benchmarks.sim_or_real --real KITTI ...`.
 
-The test that a stranger to the renderer would set. Judges learn to tell the sides apart on half of
-the frames and are asked about the other half: balanced accuracy, 0.5 where they cannot. Its last
-line is kept in benchmarks/results/sim_or_real.json.
+Judges learn to separate the two sides on half of the frames and classify the other half: balanced
+accuracy, 0.5 if they cannot. Its last line is kept in benchmarks/results/sim_or_real.json.
 
 - Cars in the LiDAR: the points in the boxes of cars (occlusion 0 or 1, whole in the image, 20
   points, within 50 m) in the box's own frame. Each real car is paired with a simulated one of the
   same distance, view and occlusion, which the judge of these three alone checks. Networks get 256
-  points, so that they see the density but not the number; with and without reflectance.
-- Patches of 64x64 pixels: plain ones below the horizon, drawn alike from the principal point, and
-  cars, cut by their 3D boxes and resized.
-- Logistic regression on made features says what gives a side away: the ranking lists how well each
-  feature alone parts the sides (area under the curve; 0.5 tells nothing).
+  points, so they see the density but not the number; with and without reflectance.
+- Patches of 64x64 pixels: plain ones below the horizon, at equal places from the principal point,
+  and cars, cut by their 3D boxes and resized.
+- Logistic regression on hand-made features: the ranking lists how well each feature alone separates
+  the sides (area under the curve; 0.5: not at all).
 
-Halves are parted by frames, anew in each repeat; both serve for training in turn. Frames of one
-drive may fall on both sides: the object benchmark does not say which they are. Intervals are 95 %
-of bootstraps over frames. What gives a side away and means nothing: labels drawn by hand, which lie
-some centimetres off the car (so networks also get the points from their own middle, where only
-the form counts), and the resampling of KITTI's rectified images (grain, smallest in the middle).
-What does not: both sides have coordinates of whole millimetres, hundredths of reflectance, PNGs,
-points cut to the image.
+Frames are split at random in each repeat; each half serves once for training. Frames of one drive
+may be in both halves: the object benchmark does not list its drives. Intervals are 95 % of
+bootstraps over frames. Two differences do not concern the simulation: labels drawn by hand, which
+lie some centimetres off the car (so networks also get the points relative to their own middle), and
+the resampling of KITTI's rectified images (grain, smallest in the middle). Both sides have
+coordinates of whole millimetres, hundredths of reflectance, PNGs, and points cut to the image.
 """
 
 from collections.abc import Callable, Mapping
@@ -50,10 +48,10 @@ from benchmarks.sim_or_real_judges import (
 )
 
 _BOOTSTRAPS = 1000
-_FEATURES_SHOWN = 8
+_NUM_PRINTED_FEATURES = 8
 
-Judge = Callable[[Tensor, Bool[Tensor, " num_known"], Tensor], Bool[Tensor, " num_asked"]]
-"""Function of known items, whether they are real, and asked items: which of these seem real."""
+Judge = Callable[[Tensor, Bool[Tensor, " num_train"], Tensor], Bool[Tensor, " num_test"]]
+"""Function of training items, their labels (is real) and test items; predicts test labels."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,11 +60,11 @@ class Items:
 
     is_real: Bool[Tensor, " num_items"]
     frames: Int64[ndarray, " num_items"]
-    """The frame of each on its side."""
+    """Frame of each item on its side."""
     views: Mapping[str, Tensor]
     """Views of the items for judges."""
     features: Mapping[str, tuple[str, ...]]
-    """The names of a view's columns, where they have any."""
+    """Column names of a view, if it has any."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,7 +79,7 @@ class Verdicts:
 _BY_POINTS = partial(judge_by_network, make=lambda items: PointJudge(items.shape[-1]), steps=800)
 _BY_PIXELS = partial(judge_by_network, make=lambda _: PatchJudge(), steps=1000)
 _JUDGES: Mapping[str, tuple[str, str, Judge]] = {
-    # By subject, by what is seen of it.
+    # Subject, view of it, judge.
     "car, pose alone: features": ("car", "pose", judge_by_features),
     "car, points: network": ("car", "points", _BY_POINTS),
     "car, points without reflectance: network": ("car", "places", _BY_POINTS),
@@ -133,8 +131,8 @@ def main(
         halves += [first, second]
         for name, (subject, view, judge) in _JUDGES.items():
             torch.manual_seed(repeat)
-            for known, asked in ((first, second), (second, first)):
-                verdicts[name].append(verdict(judge, view, known[subject], asked[subject]))
+            for train, test in ((first, second), (second, first)):
+                verdicts[name].append(verdict(judge, view, train[subject], test[subject]))
     results: list[dict[str, str | float]] = [
         {"judge": name, **score(given)} for name, given in verdicts.items()
     ]
@@ -166,8 +164,10 @@ def _subjects(
     ]
     pairs = match(*crops)
     cars = [[crops[side][pair[side]] for pair in pairs] for side in (0, 1)]
-    shown = [(one, other) for one, other in zip(*cars, strict=True) if _has_patches(one, other)]
-    patched = [[pair[side] for pair in shown] for side in (0, 1)]
+    with_patches = [
+        (one, other) for one, other in zip(*cars, strict=True) if _has_patches(one, other)
+    ]
+    patched = [[pair[side] for pair in with_patches] for side in (0, 1)]
     count = min(len(frames) for frames in chosen)
     per_frame = len(sides[0].patches) // sides[0].num_frames
     rows = [(frames[:count, None] * per_frame + np.arange(per_frame)).ravel() for frames in chosen]
@@ -196,8 +196,8 @@ def _car_items(cars: list[list[CarCrop]], seed: int) -> Items:
     views = {"points": points, "places": points[..., :3]}
     views |= {"centred points": centred, "centred places": centred[..., :3]}
     features = {}
-    for view, tell in _CAR_FEATURES.items():
-        rows = [tell(car) for car in both]
+    for view, compute_features in _CAR_FEATURES.items():
+        rows = [compute_features(car) for car in both]
         views[view] = torch.tensor([list(row.values()) for row in rows])
         features[view] = tuple(rows[0])
     return Items(
@@ -226,11 +226,11 @@ def _first_half(count: int) -> Bool[Tensor, " {count}"]:
     return torch.arange(count) < count // 2
 
 
-def verdict(judge: Judge, view: str, known: Items, asked: Items) -> Verdicts:
-    """Train a judge on one half and let it judge the other."""
-    said = judge(known.views[view], known.is_real, asked.views[view])
-    right = said == asked.is_real
-    return Verdicts(is_real=asked.is_real.numpy(), frames=asked.frames, right=right.numpy())
+def verdict(judge: Judge, view: str, train: Items, test: Items) -> Verdicts:
+    """Train a judge on one half and test it on the other."""
+    predicted = judge(train.views[view], train.is_real, test.views[view])
+    right = predicted == test.is_real
+    return Verdicts(is_real=test.is_real.numpy(), frames=test.frames, right=right.numpy())
 
 
 def score(given: list[Verdicts]) -> dict[str, float]:
@@ -242,12 +242,12 @@ def score(given: list[Verdicts]) -> dict[str, float]:
     drawn = np.zeros(_BOOTSTRAPS)
     total = 0.0
     for side in (True, False):
-        mine = is_real == side
-        _, places = np.unique(frames[mine], return_inverse=True)
-        asked, correct = np.bincount(places), np.bincount(places, weights=right[mine])
-        weights = rng.multinomial(len(asked), np.full(len(asked), 1 / len(asked)), _BOOTSTRAPS)
-        drawn += (weights @ correct) / (weights @ asked) / 2
-        total += correct.sum() / asked.sum() / 2
+        is_side = is_real == side
+        _, places = np.unique(frames[is_side], return_inverse=True)
+        counts, correct = np.bincount(places), np.bincount(places, weights=right[is_side])
+        weights = rng.multinomial(len(counts), np.full(len(counts), 1 / len(counts)), _BOOTSTRAPS)
+        drawn += (weights @ correct) / (weights @ counts) / 2
+        total += correct.sum() / counts.sum() / 2
     low, high = np.quantile(drawn, (0.025, 0.975))
     halves = [float(one.right.mean()) for one in given]
     spread = np.std(np.mean(np.reshape(halves, (-1, 2)), axis=1))
@@ -302,7 +302,7 @@ def show(
         )
     for table, rows in ranking.items():
         print(f"\n{table:<44}{'area':>10}{'real':>12}{'simulated':>12}")
-        for row in rows[:_FEATURES_SHOWN]:
+        for row in rows[:_NUM_PRINTED_FEATURES]:
             print(
                 f"  {row['feature']:<42}{row['area']:>10.3f}{row['real']:>12.4g}"
                 f"{row['simulated']:>12.4g}"

@@ -1,4 +1,4 @@
-"""Cars and patches cut from real and simulated frames alike, for `benchmarks.sim_or_real`."""
+"""Cars and patches cut from real and simulated frames, for `benchmarks.sim_or_real`."""
 
 import math
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ MIN_POINTS = 20
 FARTHEST_M = 50.0
 
 _MARGIN_M = 0.1  # labels are drawn by hand
-_GROUND_M = 0.15  # labels cut the ground at different heights: what is lower is left out
+_GROUND_M = 0.15  # labels cut the ground at different heights: lower points are dropped
 _SMALLEST_PX = 24  # a car's patch that is smaller would show the enlargement
 _MATCH_DISTANCE = 0.1  # of the logarithm, costs as much as
 _MATCH_ANGLE = math.radians(10)

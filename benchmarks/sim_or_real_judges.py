@@ -73,21 +73,21 @@ class PatchJudge(nn.Module):
 
 
 def judge_by_network(
-    known: Tensor,
-    is_real: Bool[Tensor, " num_known"],
-    asked: Tensor,
+    train: Tensor,
+    is_real: Bool[Tensor, " num_train"],
+    test: Tensor,
     *,
     make: Callable[[Tensor], PointJudge | PatchJudge],
     steps: int,
-) -> Bool[Tensor, " num_asked"]:
-    """Train on items and whether they are real; return which of `asked` seem real."""
-    judge = make(known)
+) -> Bool[Tensor, " num_test"]:
+    """Train on items and labels (is real); predict which of `test` are real."""
+    judge = make(train)
     optimizer = torch.optim.AdamW(judge.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     judge.train()
     for _ in range(steps):
-        rows = torch.randint(len(known), (_BATCH,))
-        logits = judge(judge.augmented(known[rows]))
+        rows = torch.randint(len(train), (_BATCH,))
+        logits = judge(judge.augmented(train[rows]))
         loss = F.binary_cross_entropy_with_logits(logits, is_real[rows].float())
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
@@ -95,24 +95,24 @@ def judge_by_network(
         schedule.step()
     judge.eval()
     with torch.no_grad():
-        of_asked: Tensor = judge(asked)
-    return of_asked > 0
+        of_test: Tensor = judge(test)
+    return of_test > 0
 
 
 def judge_by_features(
-    known: Float[Tensor, "num_known num_features"],
-    is_real: Bool[Tensor, " num_known"],
-    asked: Float[Tensor, "num_asked num_features"],
-) -> Bool[Tensor, " num_asked"]:
+    train: Float[Tensor, "num_train num_features"],
+    is_real: Bool[Tensor, " num_train"],
+    test: Float[Tensor, "num_test num_features"],
+) -> Bool[Tensor, " num_test"]:
     """Logistic regression on features of unit spread, with a ridge."""
-    center, spread = known.mean(dim=0), known.std(dim=0).clamp(min=1e-6)
-    known, asked = (known - center) / spread, (asked - center) / spread
-    weights = torch.zeros(known.shape[1] + 1, requires_grad=True)
+    center, spread = train.mean(dim=0), train.std(dim=0).clamp(min=1e-6)
+    train, test = (train - center) / spread, (test - center) / spread
+    weights = torch.zeros(train.shape[1] + 1, requires_grad=True)
     optimizer = torch.optim.LBFGS([weights], max_iter=100, line_search_fn="strong_wolfe")
 
     def loss() -> Tensor:
         optimizer.zero_grad()
-        logits = known @ weights[1:] + weights[0]
+        logits = train @ weights[1:] + weights[0]
         value = F.binary_cross_entropy_with_logits(logits, is_real.float())
         value = value + _RIDGE * weights[1:].square().sum()
         value.backward()  # type: ignore[no-untyped-call]
@@ -120,7 +120,7 @@ def judge_by_features(
 
     optimizer.step(loss)  # type: ignore[no-untyped-call]
     with torch.no_grad():
-        return asked @ weights[1:] + weights[0] > 0
+        return test @ weights[1:] + weights[0] > 0
 
 
 def drawn_points(cars: list[CarCrop], seed: int) -> Float[Tensor, "num_cars num_points 4"]:

@@ -4,12 +4,11 @@ Its last line is kept in benchmarks/results/simulate.json.
 
 - A frame and core: single streets at 1242x375 with one sample a pixel, everything included from
   the street to the files, in one process, stage by stage. Processor time, which other programs on
-  the machine disturb least and which counts Embree's helper threads, too. Beside it, frame by
-  frame in turns, the same with the camera left out.
-- Memory: of each process of `sightline simulate` with one worker and with two, looked at while
-  it runs: the most that was ever resident (VmHWM), pages that it shares with others counted in
-  full, and the most of its proportional share (PSS), where each page is divided among those who
-  use it. Only where the system tells (Linux).
+  the machine disturb least and which counts Embree's helper threads, too. In turns with it, frame
+  by frame, the same without the camera.
+- Memory: of each process of `sightline simulate` with one worker and with two, sampled while it
+  runs: the peak resident memory (VmHWM), which counts shared pages in full, and the peak of the
+  proportional share (PSS), in which each page is divided among its users. Linux only.
 - Two workers against one: wall time of whole runs, in turns, after a warm-up.
 """
 
@@ -143,45 +142,45 @@ def spread(values: list[float]) -> dict[str, float]:
 
 def measure_memory(seed: int, frames: int, workers: int) -> dict[str, dict[str, float]]:
     """Measure the peak of the command's own process and of any of its workers."""
-    most: dict[str, dict[str, float]] = {}
+    peaks: dict[str, dict[str, float]] = {}
     if not Path("/proc/self/smaps_rollup").is_file():
-        return most
+        return peaks
     with tempfile.TemporaryDirectory() as folder:
         options = ["--frames", str(frames), "--seed", str(seed), "--workers", str(workers)]
         command = [sys.executable, "-m", "sightline", "simulate", f"{folder}/out", *options]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
             while process.poll() is None:
-                for pid in (process.pid, *children_of(process.pid)):
+                for pid in (process.pid, *child_pids(process.pid)):
                     role = "worker" if pid != process.pid or workers == 1 else "main process"
-                    held = most.setdefault(role, {"resident_mb": 0.0, "share_mb": 0.0})
-                    for name, value in memory_of(pid).items():
+                    held = peaks.setdefault(role, {"resident_mb": 0.0, "share_mb": 0.0})
+                    for name, value in read_memory(pid).items():
                         held[name] = max(held[name], value)
                 time.sleep(_LOOK_S)
         if process.returncode != 0:
             raise RuntimeError(f"{' '.join(command)} failed")
-    return most
+    return peaks
 
 
-def children_of(pid: int) -> Iterator[int]:
+def child_pids(pid: int) -> Iterator[int]:
     """List the processes that a process has started."""
     for folder in Path("/proc").glob("[0-9]*"):
-        if facts_of(folder / "status").get("PPid", "").strip() == str(pid):
+        if read_fields(folder / "status").get("PPid", "").strip() == str(pid):
             yield int(folder.name)
 
 
-def memory_of(pid: int) -> dict[str, float]:
+def read_memory(pid: int) -> dict[str, float]:
     """Read a process's peak memory so far, and its share now; empty if it has ended."""
     folder = Path(f"/proc/{pid}")
-    facts = facts_of(folder / "status") | facts_of(folder / "smaps_rollup")
+    fields = read_fields(folder / "status") | read_fields(folder / "smaps_rollup")
     names = {"resident_mb": "VmHWM", "share_mb": "Pss"}
     return {
-        name: int(facts[fact].split()[0]) * 1024 / 1e6
-        for name, fact in names.items()
-        if fact in facts
+        name: int(fields[field].split()[0]) * 1024 / 1e6
+        for name, field in names.items()
+        if field in fields
     }
 
 
-def facts_of(path: Path) -> dict[str, str]:
+def read_fields(path: Path) -> dict[str, str]:
     """Read a file of lines `name: value`; empty where its process has ended."""
     try:
         lines = path.read_text().splitlines()

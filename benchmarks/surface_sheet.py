@@ -18,7 +18,7 @@ from sightline.depth_completion.predictor import DepthPredictor
 from sightline.files.weights import read_weights, write_weights
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
-_MOST_BYTES = 500_000
+_MAX_BYTES = 500_000
 
 
 def main(
@@ -39,7 +39,7 @@ def main(
         rough = _without_smoothing(weights, Path(folder))
         maps = [DepthPredictor.load(each)(sample).depth_m.numpy() for each in (rough, weights)]
     panels = [_shaded(depth_m, camera) for depth_m in maps]
-    write_sheet(out, np.vstack((sample.image.permute(1, 2, 0).numpy(), *panels)), _MOST_BYTES)
+    write_sheet(out, np.vstack((sample.image.permute(1, 2, 0).numpy(), *panels)), _MAX_BYTES)
 
 
 def _without_smoothing(weights: str, folder: Path) -> Path:

@@ -19,15 +19,15 @@ _BEAMS = {"clean": "64", "lidar_beams-2": "32", "lidar_beams-3": "16"}
 _METRICS = {"3d": "3D", "bev": "from above", "bbox": "in the image"}
 
 
-def score(record: Record, weights: str, case: str, **wanted: object) -> Record:
+def score(record: Record, weights: str, case: str, **expected: object) -> Record:
     """Find one row of `detection_accuracy`: by class, metric and IoU."""
     for row in record["results"]:
         if (row["weights"], row["case"]) == (weights, case):
             for each in row["scores"]:
-                if all(each[name] == value for name, value in wanted.items()):
+                if all(each[name] == value for name, value in expected.items()):
                     found: Record = each
                     return found
-    raise ValueError(f"no score of {weights}, {case}, {wanted}; measure anew")
+    raise ValueError(f"no score of {weights}, {case}, {expected}; run the benchmark again")
 
 
 def with_interval(row: Record) -> str:
@@ -163,7 +163,7 @@ def held_out_rings(record: Record) -> Rows:
 
 
 def valid_depth(real: Record, simulated: Record) -> Rows:
-    """Give the rows of depth that methods vouch for by their own rule."""
+    """Give the rows of depth that methods mark as valid."""
     head = ["method", "beams"]
     for side in ("real", "simulated"):
         head += [f"{side}: of the image", "of the truth", "kept", "others"]

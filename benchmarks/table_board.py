@@ -91,8 +91,8 @@ def _in_the_image(detection: Record, times: Record, quoted: Record) -> Rows:
     frames = f"{detection['frames']} frames"
     alone = {
         name: {
-            key: f"{figures[0]} {interval(figures[1:])}"
-            for key, figures in quoted[f"{name}_only_2d"].items()
+            key: f"{values[0]} {interval(values[1:])}"
+            for key, values in quoted[f"{name}_only_2d"].items()
             if key != "source"
         }
         for name in ("lidar", "camera")

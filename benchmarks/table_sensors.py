@@ -71,9 +71,9 @@ def yaw(record: Record) -> Rows:
 
 def own_sensor(record: Record) -> Rows:
     """Give the rows of other sensors than KITTI's."""
-    shown = [("bbox", "Car"), ("bbox", "Pedestrian"), ("3d", "Car"), ("3d", "Pedestrian")]
+    columns = [("bbox", "Car"), ("bbox", "Pedestrian"), ("3d", "Car"), ("3d", "Pedestrian")]
     names = {"bbox": "2D", "3d": "3D"}
-    head = ["sensors", "pixels", *(f"{names[metric]}: {name}" for metric, name in shown)]
+    head = ["sensors", "pixels", *(f"{names[metric]}: {name}" for metric, name in columns)]
     rows: Rows = [[*head, "depth: RMSE", "MAE", "median"]]
     for row in record["results"]:
         for pixels, key in (("own", "objects"), ("KITTI's", "objects_in_kitti_pixels")):
@@ -81,7 +81,7 @@ def own_sensor(record: Record) -> Rows:
                 continue
             cells = [
                 f"{each['ap_r40']:.1f} ({each['num_objects']}; {_range(each['ap_all_points_95'])})"
-                for metric, name in shown
+                for metric, name in columns
                 for each in row[key]
                 if (each["metric"], each["class_name"]) == (metric, name)
             ]
@@ -96,7 +96,7 @@ def _range(ends: list[float]) -> str:
 
 
 def sim_or_real(record: Record) -> Rows:
-    """Give the rows of judges that tell simulated frames from real ones."""
+    """Give the rows of judges that separate simulated from real frames."""
     rows: Rows = [["judge", "balanced accuracy"]]
     for row in record["results"]:
         limits = f"[{row['low']:.2f}, {row['high']:.2f}]"

@@ -123,11 +123,11 @@ def point_ops(record: Record) -> Rows:
 
 def raycast(record: Record) -> Rows:
     """Give the rows of ray casting."""
-    ours, theirs = (record["results_ms"][name] for name in ("sightline", "embreex"))
+    own_ms, peer_ms = (record["results_ms"][name] for name in ("sightline", "embreex"))
     rows: Rows = [["work", "sightline, ms", "embreex, ms", "times ours"]]
     for stage, title in _STAGES.items():
-        cells = [f"{ours[stage]:.0f}", f"{theirs[stage]:,.0f}"]
-        rows.append([title, *cells, f"{theirs[stage] / ours[stage]:.1f}"])
+        cells = [f"{own_ms[stage]:.0f}", f"{peer_ms[stage]:,.0f}"]
+        rows.append([title, *cells, f"{peer_ms[stage] / own_ms[stage]:.1f}"])
     return rows
 
 

@@ -1,8 +1,8 @@
 """Tables of the results' pages, written from `benchmarks/results`: `python -m benchmarks.tables`.
 
 A page holds `<!-- table: NAME -->`, the table with a line on its origin, and `<!-- end -->`. The
-command writes everything between the two marks anew; `--check` compares only, and fails where a
-page and its record differ.
+command rewrites everything between the two marks; `--check` only compares, and fails if a page and
+its record differ.
 """
 
 import argparse
@@ -69,7 +69,7 @@ TABLES: Final = {
 
 
 def main(*, check: bool = False) -> None:
-    """Write all tables of the results' pages anew.
+    """Rewrite all tables of the results' pages.
 
     Args:
         check: Compare only; exit with status 1 where a page differs from its records.
@@ -94,7 +94,7 @@ def pages() -> list[Path]:
 
 
 def rendered(text: str) -> str:
-    """Give a page's text with its tables written anew.
+    """Rewrite the tables in a page's text.
 
     Raises:
         ValueError: The page names a table that is not in `TABLES`.
@@ -115,7 +115,7 @@ def table(name: str) -> Rows:
 
 
 def origin(name: str, record: Record) -> str:
-    """Say in one line where a record comes from."""
+    """Format the origin of a record in one line."""
     commit = record["commit"] if record.get("commit_kept", True) else "not kept"
     parts = [
         f"`benchmarks/results/{name}.json`: `{record['command']}`",
@@ -129,7 +129,7 @@ def origin(name: str, record: Record) -> str:
 
 
 def weights_of(record: Record) -> Iterator[str]:
-    """Say which weights of a record are those that ship, and which are earlier."""
+    """List which weights of a record are the shipped ones, and which are earlier ones."""
     shipped: list[str] = []
     earlier: list[str] = []
     for name, digest in record["weights"].items():

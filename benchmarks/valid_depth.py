@@ -1,8 +1,8 @@
 """Depth kept by `--valid-only`: `python -m benchmarks.valid_depth --data KITTI`.
 
-Errors of the pixels that a method vouches for, and of the others, on held-out rings or on dense
-truth, pooled over all frames. Of networks also by other limits of the expected error than the one
-in use. Its last lines are kept in benchmarks/results/valid_depth.json.
+Errors of a method's valid pixels, and of the others, on held-out rings or on dense truth, pooled
+over all frames. For networks also with other limits of the expected error than the default. Its
+last lines are kept in benchmarks/results/valid_depth.json.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ from sightline.evaluation.held_out_frame import HeldOutFrame, TruthChoice, split
 from sightline.export.names import EngineName
 from sightline.structures.predictions import DepthMap
 
-_IN_USE = 0.0  # stands for what the method itself calls valid
+_OWN_LIMIT = 0.0  # the method's own valid pixels
 _LIMITS = (0.02, 0.05, 0.1, 0.2, 0.4)
 
 
@@ -57,14 +57,14 @@ def main(
     completers = [choose_completer(method=method) for method in methods]
     completers += [choose_completer(weights=name, engine=engine, threads=1) for name in weights]
     found: dict[tuple[str, int, float], list[np.ndarray]] = {}
-    of_image: dict[tuple[str, int, float], list[float]] = {}
+    image_shares: dict[tuple[str, int, float], list[float]] = {}
     for index in chosen:
         frame = split_rings(dataset[index], truth=truth)
         for count in beams:
             for completer in completers:
                 for share, (pixels, kept_share) in _pixels(frame, completer, count).items():
                     found.setdefault((completer.name, count, share), []).append(pixels)
-                    of_image.setdefault((completer.name, count, share), []).append(kept_share)
+                    image_shares.setdefault((completer.name, count, share), []).append(kept_share)
     print(f"{len(chosen)} frames of {data}, truth: {truth}; RMSE / MAE / median in mm")
     print(f"{'method':<16}{'beams':>6}{'limit':>7}{'kept':>8}{'of image':>10}", end="")
     print(f"{'kept pixels':>24}{'others':>24}")
@@ -72,11 +72,11 @@ def main(
     for (name, count, share), columns in found.items():
         error_mm, is_valid = np.concatenate(columns, axis=1)
         kept, others = (_summary(error_mm[is_valid == value]) for value in (1, 0))
-        image_share = float(np.mean(of_image[name, count, share]))
-        told = f"{share:g}" if share else ""
+        image_share = float(np.mean(image_shares[name, count, share]))
+        limit_text = f"{share:g}" if share else ""
         print(
-            f"{name:<16}{count:>6}{told:>7}{100 * is_valid.mean():>7.1f}%"
-            f"{100 * image_share:>9.1f}%{_told(kept):>24}{_told(others):>24}"
+            f"{name:<16}{count:>6}{limit_text:>7}{100 * is_valid.mean():>7.1f}%"
+            f"{100 * image_share:>9.1f}%{_summary_text(kept):>24}{_summary_text(others):>24}"
         )
         results.append({
             "method": name, "beams": count, "limit": share or None,
@@ -90,21 +90,20 @@ def main(
 def _pixels(
     frame: HeldOutFrame, completer: Completer, beams: int
 ) -> dict[float, tuple[np.ndarray, float]]:
-    """Compute signed errors [mm] of the pixels with truth and value, and whether each is valid.
+    """Compute signed errors [mm] and validity of the pixels with truth and value.
 
-    With the share of the image's pixels that are valid.
-
-    By limit of the expected error, as a share of the depth; 0: the method's own.
+    Also the share of valid pixels in the image. By limit of the expected error, as a share of the
+    depth; 0: the method's own.
     """
     sample = frame.with_beams(beams)
-    answer: DepthMap = completer(sample)
-    is_scored = (frame.truth_m > 0) & (answer.depth_m > 0)
-    error_mm = 1e3 * (answer.depth_m - frame.truth_m)[is_scored].double().numpy()
-    masks = {_IN_USE: answer.valid}
-    if answer.uncertainty_m is not None:
+    prediction: DepthMap = completer(sample)
+    is_scored = (frame.truth_m > 0) & (prediction.depth_m > 0)
+    error_mm = 1e3 * (prediction.depth_m - frame.truth_m)[is_scored].double().numpy()
+    masks = {_OWN_LIMIT: prediction.valid}
+    if prediction.uncertainty_m is not None:
         supported = choose_completer(method="adaptive")(sample).valid  # as networks take it
         for share in _LIMITS:
-            masks[share] = supported & (answer.uncertainty_m < share * answer.depth_m)
+            masks[share] = supported & (prediction.uncertainty_m < share * prediction.depth_m)
     return {
         share: (
             np.stack((error_mm, mask[is_scored].numpy().astype(np.float64))),
@@ -122,7 +121,7 @@ def _summary(error_mm: np.ndarray) -> list[float] | None:
     return [round(float(x), 1) for x in (np.sqrt(np.mean(size**2)), np.mean(size), np.median(size))]
 
 
-def _told(summary: list[float] | None) -> str:
+def _summary_text(summary: list[float] | None) -> str:
     return "-" if summary is None else " / ".join(f"{x:.0f}" for x in summary)
 
 

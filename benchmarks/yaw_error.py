@@ -1,9 +1,9 @@
 """Errors of the estimated yaw between the sensors: `python -m benchmarks.yaw_error KITTI`.
 
-Frames are turned by known angles, several frames at a time by one; what the estimate misses them by
-is the error. A turn that the data's own calibration has already stays in it: so the error is given
-against the known turn, and against the known turn plus what all frames together tell unturned. Its
-last line is kept in benchmarks/results/yaw_error.json.
+Groups of frames are rotated by known angles; errors are relative to these. The data's own
+calibration may have an error, too: so they are also given relative to the known rotation
+plus the estimate of all unrotated frames together. Its last line is kept in
+benchmarks/results/yaw_error.json.
 """
 
 import statistics
@@ -102,8 +102,8 @@ def _group(
 
 def _match_turned(samples: Sequence[CameraLidarSample], turn_deg: float) -> EdgeMatch | None:
     matches = [match_edges(rotate_extrinsics(sample, turn_deg)) for sample in samples]
-    known = [match for match in matches if match is not None]
-    return reduce(add, known) if known else None
+    found = [match for match in matches if match is not None]
+    return reduce(add, found) if found else None
 
 
 def _statistics(errors: "np.ndarray", own_deg: float) -> dict[str, float]:

@@ -91,13 +91,13 @@ def test_each_colour_has_its_gain():
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"share": 1.5}, "share must be from 0 to 1, got 1.5"),
         ({"blur_px": -1.0}, "blur_px must be finite and not negative, got -1.0"),
         ({"noise_levels": float("nan")}, "noise_levels must be finite and not negative, got nan"),
     ],
 )
-def test_cameras_that_cannot_be_are_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_cameras_that_cannot_be_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         CameraChainConfig(**settings)

@@ -71,15 +71,15 @@ def test_faults_have_names_of_their_own_and_can_be_recorded():
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda: FalseEchoes(share=1.5), "share must be between 0 and 1, got 1.5"),
         (lambda: FewerRings(keep_every=2, first=2), "below keep_every 2, got 2"),
         (lambda: TurnedLidar(yaw_deg=float("nan")), "finite angles"),
     ],
 )
-def test_a_fault_that_cannot_be_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
+def test_a_fault_that_cannot_be_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
         make()
 
 

@@ -34,7 +34,7 @@ def depth_map(sample):
 
 
 def ring_sample(num_rings=40):
-    """Rings in KITTI's order, cut to the view: reflectance tells the ring."""
+    """Rings in KITTI's order, cut to the view: the reflectance is the ring."""
     azimuths = np.radians([5, 20, 35, -35, -20, -5])
     rings = [
         (np.cos(a) * 10, np.sin(a) * 10, math.tan(math.radians(2 - 0.4 * ring)) * 10, ring / 64)
@@ -45,7 +45,7 @@ def ring_sample(num_rings=40):
 
 
 def wide_sample(**parts):
-    """Sees 40 degrees to either side, as KITTI's camera does: rings end where azimuths jump."""
+    """Sweep of 40 degrees to either side, like KITTI's camera: rings end where azimuths jump."""
     wide = {"calibration": kitti_like_calibration(), "image_size": (375, 1242)}
     return sample_of(**{**wide, "image": None, "depth": None, **parts})
 
@@ -309,11 +309,11 @@ def test_truncation_grows_by_the_share_of_the_box_that_a_crop_takes(seed, trunca
     x, y = rng.uniform(0, 300), rng.uniform(0, 60)
     box = [x, y, x + rng.uniform(1, 90), y + rng.uniform(1, 50)]
     part = crop(labelled([box], [truncation]), top=0, left=left, height=SIZE[0], width=width)
-    shown = min(box[2], left + width - 1) - max(box[0], left)
-    if shown <= 0:
+    visible_width = min(box[2], left + width - 1) - max(box[0], left)
+    if visible_width <= 0:
         assert len(part.objects) == 0
     else:
-        expected = 1 - (1 - truncation) * shown / (box[2] - box[0])
+        expected = 1 - (1 - truncation) * visible_width / (box[2] - box[0])
         assert part.objects.truncation.item() == pytest.approx(expected)
 
 
@@ -327,7 +327,7 @@ def test_a_crop_beyond_the_image_is_refused(window):
         crop(sample_of(), top=top, left=left, height=height, width=width)
 
 
-# What all of them ask for
+# Requirements of all changes
 
 
 @pytest.mark.parametrize(

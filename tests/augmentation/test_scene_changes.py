@@ -19,7 +19,7 @@ def projected(sample):
 
 
 def membership(sample):
-    """Which points lie in which box, a little widened: no point is on a face by rounding."""
+    """Mask of points in slightly enlarged boxes, so that none is on a face by rounding."""
     objects = sample.objects
     return objects.boxes3d.contain(sample.points[:, :3].double())
 

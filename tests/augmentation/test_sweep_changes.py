@@ -94,13 +94,13 @@ factor = st.floats(0.5, 2.0)
 
 
 @few
-@given(seed=seeds, wanted=st.tuples(factor, factor, factor))
-def test_points_of_a_stretched_object_keep_their_place_in_its_box(seed, wanted):
+@given(seed=seeds, size_factors=st.tuples(factor, factor, factor))
+def test_points_of_a_stretched_object_keep_their_place_in_its_box(seed, size_factors):
     sample = sample_of(seed)
     box = sample.objects.boxes3d.tensor[0]
     inside = box[:3] + 0.4 * box[3:6].min() * torch.rand(5, 3).double()
     sample = replace(sample, points=torch.cat((sample.points, with_reflectance(inside))))
-    factors = torch.tensor([wanted] * len(sample.objects), dtype=torch.float64)
+    factors = torch.tensor([size_factors] * len(sample.objects), dtype=torch.float64)
     stretched = stretch_objects(sample, factors)
     longer = stretched.objects.boxes3d.tensor[0]
     for row, given_row in zip(stretched.points.tolist(), sample.points.tolist(), strict=True):
@@ -116,7 +116,7 @@ def test_points_of_a_stretched_object_keep_their_place_in_its_box(seed, wanted):
 
 
 def place_in(box, point):
-    """Of a point in a box: shares of length and width from the middle, of height from below."""
+    """Position in a box: shares of length and width from the middle, of height from below."""
     x, y, z, length, width, height, yaw = box
     dx, dy = point[0] - x, point[1] - y
     along = math.cos(yaw) * dx + math.sin(yaw) * dy

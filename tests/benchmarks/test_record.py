@@ -1,4 +1,4 @@
-"""A record says how a figure was made, and nothing of the machine's folders."""
+"""Record of a benchmark run: command and versions, without the machine's folders."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ from benchmarks.record import command, print_record
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "expected"),
     [
         (
             ["/me/yaw_error.py", "/data/kitti/"],
@@ -21,8 +21,8 @@ from benchmarks.record import command, print_record
         (["a.py", "--repeats", "7"], "python -m benchmarks.a --repeats 7"),
     ],
 )
-def test_a_command_names_the_benchmark_and_no_folder(arguments, told):
-    assert command(arguments) == told
+def test_a_command_names_the_benchmark_and_no_folder(arguments, expected):
+    assert command(arguments) == expected
 
 
 def test_a_record_holds_command_commit_date_seed_weights_and_machine(capsys, monkeypatch, tmp_path):

@@ -63,17 +63,17 @@ def test_cars_are_paired_so_that_distance_view_and_occlusion_differ_least(real, 
     pairs = match(real, simulated)
     fewer, more = sorted((real, simulated), key=len)
     assert len({pair[0] for pair in pairs}) == len({pair[1] for pair in pairs}) == len(fewer)
-    least = min(
+    min_cost = min(
         sum(cost(*pair) for pair in zip(fewer, chosen, strict=True))
         for chosen in itertools.permutations(more, len(fewer))
     )
-    assert sum(cost(real[one], simulated[other]) for one, other in pairs) == pytest.approx(least)
+    assert sum(cost(real[one], simulated[other]) for one, other in pairs) == pytest.approx(min_cost)
 
 
 def test_a_judge_that_always_says_the_same_is_right_half_the_time_whatever_there_is_more_of():
     is_real = np.array([True] * 30 + [False] * 10)
-    said = Verdicts(is_real=is_real, frames=np.arange(40) % 10, right=is_real)
-    result = score([said, said])
+    verdicts = Verdicts(is_real=is_real, frames=np.arange(40) % 10, right=is_real)
+    result = score([verdicts, verdicts])
     assert result["balanced_accuracy"] == result["low"] == result["high"] == 0.5
 
 
@@ -101,21 +101,21 @@ def test_the_area_under_the_curve_counts_the_pairs_in_which_the_real_one_is_larg
 def test_features_part_what_differs_and_not_what_does_not(shift: float, low: float, high: float):
     generator = torch.Generator().manual_seed(1)
     is_real = torch.arange(200) < 100
-    known, asked = torch.randn(2, 200, 4, generator=generator)
-    known[is_real, 2] += shift
-    asked[is_real, 2] += shift
-    right = judge_by_features(known, is_real, asked) == is_real
+    train, test = torch.randn(2, 200, 4, generator=generator)
+    train[is_real, 2] += shift
+    test[is_real, 2] += shift
+    right = judge_by_features(train, is_real, test) == is_real
     assert low <= right.float().mean() <= high
 
 
 def test_a_network_learns_from_the_points_what_parts_the_sides():
     torch.manual_seed(0)
     is_real = torch.arange(60) < 30
-    known, asked = torch.rand(2, 60, 64, 4)
-    for items in (known, asked):
+    train, test = torch.rand(2, 60, 64, 4)
+    for items in (train, test):
         items[is_real, :, 3] *= 0.3
     judge = partial(judge_by_network, make=lambda _: PointJudge(4), steps=60)
-    assert (judge(known, is_real, asked) == is_real).float().mean() > 0.9
+    assert (judge(train, is_real, test) == is_real).float().mean() > 0.9
 
 
 def test_networks_get_as_many_points_of_every_car_all_of_its_own():

@@ -1,4 +1,4 @@
-"""Samples of every sort, degenerate ones among them, and a list of all corruptions."""
+"""Samples of all kinds, including degenerate ones, and a list of all corruptions."""
 
 from dataclasses import dataclass, replace
 
@@ -51,13 +51,13 @@ LABELS = (
 
 @dataclass(frozen=True)
 class Described:
-    """Says which sample is meant; made in the test, as checked code may not run in a strategy."""
+    """Choice of a sample; built in the test, as checked code may not run in a strategy."""
 
     seed: int
     num_points: int
     size: tuple[int, int]
     level: int | None
-    """Of all pixels; None: blocks of colour."""
+    """Level of all pixels; None: blocks of colour."""
     labels: int
     """Number in LABELS."""
     lacking: tuple[str, ...]
@@ -85,7 +85,7 @@ described = st.builds(
 
 
 def same(first: CameraLidarSample, second: CameraLidarSample) -> bool:
-    """Whether image and sweep are equal to the last bit; None equals None."""
+    """Test image and sweep for equality to the last bit; None equals None."""
     return all(
         (a is None and b is None) or (a is not None and b is not None and torch.equal(a, b))
         for a, b in ((first.image, second.image), (first.points, second.points))

@@ -57,13 +57,13 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"image": IMAGE.astype(np.float32)}, "image must be uint8, height x width x 3; got float"),
         ({"image": IMAGE.transpose(2, 0, 1)}, "got uint8 of shape 3 x 120 x 400"),
         ({"points": POINTS[:, :2]}, "the points are float32 of shape .300, 2., expected"),
         ({"points": POINTS[None]}, "points must be N x 3 or more, .* got float32 of shape 1 x 300"),
-        ({"camera_from_lidar": None}, "give both, or none"),
+        ({"camera_from_lidar": None}, "give both or neither"),
         ({"camera_from_lidar": None, "image_from_camera": None}, "camera_fog needs a calibration"),
         ({"points": np.array([[1, 2, 3, 0], [1, 2, 3, np.nan]])}, "finite and .* row 1 is not"),
         (
@@ -82,7 +82,7 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
             {"image": None, "image_size": (0, 5)},
             "image_size is .0, 5., expected .height, width.",
         ),
-        ({"image_size": (5, 5)}, "image is 120x400 .* but image_size is 5x5; leave"),
+        ({"image_size": (5, 5)}, "image is 120x400 .* but image_size is 5x5; omit"),
         ({"image": IMAGE[:, :, 0], "image_size": (5, 5)}, "image must be uint8, height x width"),
         ({"points": np.full((1, 4), np.inf, np.float16)}, "points must be finite .* row 0 is not"),
         ({"seed": -1}, "seed must not be negative"),
@@ -95,8 +95,8 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
         ({"depth": np.full((120, 400), np.inf)}, "depth must be finite"),
     ],
 )
-def test_what_is_no_such_array_is_refused(wrong, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_is_no_such_array_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
         corrupt_arrays("camera_fog", 1, **{"image": IMAGE, **MATRICES, **wrong})
 
 
@@ -109,7 +109,7 @@ def test_tensors_and_lists_are_arrays_as_well(kind):
         found = corrupt_arrays(kind, 4, image=torch.from_numpy(IMAGE), points=points, **matrices)
         np.testing.assert_array_equal(found.image, expected.image)
         np.testing.assert_array_equal(found.points, expected.points)
-    with pytest.raises(ValueError, match="an array is needed, got something else"):
+    with pytest.raises(ValueError, match="expected an array; give rows of one length"):
         corrupt_arrays(kind, 4, image=[[1], [2, 3]], **MATRICES)
 
 
@@ -117,9 +117,9 @@ def test_tensors_and_lists_are_arrays_as_well(kind):
 def test_clouds_of_three_columns_or_of_five_are_those_of_four(kind):
     dark = POINTS * np.float32([1, 1, 1, 0])
     five = np.hstack([POINTS, np.full((len(POINTS), 1), np.nan)])  # a column that nobody needs
-    told = {3: "0 is taken for the reflectance", 5: "the others are left out"}
+    messages = {3: "the reflectance of their points is set to 0", 5: "the others are dropped"}
     for given, same in ((POINTS[:, :3], dark), (five, POINTS)):
-        with pytest.warns(UserWarning, match=told[given.shape[1]]):
+        with pytest.warns(UserWarning, match=messages[given.shape[1]]):
             found = corrupt_arrays(kind, 3, image=IMAGE, points=given, **MATRICES)
         expected = corrupt_arrays(kind, 3, image=IMAGE, points=same, **MATRICES)
         assert np.array_equal(found.points, expected.points)

@@ -65,7 +65,7 @@ def test_kinds_at_once_are_a_suite_by_their_names():
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("fogs", "there is no suite 'fogs'"),
         ("camera_fog+fogs", "there is no kind of corruption 'fogs'"),
@@ -73,8 +73,8 @@ def test_kinds_at_once_are_a_suite_by_their_names():
         ("camera_fog+", "there is no kind of corruption ''"),
     ],
 )
-def test_a_suite_of_unknown_kinds_is_refused_by_name(name, said):
-    with pytest.raises(ValueError, match=said):
+def test_a_suite_of_unknown_kinds_is_refused_by_name(name, message):
+    with pytest.raises(ValueError, match=message):
         find_suite(name)
     with pytest.raises(ValueError, match="two or more kinds, got 1"):
         Combined(parts=(find_kind("camera_fog").at(1),))

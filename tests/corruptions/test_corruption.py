@@ -1,4 +1,4 @@
-"""What every corruption keeps to, whatever the sample."""
+"""Properties of every corruption, for any sample."""
 
 import json
 from dataclasses import asdict, replace
@@ -176,7 +176,7 @@ def test_random_numbers_depend_on_seed_sample_and_kind_alone():
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda: CameraGaussianNoise(sigma_levels=(30.0, 20.0)), "the lower first; got 30 and 20"),
         (lambda: CameraGaussianNoise(sigma_levels=(0.0, 300.0)), "sigma_levels must be two"),
@@ -187,6 +187,6 @@ def test_random_numbers_depend_on_seed_sample_and_kind_alone():
         (lambda: BoxDrawing(height_share=(float("nan"), 1.0)), "height_share must be"),
     ],
 )
-def test_ranges_that_cannot_be_are_refused(make, said):
-    with pytest.raises(ValueError, match=said):
+def test_ranges_that_cannot_be_are_refused(make, message):
+    with pytest.raises(ValueError, match=message):
         make()

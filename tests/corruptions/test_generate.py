@@ -55,11 +55,11 @@ def cases(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_frame_reads_back_as_its_case_has_it_with_masks_where_they_were_written(data, cases):
     case = DGFN7.select(["camera_occlusion"])[0]
-    told = case.corrupt(open_dataset(data)[1], 3)
+    expected = case.corrupt(open_dataset(data)[1], 3)
     back = read_corrupted(cases / case.name, "000003", case.corruption, "velodyne")
     assert back is not None
-    assert torch.equal(back.sample.image, told.sample.image)
-    assert torch.equal(back.camera_mask, told.camera_mask)
+    assert torch.equal(back.sample.image, expected.sample.image)
+    assert torch.equal(back.camera_mask, expected.camera_mask)
     assert not back.lidar_mask.any()
     assert read_corrupted(cases / case.name, "000007", case.corruption, "velodyne") is None
 
@@ -124,12 +124,12 @@ def test_what_is_there_is_kept_and_what_is_missing_is_made_alike(
     assert kept.stat().st_mtime_ns == before
     without_masks = {k: v for k, v in content(cases).items() if "_mask/" not in k}
     assert content(out) == without_masks
-    assert make(data, out, masks=True).written == 28  # they were not asked for before
+    assert make(data, out, masks=True).written == 28  # masks were not requested before
     assert content(out) == content(cases)
 
 
 def killed_at(renames: int, data: Path, out: Path) -> None:
-    """The job in a process of its own that is killed just before it renames so manyth a file."""
+    """Run the job in a process that is killed just before rename number `renames`."""
     left = renames
 
     def rename(path: Path, target: Path) -> Path:
@@ -265,7 +265,7 @@ def test_a_real_frame_has_its_box_on_an_object(kitti_root: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"suite": "dgfn"}, "no suite 'dgfn'; perhaps dgfn7 is meant"),
         ({"cases": ["clean", "camera_blnk"]}, "no case 'camera_blnk'; perhaps camera_blank is"),
@@ -276,9 +276,9 @@ def test_a_real_frame_has_its_box_on_an_object(kitti_root: Path, tmp_path: Path)
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(
-    data: Path, tmp_path: Path, options: dict, said: str
+    data: Path, tmp_path: Path, options: dict, message: str
 ):
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         make(data, tmp_path / "out", **options)
     assert list(tmp_path.iterdir()) == []
 
@@ -301,14 +301,14 @@ def test_a_case_that_is_itself_the_input_is_not_overwritten(cases: Path, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [({"seed": 4}, "seed 3 instead of 4"), ({"suite": "dgfn7-figure"}, "suite dgfn7 instead of")],
 )
 def test_other_settings_never_mix_with_what_is_there(
-    data: Path, cases: Path, options: dict, said: str
+    data: Path, cases: Path, options: dict, message: str
 ):
     before = content(cases)
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         make(data, cases, **options)
     assert content(cases) == before
 
@@ -321,8 +321,8 @@ def test_other_data_never_mix_with_what_is_there(cases: Path, tmp_path: Path):
 
 def test_data_of_another_format_is_refused(tmp_path: Path):
     drive = write_drive(tmp_path / "drive", official=False)
-    said = r"of another kind, expected an object tree; .* \(sightline robustness takes recordin"
-    with pytest.raises(ValueError, match=said):
+    message = r"is not an object tree; give a folder .* \(sightline robustness takes recordin"
+    with pytest.raises(ValueError, match=message):
         make(drive, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -148,7 +148,7 @@ def test_the_strongest_particle_before_the_target_is_seen(seed):
     found = strongest_particles(particles, HDL_64E, ranges, np.random.default_rng(seed))
     rng = np.random.default_rng(seed)
     size = 10 ** (1 / 3) * 6 / 3  # largest flake by the beam's width at 1 m, both in mm
-    ice = (0.3031 / 2.3031) ** 2  # what it throws back: Fresnel
+    ice = (0.3031 / 2.3031) ** 2  # its reflectance: Fresnel
     reach = (ice * 120**2 / 0.9 * size**2) ** 0.25
     volume = math.pi / 3 * 0.0015**2 * reach**3
     counts = rng.poisson(particles.per_cubic_metre * volume, 40)
@@ -176,9 +176,9 @@ def test_in_rain_and_snow_points_stay_on_their_rays_and_come_nearer_or_stay(kind
     further = new.norm(dim=1) - sound.norm(dim=1)
     assert further.max() < 0.4  # of targets: 0.09 m by the root of twice the signal by the noise
     false = int((further < -0.5).sum())
-    said = found.record.parameters
-    assert 0.8 * said["num_particle_echoes"] <= false <= said["num_particle_echoes"]
-    assert said["num_lost"] == 3000 - len(new)
+    parameters = found.record.parameters
+    assert 0.8 * parameters["num_particle_echoes"] <= false <= parameters["num_particle_echoes"]
+    assert parameters["num_lost"] == 3000 - len(new)
 
 
 @few
@@ -233,7 +233,7 @@ def test_in_the_sun_points_are_lost_and_ghosts_are_in_its_direction(seed):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"beam_elevations_deg": ()}, "must be angles"),
         ({"beam_elevations_deg": (0.0, 1.0)}, "must fall from the top"),
@@ -241,6 +241,6 @@ def test_in_the_sun_points_are_lost_and_ghosts_are_in_its_direction(seed):
         ({"beam_elevations_deg": (0.0,), "beam_divergence_mrad": 0.0}, "above 0, got 0"),
     ],
 )
-def test_sensors_that_cannot_be_are_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_sensors_that_cannot_be_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         SpinningLidar(**settings)

@@ -32,7 +32,7 @@ def boxes(draw, size=SIZE):
 
 
 def centres_of(sample):
-    """Of the objects that a box may be drawn on."""
+    """Centres of the objects on which a box may be drawn."""
     if sample.objects is None or "DontCare" in sample.objects.class_names:
         return []
     boxes2d = sample.objects.boxes2d.tensor.tolist()

@@ -1,4 +1,4 @@
-"""Levels: that they are what they are said to be, and that each is worse than the one before."""
+"""Levels of severities: their documented values and their monotonic effect."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.scenes import sample_of
 
-LOST_M = 5.0  # what a lost point or a ghost counts as
+LOST_M = 5.0  # displacement that a lost point or a ghost counts as
 
 
 def damage(sound, corrupted):
@@ -77,7 +77,10 @@ def test_the_levels_are_those_that_are_documented():
     assert KINDS["misalignment_spatial"].at(3).rotation_deg == 1
     assert KINDS["lidar_impulse_noise"].at(1).share == pytest.approx(1 / 30)
     assert KINDS["camera_gaussian_noise"].at(1).sigma_levels == pytest.approx((20.4, 20.4))
-    assert KINDS["sun_glare"].said(5) == "radius 70 px, ghosts 0.02 of the points"
+    text = "radius 70 px, ghosts 0.02 of the points"
+    assert KINDS["sun_glare"].describe(5) == text
+    with pytest.warns(DeprecationWarning, match="call Kind.describe"):
+        assert KINDS["sun_glare"].said(5) == text
     assert len(KINDS) == 34
 
 
@@ -105,7 +108,7 @@ def test_a_kind_stands_for_its_severities_and_can_be_left_out():
 
 
 @pytest.mark.parametrize(
-    ("ask", "said"),
+    ("call", "message"),
     [
         (lambda: find_kind("camera_fogg"), "perhaps camera_fog or .* is meant"),
         (lambda: find_kind("fog"), "perhaps camera_fog or lidar_fog is meant"),
@@ -115,9 +118,9 @@ def test_a_kind_stands_for_its_severities_and_can_be_left_out():
         (lambda: SUITES["core"].without(["lidar_fgo"]), "no kind 'lidar_fgo'; perhaps lidar_fog"),
     ],
 )
-def test_what_there_is_not_is_refused_with_the_nearest_names(ask, said):
-    with pytest.raises(ValueError, match=said) as error:
-        ask()
+def test_what_there_is_not_is_refused_with_the_nearest_names(call, message):
+    with pytest.raises(ValueError, match=message) as error:
+        call()
     assert "\n" not in str(error.value)
 
 

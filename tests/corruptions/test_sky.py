@@ -1,4 +1,4 @@
-"""What is sky to weather, and what only looks so: with a wall or a road before the sensors."""
+"""Sky detection for weather, and walls and roads of the sky's colour."""
 
 import dataclasses
 

@@ -63,7 +63,7 @@ def test_an_archive_of_arrays_is_no_npy_file(tmp_path):
 
 def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(tmp_path):
     np.save(tmp_path / "cloud.npy", POINTS[:5, :3])
-    with pytest.warns(UserWarning, match="have three columns, x, y, z: 0 is taken for the refl"):
+    with pytest.warns(UserWarning, match="have three columns, x, y, z: the reflectance of"):
         assert not read_cloud(tmp_path / "cloud.npy")[:, 3].any()
     np.save(tmp_path / "empty.npy", POINTS[:0])
     assert read_cloud(tmp_path / "empty.npy").shape == (0, 4)
@@ -120,7 +120,7 @@ def test_fields_that_nobody_needs_may_hold_anything(tmp_path, bad):
     np.save(tmp_path / "cloud.npy", rows)
     assert read_cloud(tmp_path / "cloud.npy").tolist() == [[5, 0, 0, 0]] * 9
     np.save(tmp_path / "rows.npy", np.hstack([POINTS[:9], np.full((9, 2), bad)]))
-    with pytest.warns(UserWarning, match="have 6 columns: the first four are taken for x, y, z"):
+    with pytest.warns(UserWarning, match="have 6 columns: the first four are read as x, y, z"):
         np.testing.assert_array_equal(read_cloud(tmp_path / "rows.npy"), POINTS[:9])
 
 
@@ -172,7 +172,7 @@ def test_a_field_of_rings_brings_points_into_kittis_order(tmp_path, suffix, name
 
 def test_a_scale_far_above_all_intensities_is_doubted(tmp_path):
     np.save(tmp_path / "cloud.npy", POINTS)
-    with pytest.warns(UserWarning, match="reach no hundredth of max_intensity, 255, so refl"):
+    with pytest.warns(UserWarning, match="are below a hundredth of max_intensity, 255, so"):
         read_cloud(tmp_path / "cloud.npy", 255.0)
 
 

@@ -515,7 +515,7 @@ def test_a_tilt_that_the_road_contradicts_is_told(tmp_path):
     (summary,) = summarize_tree(tmp_path)
     assert "by its calibration the LiDAR is tilted, 12.0 degrees nose down" in str(summary)
     assert "warning: lidar_tilt_deg is 12.0 degrees nose down" in str(summary)
-    with pytest.warns(UserWarning, match="by the road that the LiDAR sees it is none"):
+    with pytest.warns(UserWarning, match="but the road in the sweeps gives none"):
         open_dataset(tmp_path)
 
 

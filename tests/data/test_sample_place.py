@@ -15,11 +15,11 @@ def test_whole_numbers_of_any_type_are_places_and_negative_ones_count_from_the_e
 @pytest.mark.parametrize(
     ("place", "said"),
     [
-        (slice(0, 2), r"by its number, got slice\(0, 2, None\); take several one by one: \["),
-        ("000001", r"got '000001'; look its place up: dataset.sample_ids.index\('000001'\)"),
-        (1.0, "got 1.0; take"),
-        (None, "got None; take"),
-        (True, "got True; take"),
+        (slice(0, 2), r"whole number, got slice\(0, 2, None\); for several samples: \["),
+        ("000001", r"got '000001'; for a name: dataset\[dataset.sample_ids.index\('000001'\)\]"),
+        (1.0, "got 1.0; for"),
+        (None, "got None; for"),
+        (True, "got True; for"),
         (np.array([True, False]), r"got array\("),
     ],
 )

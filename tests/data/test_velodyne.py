@@ -157,7 +157,7 @@ def test_a_file_in_the_other_byte_order_is_named_as_such(tmp_path):
         (lambda cloud: np.repeat(cloud[:9], 200, axis=0), "1800 points at only 9 places"),
         (lambda cloud: cloud * np.float32([1, 1, 1, 0]), "all intensities are 0, so reflectances"),
         (lambda cloud: cloud * np.float32([1, 1, 1, 0]) + np.float32([0, 0, 0, 1]), "are 1, so"),
-        (lambda cloud: cloud / np.float32([1, 1, 1, 255]), "reach no hundredth of max_intensity"),
+        (lambda cloud: cloud / np.float32([1, 1, 1, 255]), "are below a hundredth of max_inten"),
     ],
 )
 def test_a_sweep_with_hardly_anything_in_it_is_doubted(tmp_path, change, said):

@@ -91,7 +91,7 @@ def test_the_truth_is_what_the_protocol_says_pixel_by_pixel(rng):
         reference_geometry.sparse_depth_map(some, *matrices, *image_size)
         for some in (held_out, seen)
     ]
-    parallax = Parallax.of(sample.calibration)
+    parallax = Parallax.from_calibration(sample.calibration)
     truth = reference.visible_truth(*maps, parallax.base_px_m, parallax.growth_m)
     expected = torch.tensor(truth, dtype=torch.float32)
     if expected.any():

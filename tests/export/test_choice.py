@@ -9,7 +9,7 @@ from sightline.export.choice import choose_engine
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Which libraries there are to be found."""
+    """Set the installed libraries."""
     libraries = {"openvino", "onnx", "onnxscript"}
     monkeypatch.delenv("SIGHTLINE_ENGINE")
     monkeypatch.setattr(choice, "find_spec", lambda name: name if name in libraries else None)

@@ -146,11 +146,11 @@ def test_a_file_that_an_engine_cannot_run_is_refused(openvino_file, onnx_file, t
 
 def test_an_onnx_file_whose_graph_is_damaged_is_refused_by_onnx_runtime_too(tmp_path):
     onnx = pytest.importorskip("onnx")
-    image, answer = (
+    image, output = (
         onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in "ia"
     )
     graph = onnx.helper.make_graph(
-        [onnx.helper.make_node("None", "i", "a")], "g", [image], [answer]
+        [onnx.helper.make_node("None", "i", "a")], "g", [image], [output]
     )
     model = onnx.helper.make_model(graph)
     onnx.helper.set_model_props(model, METADATA.to_properties())

@@ -14,7 +14,7 @@ from tests.export.networks import METADATA
 
 @pytest.fixture
 def exported(tmp_path, monkeypatch):
-    """Exports that were made: each gives other bytes, and none takes its seconds."""
+    """Fake exports: each gives other bytes, without the seconds of a real one."""
     made = []
 
     def export(graph):
@@ -110,7 +110,7 @@ def test_where_nothing_can_be_kept_it_goes_without(monkeypatch):
 
 @pytest.mark.usefixtures("exported")
 def test_the_files_used_last_are_kept(monkeypatch):
-    monkeypatch.setattr(kept_files, "_MOST_FILES", 2)
+    monkeypatch.setattr(kept_files, "_MAX_FILES", 2)
     graphs = [graph_of(nn.Linear(2, 3)) for _ in range(3)]
     for age, graph in enumerate(graphs[:2]):
         onnx_file_of(graph)

@@ -42,7 +42,7 @@ def load(weights, exported, monkeypatch):
 
 
 def complete_in_a_forked_process(predictor, sparse, image):
-    """The depth, or what the error says."""
+    """Depth, or the error message."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
 
@@ -91,8 +91,8 @@ def test_openvino_says_that_it_cannot_be_used_again_in_a_forked_process(load):
     sparse, image = random_frame(16, 20)
     predictor = load("openvino")
     predictor.complete(sparse, image)
-    said = complete_in_a_forked_process(predictor, sparse, image)
-    assert "openvino has run before this process was forked" in said
+    message = complete_in_a_forked_process(predictor, sparse, image)
+    assert "openvino has run before this process was forked" in message
 
 
 def test_a_device_that_an_engine_cannot_use_is_refused(weights):

@@ -1,4 +1,4 @@
-"""The scripts of docs/guides/export.md, which know an exported file alone, against Sightline."""
+"""The scripts of docs/guides/export.md, which read only an exported file, against Sightline."""
 
 import ast
 import json
@@ -54,7 +54,7 @@ def _extra():
 
 @pytest.fixture(scope="module")
 def depth_weights(tmp_path_factory):
-    """A small network: to export one that is shipped takes long."""
+    """A small network: exporting a shipped one takes long."""
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     tensors = random_network(DEPTH_SETTINGS).state_dict()
     config = asdict(DEPTH_SETTINGS)
@@ -63,7 +63,7 @@ def depth_weights(tmp_path_factory):
 
 
 def export(task, weights, folder):
-    """A network's files without the check of what they give, which has tests of its own."""
+    """Export a network's files without the parity check, which has its own tests."""
     paths = []
     for graph in task.graphs(load_network(task, weights)):
         paths.append(folder / f"{graph.name or 'whole'}.onnx")
@@ -100,7 +100,7 @@ def frame_of(sample):
 
 
 def check_detections(found, expected, largest_difference):
-    """The same boxes in the same order."""
+    """Assert the same boxes in the same order."""
     assert len(found) > 5
     assert tuple(name for name, _, _ in found) == expected.class_names
     scores = np.array([score for _, score, _ in found])
@@ -258,7 +258,7 @@ def test_a_file_of_another_task_or_stage_is_refused_in_one_line(tmp_path, depth_
     frame = frames()[0][0]
     (depth,) = export(DEPTH, depth_weights, tmp_path)
     first, second = export(DETECTION_3D, "detection3d-fast-cpu", tmp_path)
-    for run, said in (
+    for run, message in (
         (lambda: detect_2d(depth, frame), "task 'depth-completion', expected detection2d; name"),
         (lambda: complete(first, frame), "task 'detection3d', expected depth-completion; name"),
         (lambda: detect_3d(depth, second, frame), "'depth-completion', expected detection3d"),
@@ -266,7 +266,7 @@ def test_a_file_of_another_task_or_stage_is_refused_in_one_line(tmp_path, depth_
         (lambda: detect_3d(second, first, frame), "expected pillars; name the other file"),
         (lambda: detect_3d(first, first, frame), "takes pillars, expected points; name the other"),
     ):
-        with pytest.raises(SystemExit, match=f"^[^\\n]*{said}[^\\n]*$"):
+        with pytest.raises(SystemExit, match=f"^[^\\n]*{message}[^\\n]*$"):
             run()
 
 

@@ -15,22 +15,22 @@ def test_texts_and_paths_are_taken_and_other_types_named():
 
 
 def test_misspelt_names_are_told_the_nearest():
-    known = ("depth-best", "detection2d-best", "detection3d-best")
-    assert nearest("depth-bst", known) == "perhaps depth-best is meant; "
-    assert nearest("Depth_Best", known) == "perhaps depth-best is meant; "
-    assert nearest("detection2d", known) == "perhaps detection2d-best is meant; "
-    assert nearest("xyz", known) == nearest("", known) == ""
+    names = ("depth-best", "detection2d-best", "detection3d-best")
+    assert nearest("depth-bst", names) == "perhaps depth-best is meant; "
+    assert nearest("Depth_Best", names) == "perhaps depth-best is meant; "
+    assert nearest("detection2d", names) == "perhaps detection2d-best is meant; "
+    assert nearest("xyz", names) == nearest("", names) == ""
 
 
 def test_several_names_are_a_collection_of_those_that_there_are():
-    known = ("image", "points")
-    assert plain_names("parts", ["points"], known) == ("points",)
+    names = ("image", "points")
+    assert plain_names("parts", ["points"], names) == ("points",)
     for wrong in ("image", 3):
         with pytest.raises(
             TypeError, match=r"parts is of type .*, expected several names, such as"
         ):
-            plain_names("parts", wrong, known)
-    with pytest.raises(ValueError, match="parts holds 'imgae'; perhaps image is meant; name some"):
-        plain_names("parts", ["imgae"], known)
-    with pytest.raises(ValueError, match="parts holds 3; name some of image, points"):
-        plain_names("parts", [3], known)
+            plain_names("parts", wrong, names)
+    with pytest.raises(ValueError, match="parts contains 'imgae'; perhaps image is meant; choose"):
+        plain_names("parts", ["imgae"], names)
+    with pytest.raises(ValueError, match="parts contains 3; choose from image, points"):
+        plain_names("parts", [3], names)

@@ -18,7 +18,7 @@ FIELDS = {"sample_id": "a", "calibration": SAMPLE.calibration, "image_size": (3,
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (
             lambda: Calibration(**{**MATRICES, "image_from_camera": np.eye(3)}),
@@ -40,8 +40,8 @@ FIELDS = {"sample_id": "a", "calibration": SAMPLE.calibration, "image_size": (3,
         ),
     ],
 )
-def test_a_field_of_another_type_is_named_in_one_line(make, said):
-    with pytest.raises(TypeError, match=said) as caught:
+def test_a_field_of_another_type_is_named_in_one_line(make, message):
+    with pytest.raises(TypeError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)
 

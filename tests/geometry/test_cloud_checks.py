@@ -40,7 +40,7 @@ def test_losses_beyond_the_usual_are_counted_by_their_cause():
     points = cloud()
     points[:4, :3], points[4:6, 1] = 0, np.nan
     (lost,) = losses(points)
-    assert "6 of 10 points are left out, 2 whose x, y, z are not finite and 4 at 0, 0, 0" in lost
+    assert "6 of 10 points are left out, 2 with x, y, z not finite and 4 at 0, 0, 0" in lost
     assert "4 are left" in lost
     points[:, 0] = np.inf
     assert "none is left" in losses(points)[0]
@@ -49,7 +49,7 @@ def test_losses_beyond_the_usual_are_counted_by_their_cause():
 def test_bad_intensities_are_counted_among_the_points_that_are_left():
     points = cloud()
     points[0, :3], points[:3, 3] = 0, np.nan
-    assert losses(points) == ("2 of 9 points have an intensity that is not finite: 0 is taken",)
+    assert losses(points) == ("2 of 9 points have an intensity that is not finite: it is set to 0",)
 
 
 @pytest.mark.parametrize("offset", [(5e5, 4e6, 0), (0, 0, 800), (-2000, 0, 0)])
@@ -78,8 +78,8 @@ def test_the_unit_is_the_one_that_fits(factor, unit):
 
 
 def test_intensities_that_are_all_alike_are_doubted_but_zeros_are_none():
-    with pytest.warns(UserWarning, match="all intensities are 7, so reflectances say nothing"):
+    with pytest.warns(UserWarning, match="all intensities are 7, so reflectances carry no inf"):
         warn_of_scale(np.full(200, 7.0), 255.0)
     warn_of_scale(np.zeros(200), 255.0)  # an error if it warned
-    warn_of_scale(np.full(20, 7.0), 255.0)  # too few to say
+    warn_of_scale(np.full(20, 7.0), 255.0)  # too few points for a warning
     assert scale_doubt(np.zeros(200), 255.0) is not None

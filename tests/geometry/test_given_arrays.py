@@ -21,15 +21,15 @@ def test_arrays_tensors_and_lists_give_their_numbers(given):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "it has 1 of 3 values masked, .*; fill them"),
         (torch.empty(3, device="meta"), "it is a tensor on the device meta, .* no values; give"),
-        ([[1], [2, 3]], "it: an array is needed, got something else .*; give rows of one length"),
+        ([[1], [2, 3]], "it is .*, expected an array; give rows of one length"),
     ],
 )
-def test_what_has_no_values_is_refused(given, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_has_no_values_is_refused(given, message):
+    with pytest.raises(ValueError, match=message):
         given_array("it", given)
 
 

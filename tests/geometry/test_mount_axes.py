@@ -29,7 +29,7 @@ def test_a_cloud_of_another_convention_is_converted_with_its_calibration_or_alon
     assert "expected x forward, y left, z up" in problem
     assert remedy.startswith("convert both, points and camera_from_lidar: points x, y, z become ")
     _, remedy = axes_doubt(cloud, CAMERA_FROM_LIDAR)
-    assert remedy.startswith("convert the points alone")
+    assert remedy.startswith("convert only the points")
 
 
 def test_the_conversion_that_is_named_makes_both_right():

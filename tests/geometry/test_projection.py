@@ -106,7 +106,7 @@ def test_the_nearest_point_gives_all_three_dhi_channels_of_its_pixel():
 def test_clouds_by_columns_and_sizes_that_no_image_has_are_refused():
     calibration = kitti_like_calibration()
     with pytest.raises(
-        ValueError, match=r"shape \(4, 2\), expected num_points, 3 or more; give a r"
+        ValueError, match=r"shape \(4, 2\), expected num_points, 3 or more; give one r"
     ):
         sparse_depth_map(torch.zeros(4, 2), calibration, KITTI_SIZE)
     with pytest.raises(ValueError, match=r"image_size is \(0, 5\), expected"):

@@ -110,7 +110,7 @@ def test_the_turn_that_makes_a_cloud_upright_is_found(rows):
 
 
 def tilted_cloud(tilt):
-    """The simulated sweep as a LiDAR that is tilted so sees it."""
+    """The simulated sweep from a LiDAR with this tilt."""
     return POINTS[:, :3].astype(np.float64) @ tilt.level_from_lidar[:3, :3]
 
 

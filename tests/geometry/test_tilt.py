@@ -16,7 +16,7 @@ def test_a_tilt_is_the_roll_and_pitch_of_a_urdf(roll_deg, pitch_deg):
     expected = Rotation.from_euler("xyz", (roll_deg, pitch_deg, 0), degrees=True).as_matrix()
     np.testing.assert_allclose(tilt.level_from_lidar[:3, :3], expected, atol=1e-12)
     assert abs(tilt.level_from_lidar[1, 0]) < 1e-12  # x keeps its bearing
-    again = Tilt.of_up(3 * tilt.up)
+    again = Tilt.from_up(3 * tilt.up)
     assert (again.roll_deg, again.pitch_deg) == pytest.approx((roll_deg, pitch_deg), abs=1e-6)
 
 

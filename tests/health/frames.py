@@ -1,4 +1,4 @@
-"""Simulated frames that come with the package, and faults of them."""
+"""Packaged simulated frames, and faults in them."""
 
 import functools
 from dataclasses import replace

@@ -34,7 +34,7 @@ def moved(points, deviation_m, share=1.0):
 
 
 def pulled(points, share, nearest_m=3.0):
-    """Some returns come from nearer on their rays."""
+    """Shorten the ranges of some returns."""
     chosen = rng().random(len(points)) < share
     ranges = np.linalg.norm(points[:, :3], axis=1)
     factor = np.where(chosen, rng().uniform(nearest_m, 8, len(points)) / ranges, 1)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.health.alignment_checks import LEAST_SPREADS, AlignmentChecks
+from sightline.health.alignment_checks import MIN_SPREADS, AlignmentChecks
 from sightline.health.limits import (
-    LEAST_SCORE,
+    MIN_SCORE,
     SHIPPED,
     CheckRange,
     SensorLimits,
@@ -26,7 +26,7 @@ def rows(seed, count):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_one_sound_frame_in_a_hundred_is_an_alarm(seed):
-    limits = fit_limits(rows(seed, 400), LEAST_SPREADS)
+    limits = fit_limits(rows(seed, 400), MIN_SPREADS)
     alarms = sum(limits.judge(row).score < ALARM_SCORE for row in rows(seed, 400))
     assert alarms <= 4
     fresh = sum(limits.judge(row).score < ALARM_SCORE for row in rows(seed + 100, 4000))
@@ -47,11 +47,11 @@ def test_the_score_falls_as_any_check_grows(values, step):
     after = limits.judge(AlignmentChecks(values[0], values[1] + step, tilted=0.0))
     assert 0 <= after.score <= before.score <= 1
     excess = max(values[0], (values[1] - 1) / 2, 0.0)
-    assert before.score == pytest.approx(max(2 ** -(excess / 2), LEAST_SCORE))
+    assert before.score == pytest.approx(max(2 ** -(excess / 2), MIN_SCORE))
 
 
 def test_what_cannot_be_looked_at_says_nothing_and_nothing_at_all_is_the_worst():
-    limits = fit_limits(rows(0, 100), LEAST_SPREADS)
+    limits = fit_limits(rows(0, 100), MIN_SPREADS)
     sound = AlignmentChecks(turned=0.0, mismatched=0.0, tilted=0.0)
     assert limits.judge(sound._replace(turned=math.nan)).score == 1
     health = limits.judge(sound._replace(mismatched=math.inf))
@@ -61,24 +61,24 @@ def test_what_cannot_be_looked_at_says_nothing_and_nothing_at_all_is_the_worst()
 def test_checks_that_never_changed_may_differ_a_little():
     same = [AlignmentChecks(turned=0.0, mismatched=0.0, tilted=0.0)] * 100
     rows = [*same, AlignmentChecks(turned=0.01, mismatched=0.3, tilted=0.0)]
-    widest = fit_limits(rows, LEAST_SPREADS, transfer=True)
-    assert widest.checks["turned"].spread == LEAST_SPREADS.turned
-    assert 0 < fit_limits(rows, LEAST_SPREADS).checks["turned"].spread < LEAST_SPREADS.turned
+    widest = fit_limits(rows, MIN_SPREADS, transfer=True)
+    assert widest.checks["turned"].spread == MIN_SPREADS.turned
+    assert 0 < fit_limits(rows, MIN_SPREADS).checks["turned"].spread < MIN_SPREADS.turned
 
 
 def test_too_few_frames_are_refused():
     with pytest.raises(ValueError, match="at least 100 clean frames, got 99"):
-        fit_limits(rows(0, 99), LEAST_SPREADS)
+        fit_limits(rows(0, 99), MIN_SPREADS)
 
 
 def test_checks_that_tell_nothing_of_a_frame_are_left_out_and_such_of_all_frames_refused():
-    known = rows(0, 100)
-    some = [row._replace(turned=math.nan) for row in known[:30]] + known
-    limits = fit_limits(some, LEAST_SPREADS)
-    assert limits.checks["turned"] == fit_limits(known, LEAST_SPREADS).checks["turned"]
+    complete = rows(0, 100)
+    some = [row._replace(turned=math.nan) for row in complete[:30]] + complete
+    limits = fit_limits(some, MIN_SPREADS)
+    assert limits.checks["turned"] == fit_limits(complete, MIN_SPREADS).checks["turned"]
     for value in (math.nan, math.inf):
-        with pytest.raises(ValueError, match="check 'turned' tells nothing"):
-            fit_limits([row._replace(turned=value) for row in known], LEAST_SPREADS)
+        with pytest.raises(ValueError, match="check 'turned' has no value"):
+            fit_limits([row._replace(turned=value) for row in complete], MIN_SPREADS)
 
 
 def test_limits_are_read_as_they_were_written(tmp_path):

@@ -32,9 +32,9 @@ def printed(*frames):
 
 
 def test_a_frame_is_a_row_whatever_its_name():
-    said = printed(FRAME)
-    assert said.startswith("health of sensors, 1 frame ")
-    row = next(line.split() for line in said.splitlines() if "drive [red] 7" in line)
+    text = printed(FRAME)
+    assert text.startswith("health of sensors, 1 frame ")
+    row = next(line.split() for line in text.splitlines() if "drive [red] 7" in line)
     assert row[3:] == ["0.90", "0.10", "-", "-", "holes", "LiDAR"]
 
 

@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.health.lidar_checks import check_lidar, lies_ahead
+from sightline.health.lidar_checks import check_lidar, is_ahead
 from sightline.health.ring_order import number_rings, ring_by_ring
 from sightline.health.sphere import to_sphere
 from sightline.health.yaw_error import match_edges
@@ -16,7 +16,7 @@ from tests.health.frames import sound
 def origin_lidar(step_deg=1.0):
     """The packaged sweep as lasers of one origin would have taken it, ring by ring."""
     points = sound().points.numpy()
-    points = points[lies_ahead(points)]
+    points = points[is_ahead(points)]
     ranges, azimuth, elevation = to_sphere(points)
     rings = np.rint(elevation / step_deg)
     kept = np.abs(elevation - rings * step_deg) < 0.15
@@ -69,7 +69,7 @@ def test_a_sweep_of_an_hdl_64e_in_another_order_is_judged_as_in_its_own(order):
 
 def test_a_sweep_of_lasers_apart_from_each_other_stays_in_its_order():
     points = sound().points.numpy()
-    ahead = points[lies_ahead(points)]
+    ahead = points[is_ahead(points)]
     assert np.array_equal(ring_by_ring(ahead), ahead)
     noisy = ahead + np.random.default_rng(0).normal(0, 0.1, ahead.shape).astype(np.float32)
     assert np.array_equal(ring_by_ring(noisy), noisy)

@@ -11,7 +11,7 @@ from sightline.health.limits import read_limits
 from sightline.health.monitor import HealthMonitor
 from sightline.health.ring_order import number_rings
 from sightline.health.shipped import (
-    FEWEST_FIRST,
+    MIN_FIRST_FRAMES,
     DriveChecks,
     check_frames,
     choose_shipped,
@@ -87,20 +87,20 @@ def test_limits_fitted_to_the_first_frames_fit_sensors_of_any_make():
         grainy = with_image(sample, lambda image: cv2.GaussianBlur(image, (0, 0), 2))
         return with_points(grainy, lambda points: points * np.float32([1, 1, 1, 0.05]))
 
-    frames = [odd(sound(n % 2)) for n in range(FEWEST_FIRST)]
+    frames = [odd(sound(n % 2)) for n in range(MIN_FIRST_FRAMES)]
     seen = check_frames(frames)
     base = choose_shipped(seen)
     assert HealthMonitor(base.limits)(frames[0]).worst_score < 0.5
     fitted = fit_to_first(base, seen)
     health = HealthMonitor(fitted.limits)(frames[0])
     assert min(health.camera.score, health.lidar.score) > 0.5
-    assert "taken as sound" in fitted.warnings[-1]
+    assert "assumed to be sound" in fitted.warnings[-1]
     black = with_image(frames[0], np.zeros_like)
     assert HealthMonitor(fitted.limits)(black).camera.is_alarm
 
 
 def test_a_sensor_that_delivers_nothing_in_the_first_frames_keeps_its_limits():
-    lidar_only = replace(checks(), camera=(), lidar=checks().lidar * FEWEST_FIRST)
+    lidar_only = replace(checks(), camera=(), lidar=checks().lidar * MIN_FIRST_FRAMES)
     base = choose_shipped(lidar_only)
     fitted = fit_to_first(base, lidar_only)
     assert fitted.limits.camera == base.limits.camera

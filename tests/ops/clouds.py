@@ -1,4 +1,4 @@
-"""What the tests of point operations share: clouds, near and far, crowded and in a plane."""
+"""Clouds for the tests of point operations: near and far, crowded and in a plane."""
 
 import torch
 from hypothesis import strategies as st

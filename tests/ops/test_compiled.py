@@ -36,7 +36,7 @@ def kept(folder):
 
 
 def forbid(monkeypatch, folder):
-    """Makes a folder one that may not be written to, for root as well."""
+    """Make a folder read-only, for root as well."""
     allowed = os.access
     monkeypatch.setattr(
         subject.os, "access", lambda path, mode: Path(path) != folder and allowed(path, mode)

@@ -61,7 +61,7 @@ def test_what_cannot_be_sampled_is_refused():
     cloud = street(0, 9)
     with pytest.raises(ValueError, match="count must not be negative, got -1"):
         farthest_points(cloud, -1)
-    with pytest.raises(ValueError, match="points holds none, but 4 are asked for"):
+    with pytest.raises(ValueError, match="points is empty, but count is 4"):
         farthest_points(cloud[:, :0], 4)
     with pytest.raises(ValueError, match=r"points must be .* got torch.float32 of shape \(1, 9, 2"):
         inspect.unwrap(farthest_points)(cloud[..., :2], 4)

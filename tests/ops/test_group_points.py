@@ -64,7 +64,7 @@ def test_no_index_gives_nothing_and_a_wrong_one_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("features", "index", "said"),
+    ("features", "index", "message"),
     [
         (
             torch.rand(4, 3),
@@ -80,8 +80,8 @@ def test_no_index_gives_nothing_and_a_wrong_one_is_refused():
         (torch.rand(1, 4, 3), torch.tensor(1), r"index must .* of shape \(\)"),
     ],
 )
-def test_what_is_no_features_or_no_index_is_refused(features, index, said):
-    with pytest.raises(ValueError, match=said):
+def test_what_is_no_features_or_no_index_is_refused(features, index, message):
+    with pytest.raises(ValueError, match=message):
         inspect.unwrap(group_points)(features, index)
 
 

@@ -27,8 +27,8 @@ def by_torch(points, queries):
 @given(points=clouds(min_size=1), queries=clouds(max_size=4))
 def test_the_three_nearest_are_found_equal_ones_in_their_order(points, queries):
     expected = [reference.three_nearest(points, query) for query in queries]
-    cloud, asked = as_batch(points), as_batch(queries)
-    for found in (three_nearest(cloud, asked), by_torch(cloud, asked)):
+    cloud, query_batch = as_batch(points), as_batch(queries)
+    for found in (three_nearest(cloud, query_batch), by_torch(cloud, query_batch)):
         assert found.indices[0].tolist() == [index for index, _ in expected]
         assert found.squared_distance_m2[0].tolist() == [distance for _, distance in expected]
 
@@ -37,8 +37,8 @@ def test_the_grid_loses_no_neighbour_of_a_street(monkeypatch):
     monkeypatch.setattr(module, "_CHUNK", 5_000)  # several parts
     cloud, queries = street(0, 500), street(1, 400)
     far = torch.tensor([[[1e9, -1e9, 0], [-1e6, 3, 2], [0, 1e3, -1e3]]])
-    asked = torch.cat((queries, cloud[:, :50], far), dim=1)
-    found, plain = three_nearest(cloud, asked), by_torch(cloud, asked)
+    all_queries = torch.cat((queries, cloud[:, :50], far), dim=1)
+    found, plain = three_nearest(cloud, all_queries), by_torch(cloud, all_queries)
     assert torch.equal(found.indices, plain.indices)
     assert torch.equal(found.squared_distance_m2, plain.squared_distance_m2)
 
@@ -86,7 +86,7 @@ def test_no_queries_give_nothing_and_no_points_are_refused():
     none = three_nearest(cloud[:, :0], cloud[:, :0])
     assert none.indices.shape == (1, 0, 3)
     assert interpolate_points(torch.rand(1, 0, 4), none).shape == (1, 0, 4)
-    with pytest.raises(ValueError, match="points holds none, so nothing is nearest"):
+    with pytest.raises(ValueError, match="points is empty, expected at least one"):
         three_nearest(cloud[:, :0], cloud)
 
 

@@ -29,7 +29,7 @@ def test_points_of_one_lidar_ray_lie_apart_by_the_difference_of_their_inverse_de
     points = torch.from_numpy(np.stack([direction * rng.uniform(4, 80) for _ in range(2)]))
     far, near = project_points(points, calibration).pixels.numpy()
     far_m, near_m = project_points(points, calibration).depths.tolist()
-    shift = Parallax.of(calibration).shift_px_m(*far, far_m)
+    shift = Parallax.from_calibration(calibration).shift_px_m(*far, far_m)
     np.testing.assert_allclose(near - far, np.array(shift) * (1 / near_m - 1 / far_m), atol=1e-6)
 
 
@@ -64,7 +64,9 @@ def test_on_simulated_frames_it_finds_half_of_the_hidden_returns_and_few_sound_o
     sweep = sparse_depth_map(sample.points, sample.calibration, sample.image_size).numpy()
     truth, pixels = sample.depth.numpy(), np.argwhere(sweep > 0)
     depths, true = sweep[*pixels.T], truth[*pixels.T]
-    hidden = hidden_by_parallax(sweep, pixels, depths, Parallax.of(sample.calibration))
+    hidden = hidden_by_parallax(
+        sweep, pixels, depths, Parallax.from_calibration(sample.calibration)
+    )
     behind = (true > 0) & (depths - true > np.maximum(1, 0.1 * true))
     sound = (true > 0) & (np.abs(depths - true) < 0.3)
     assert behind.sum() > 100

@@ -1,4 +1,4 @@
-"""Points in rotated boxes, and so many of each, by kernel and by plain PyTorch."""
+"""Points in rotated boxes, and draws of them, by kernel and by plain PyTorch."""
 
 import inspect
 import math
@@ -22,7 +22,7 @@ box_lists = st.lists(boxes, max_size=4)
 
 
 def require_no_point_on_a_face(points, boxes, margin=0.0):
-    """Where cosines are rounded, a face is known to some digits only."""
+    """Tolerate some digits at faces: cosines are rounded."""
     assume(
         all(
             box[6] == 0 or abs(reference.depth_in_box(point, box, margin)) > 1e-6

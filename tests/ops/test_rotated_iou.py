@@ -31,14 +31,14 @@ def iou_by_kernel(a, b):
 
 
 def iou_by_torch(a, b):
-    """The same by the path for other devices."""
+    """IoU by the implementation for other devices."""
     first, second = torch.tensor([a], dtype=torch.float64), torch.tensor([b], dtype=torch.float64)
     return rotated_iou_torch.iou(box_rows(first), box_rows(second)).item()
 
 
 @pytest.fixture(params=[iou_by_kernel, iou_by_torch])
 def iou(request):
-    """Both computations must pass every case."""
+    """Implementations to test: kernel and plain PyTorch."""
     return request.param
 
 
@@ -70,8 +70,8 @@ def test_both_computations_of_3d_boxes_equal_exact_arithmetic(a, b):
     assert pairwise_iou_3d(first, second).numpy() == pytest.approx(exact, abs=1e-12)
     by_torch = rotated_iou_torch.iou(first[:, None], second[None])
     assert by_torch.numpy() == pytest.approx(exact, abs=1e-12)
-    least = min(len(a), len(b))
-    aligned = aligned_iou_3d(first[:least], second[:least])
+    count = min(len(a), len(b))
+    aligned = aligned_iou_3d(first[:count], second[:count])
     assert aligned.numpy() == pytest.approx(np.diagonal(exact), abs=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""Memory that is used again, but never while somebody has it."""
+"""Reused memory, which is never reused while referenced."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -43,7 +43,7 @@ def test_results_that_are_still_in_use_keep_theirs_also_by_a_part():
 def test_results_that_gradients_need_are_not_overwritten():
     spare_memory._spare.clear()
     features = torch.rand(1, 3, 8, dtype=torch.float64, requires_grad=True)
-    squared = group_points(features, MANY).square()  # keeps what it squared
+    squared = group_points(features, MANY).square()  # keeps its input for the gradient
     for _ in range(3):
         group_points(torch.full((1, 3, 8), 9.0).double(), MANY)
     squared.sum().backward()

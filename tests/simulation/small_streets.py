@@ -40,7 +40,7 @@ class Straight:
 
 @dataclass(frozen=True)
 class Turning:
-    """Standing, but for a steady turn."""
+    """Steady rotation on the spot."""
 
     rate_radps: float
 
@@ -107,7 +107,7 @@ def street(
 
 
 def make_tiny_street(rng: np.random.Generator, *, duration_s: float) -> Street:  # noqa: ARG001
-    """A courtyard with some boxes by chance: cheap to build and to look at."""
+    """A courtyard with some boxes by chance: fast to build and to render."""
     actors = [
         box_actor(
             float(rng.uniform(8, 20)),

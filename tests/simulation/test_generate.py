@@ -182,7 +182,7 @@ def test_reduced_sweeps_hold_what_the_camera_sees(frames: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("frames_asked", "options", "said"),
+    ("num_frames", "options", "message"),
     [
         (0, {}, "at least 1 frame"),
         (2, {"validation_frames": 3}, "no more validation_frames than frames, got 2 and 3"),
@@ -192,9 +192,11 @@ def test_reduced_sweeps_hold_what_the_camera_sees(frames: Path, tmp_path: Path):
         (2, {"shard_index": 2, "num_shards": 2}, "shard_index must be between"),
     ],
 )
-def test_senseless_numbers_are_refused(tmp_path: Path, frames_asked: int, options: dict, said: str):
-    with pytest.raises(ValueError, match=said):
-        make(tmp_path, frames_asked, **options)
+def test_senseless_numbers_are_refused(
+    tmp_path: Path, num_frames: int, options: dict, message: str
+):
+    with pytest.raises(ValueError, match=message):
+        make(tmp_path, num_frames, **options)
     assert not any(tmp_path.iterdir())
 
 
@@ -227,8 +229,8 @@ def test_a_sweep_far_beyond_what_was_begun_is_refused_by_name_and_changes_nothin
     stray = tmp_path / "training/velodyne/999999.bin"
     stray.touch()
     before = content(tmp_path)
-    said = r"999999\.bin: is the sweep of frame 999999, expected none from 5000 on beside so few"
-    with pytest.raises(FileError, match=rf"{said} others; move it away, or ask for 1000000 frames"):
+    message = r"999999\.bin: is the sweep of frame 999999, expected an index below 5000 .* 1000000"
+    with pytest.raises(FileError, match=message):
         make(tmp_path, 1, workers=1, validation_frames=1)
     assert content(tmp_path) == before
     stray.unlink()
@@ -246,23 +248,23 @@ def test_a_sweep_far_beyond_what_was_begun_is_refused_by_name_and_changes_nothin
 def test_the_last_frame_of_a_part_that_was_killed_is_in_the_plan_of_any_later_run(
     frames, num_shards, done, fewer, data
 ):
-    mine = shard(range(frames), data.draw(st.integers(0, num_shards - 1)), num_shards)[:done]
+    own_frames = shard(range(frames), data.draw(st.integers(0, num_shards - 1)), num_shards)[:done]
     with TemporaryDirectory() as folder:
         layout = ObjectLayout(root=Path(folder), velodyne="velodyne")
         layout.frame(0).points.parent.mkdir(parents=True)
-        for index in mine:
+        for index in own_frames:
             layout.frame(index).points.touch()
-        begun = 1 + mine[-1] if mine else 0
+        begun = 1 + own_frames[-1] if own_frames else 0
         assert layout.num_planned(frames) == frames
         assert layout.num_planned(min(fewer, frames)) == max(min(fewer, frames), begun)
 
 
-def test_a_gap_as_wide_as_what_is_asked_for_is_filled(tmp_path: Path):
+def test_a_gap_as_wide_as_requested_is_filled(tmp_path: Path):
     layout = ObjectLayout(root=tmp_path, velodyne="velodyne")
     layout.frame(0).points.parent.mkdir(parents=True)
     layout.frame(999_999).points.touch()
     assert layout.num_planned(10**6) == 10**6
-    with pytest.raises(FileError, match=r"frame 999999, expected none from 999999 on"):
+    with pytest.raises(FileError, match=r"frame 999999, expected an index below 999999"):
         layout.num_planned(999_999)
 
 

@@ -93,8 +93,8 @@ def test_a_drive_far_beyond_what_was_begun_is_refused_by_name_and_changes_nothin
     stray.touch()
     calibration = tmp_path / "2000_01_01/calib_velo_to_cam.txt"
     before, written = content(tmp_path), calibration.stat().st_mtime_ns
-    said = r"is the sweep of frame 29998, expected none from 9000 on .* or ask for 29999 frames"
-    with pytest.raises(FileError, match=rf"drive_9999_sync.*0000000001\.bin: {said}"):
+    message = r"is the sweep of frame 29998, expected an index below 9000 .* 29999 frames"
+    with pytest.raises(FileError, match=rf"drive_9999_sync.*0000000001\.bin: {message}"):
         make(tmp_path, 5, DRIVES, workers=1)
     assert content(tmp_path) == before
     assert calibration.stat().st_mtime_ns == written

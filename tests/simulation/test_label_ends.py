@@ -24,7 +24,7 @@ def round_ended(roundness: float) -> Mesh:
 
 
 def last_struck(mesh: Mesh, angle: float) -> float:
-    """x [m] where the last level rays touch that look ahead, and by an angle [rad] to the left."""
+    """x [m] of the last contact of level rays, straight ahead and turned left by an angle [rad]."""
     way = np.array((np.cos(angle), np.sin(angle), 0.0))
     to_near_flank = np.sign(angle) * np.array((way[1], -way[0], 0.0))
     origins = np.array((0.0, 0.0, 0.6)) - 10.0 * way

@@ -18,7 +18,7 @@ SIZE = (188, 621)
 CALIBRATION = calibration_of(SimulationConfig(image_size=SIZE, focal_px=360.0))
 
 
-def look(scenery: Street) -> tuple[CameraFrame, FrameLabels]:
+def render_and_label(scenery: Street) -> tuple[CameraFrame, FrameLabels]:
     scene = scenery.snapshot(0.0)
     frame = render_camera(scene, CALIBRATION, SIZE, rng=np.random.default_rng(0))
     return frame, label_frame(scene, frame.owners, CALIBRATION, KITTI_LIDAR_HEIGHT_M)
@@ -38,7 +38,7 @@ def test_the_box_of_a_car_is_its_3d_boxs_and_the_visible_box_what_the_picture_sh
     rng = np.random.default_rng(seed)
     places = [(9.0, 3.5), (14.0, -4.0), (22.0, 0.0), (6.5, -4.5), (5.0, 3.2)]
     cars = [box_actor(x, y, yaw=rng.uniform(-3, 3)) for x, y in places]
-    frame, labels = look(street(*cars))
+    frame, labels = render_and_label(street(*cars))
     assert (labels.actors >= 0).sum() >= 4
     for row in np.flatnonzero(labels.actors >= 0).tolist():
         actor, objects = labels.actors[row], labels.objects
@@ -48,12 +48,12 @@ def test_the_box_of_a_car_is_its_3d_boxs_and_the_visible_box_what_the_picture_sh
         expected = project_box(corners, CALIBRATION.image_from_camera, SIZE)
         assert objects.boxes2d[row] == pytest.approx(expected.box, abs=1e-6)
         assert objects.truncation[row] == pytest.approx(expected.truncation)
-        shown = labels.visible_boxes[row]
-        assert np.array_equal(shown, mask_box(frame, actor))
-        # Aerials, roof boxes and tow bars stand out of what is labelled.
+        visible_box = labels.visible_boxes[row]
+        assert np.array_equal(visible_box, mask_box(frame, actor))
+        # Aerials, roof boxes and tow bars extend beyond the labelled box.
         slack = 1.5 + 0.25 * (expected.box[3] - expected.box[1])
-        assert (shown[:2] >= expected.box[:2] - slack).all()
-        assert (shown[2:] <= expected.box[2:] + slack).all()
+        assert (visible_box[:2] >= expected.box[:2] - slack).all()
+        assert (visible_box[2:] <= expected.box[2:] + slack).all()
 
 
 def test_a_pedestrians_box_is_as_wide_as_the_person_and_as_high_as_the_3d_box():
@@ -65,20 +65,21 @@ def test_a_pedestrians_box_is_as_wide_as_the_person_and_as_high_as_the_3d_box():
     person = replace(
         box_actor(10.0, -2.0, yaw=0.4, size_lwh=size, class_name="Pedestrian"), shape=Diamond()
     )
-    frame, labels = look(street(person))
-    box, shown = labels.objects.boxes2d[0], mask_box(frame, 0)
+    frame, labels = render_and_label(street(person))
+    box, visible_box = labels.objects.boxes2d[0], mask_box(frame, 0)
     corners = box_corners(
         labels.objects.locations[0], np.array(size[::-1]), float(labels.objects.rotation_y[0])
     )
     whole = project_box(corners, CALIBRATION.image_from_camera, SIZE).box
     assert box[[1, 3]] == pytest.approx(whole[[1, 3]])
-    assert (shown[[0, 2]] - box[[0, 2]]) * [1, -1] == pytest.approx(0.7, abs=0.6)  # 2 cm of room
+    gaps = (visible_box[[0, 2]] - box[[0, 2]]) * [1, -1]
+    assert gaps == pytest.approx(0.7, abs=0.6)  # 2 cm
     assert whole[0] < box[0] - 3 < box[2] + 3 < whole[2]
 
 
 def test_a_label_has_the_size_that_annotators_give():
     plain = box_actor(10.0, -2.0, yaw=0.4, size_lwh=(1.0, 0.6, 1.8))
-    _, labels = look(street(replace(plain, labelled_lwh=(0.8, 0.7, 1.7))))
+    _, labels = render_and_label(street(replace(plain, labelled_lwh=(0.8, 0.7, 1.7))))
     assert labels.objects.dimensions_hwl[0].tolist() == [1.7, 0.7, 0.8]
 
 
@@ -93,7 +94,7 @@ def test_the_box_of_a_car_ends_on_the_far_side_where_its_flank_does(
             return Mesh.joined([sides, block((0.0, 0.0, 0.75), (2.0, 0.3, 0.75))])
 
     plain = box_actor(15.0, 2.0, yaw=yaw, class_name=class_name)
-    _, labels = look(street(replace(plain, shape=Wedged())))
+    _, labels = render_and_label(street(replace(plain, shape=Wedged())))
     objects = labels.objects
     assert objects.dimensions_hwl[0].tolist() == pytest.approx([1.5, 1.6, 4.0 - left_out])
     middle = CALIBRATION.camera_from_lidar[:3] @ (15.0 - left_out / 2, 2.0, 0.0, 1.0)
@@ -104,7 +105,7 @@ def test_what_is_largely_hidden_and_cut_by_the_image_is_of_unknown_occlusion():
     for ahead, offset, level in ((8.0, 0.0, 3), (14.0, 0.3, 2)):  # the image cuts the first
         hidden = box_actor(ahead, 5.0, size_lwh=(4.0, 1.8, 1.5))
         wall = block((5.0, 25.0 / ahead + offset, 2.0), (0.05, 0.5, 2.0))
-        _, labels = look(street(hidden, scenery=Mesh.joined([ground(), wall])))
+        _, labels = render_and_label(street(hidden, scenery=Mesh.joined([ground(), wall])))
         assert (labels.objects.truncation[0] > 0) == (level == 3)
         assert labels.objects.occlusion[0] == level
 
@@ -125,10 +126,12 @@ def test_labels_follow_a_camera_that_is_tilted(monkeypatch, tilt: tuple[float, f
 
     monkeypatch.setattr("sightline.simulation.labels.world_from_footprint", tilted)
     monkeypatch.setattr("sightline.simulation.camera.samples.world_from_footprint", tilted)
-    frame, labels = look(street(box_actor(18.0, 1.0, yaw=0.3, size_lwh=(0.8, 0.8, 1.8))))
-    box, shown = labels.objects.boxes2d[0], mask_box(frame, 0)
-    assert np.abs(box - shown).max() <= 3  # upright in the camera's frame, not in the world
-    assert labels.visible_boxes[0].tolist() == shown.tolist()
+    frame, labels = render_and_label(
+        street(box_actor(18.0, 1.0, yaw=0.3, size_lwh=(0.8, 0.8, 1.8)))
+    )
+    box, visible_box = labels.objects.boxes2d[0], mask_box(frame, 0)
+    assert np.abs(box - visible_box).max() <= 3  # upright in the camera's frame, not in the world
+    assert labels.visible_boxes[0].tolist() == visible_box.tolist()
 
 
 def test_occlusion_follows_the_share_of_a_truck_that_a_wall_hides():
@@ -138,7 +141,7 @@ def test_occlusion_follows_the_share_of_a_truck_that_a_wall_hides():
         # The camera stands 0.06 m to the left; the wall at 8 m hides all left of `edge` at 16 m.
         at_wall = 0.06 + (edge - 0.06) * (8.0 - 0.27) / (16.0 - 0.27)
         wall = block((8.0, at_wall + 3.0, 2.0), (0.01, 3.0, 2.0))
-        _, labels = look(street(truck, scenery=Mesh.joined([ground(), wall])))
+        _, labels = render_and_label(street(truck, scenery=Mesh.joined([ground(), wall])))
         assert labels.objects.class_names == ("Truck",), share
         levels[share] = int(labels.objects.occlusion[0])
     assert levels == {0.0: 0, 0.05: 1, 0.3: 1, 0.6: 2}
@@ -147,8 +150,8 @@ def test_occlusion_follows_the_share_of_a_truck_that_a_wall_hides():
 def test_the_box_of_an_occluded_object_is_that_of_the_whole_object():
     truck = box_actor(20.0, 0.0, size_lwh=(8.0, 2.4, 3.0), class_name="Truck")
     wall = block((8.0, 3.0, 2.0), (0.01, 3.0, 2.0))
-    _, hidden = look(street(truck, scenery=Mesh.joined([ground(), wall])))
-    _, free = look(street(truck))
+    _, hidden = render_and_label(street(truck, scenery=Mesh.joined([ground(), wall])))
+    _, free = render_and_label(street(truck))
     assert np.array_equal(hidden.objects.boxes2d, free.objects.boxes2d)
 
 
@@ -157,19 +160,21 @@ def test_truncation_is_the_share_of_the_outline_beyond_the_image():
     left_edge = (0 - float(CALIBRATION.image_from_camera[0, 2])) / 360.0 * 8.0
     left = 0.06 - left_edge  # of the LiDAR, at that distance
     actor = box_actor(8.27 + 0.01, left + 0.5, size_lwh=(0.02, 2.0, 1.5))
-    _, labels = look(street(actor))
+    _, labels = render_and_label(street(actor))
     assert float(labels.objects.truncation[0]) == pytest.approx(0.75, abs=0.02)
     assert float(labels.objects.boxes2d[0, 0]) == 0
 
 
 def test_what_is_wholly_inside_is_not_truncated():
-    _, labels = look(street(box_actor(15.0, 0.0)))
+    _, labels = render_and_label(street(box_actor(15.0, 0.0)))
     assert float(labels.objects.truncation[0]) == 0
 
 
 def test_what_nothing_shows_of_has_no_label():
     wall = block((8.0, 0.0, 2.0), (0.1, 4.0, 2.0))
-    _, labels = look(street(box_actor(15.0, 0.0), scenery=Mesh.joined([ground(), wall])))
+    _, labels = render_and_label(
+        street(box_actor(15.0, 0.0), scenery=Mesh.joined([ground(), wall]))
+    )
     assert len(labels.objects.class_names) == 0
     assert labels.objects.locations.shape == (0, 3)
 
@@ -184,9 +189,9 @@ def test_a_few_pixels_over_a_wall_do_not_make_a_label_but_a_region_to_ignore():
     # Of the person behind the wall only the top of the head shows.
     person = box_actor(6.0, 0.0, size_lwh=(0.5, 0.6, 1.8), class_name="Pedestrian")
     wall = block((5.0, 0.0, 0.865), (0.05, 2.0, 0.865))
-    frame, labels = look(street(person, scenery=Mesh.joined([ground(), wall])))
-    shown = (frame.owners == 0).sum()
-    assert 25 <= shown < 200
+    frame, labels = render_and_label(street(person, scenery=Mesh.joined([ground(), wall])))
+    num_visible = (frame.owners == 0).sum()
+    assert 25 <= num_visible < 200
     assert labels.objects.class_names == ("DontCare",)
     box, top = labels.objects.boxes2d[0], mask_box(frame, 0)
     assert (box[:2] <= top[:2] + 1).all()
@@ -197,7 +202,7 @@ def test_a_few_pixels_over_a_wall_do_not_make_a_label_but_a_region_to_ignore():
 
 def test_far_groups_are_one_region_without_a_3d_part(tmp_path):
     far = [box_actor(85.0, y) for y in (-1.0, 1.0, 3.0)] + [box_actor(88.0, 25.0)]
-    _, labels = look(street(*far, box_actor(12.0, -3.0)))
+    _, labels = render_and_label(street(*far, box_actor(12.0, -3.0)))
     assert labels.objects.class_names == ("Car", "DontCare", "DontCare")
     assert labels.actors.tolist() == [4, -1, -1]
     write_objects(tmp_path / "0.txt", labels.objects)
@@ -217,7 +222,7 @@ def test_3d_part_is_kittis(tmp_path, ego_yaw: float):
         yaw=ego_yaw + 0.2,
         size_lwh=(4.2, 1.7, 1.5),
     )
-    _, labels = look(street(actor, ego=Straight(ego)))
+    _, labels = render_and_label(street(actor, ego=Straight(ego)))
     write_objects(tmp_path / "0.txt", labels.objects)
     read = read_labels(tmp_path / "0.txt")
     assert read.dimensions_hwl[0].tolist() == [1.5, 1.7, 4.2]
@@ -229,7 +234,7 @@ def test_3d_part_is_kittis(tmp_path, ego_yaw: float):
 
 
 def test_an_actor_beside_the_camera_that_reaches_behind_it_is_labelled_without_a_fault():
-    frame, labels = look(street(box_actor(1.5, 2.2, size_lwh=(6.0, 1.8, 1.6))))
+    frame, labels = render_and_label(street(box_actor(1.5, 2.2, size_lwh=(6.0, 1.8, 1.6))))
     box = labels.objects.boxes2d[0]
     assert np.abs(box - mask_box(frame, 0)).max() <= 1.5
     assert 0.3 < float(labels.objects.truncation[0]) <= 1

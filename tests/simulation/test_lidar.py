@@ -55,7 +55,7 @@ def test_ranges_to_the_ground_are_those_of_the_beams_angles():
     ranges = np.linalg.norm(points[:, :3], axis=1)
     expected = KITTI_LIDAR_HEIGHT_M / np.sin(np.radians([15.0, 5.0]))
     assert np.allclose(np.unique(ranges.round(2)), expected, atol=0.01)
-    assert len(points) == 2 * 360  # the beam that rises meets nothing
+    assert len(points) == 2 * 360  # the rising beam hits nothing
 
 
 def test_a_beam_with_an_offset_starts_above_the_origin():
@@ -176,7 +176,7 @@ def test_a_retro_reflector_outshines_a_wall_and_a_wall_a_tyre():
 def test_most_beams_pass_one_pane_and_return_from_what_stands_behind():
     pane = block((10.0, 0.0, 2.0), (0.01, 3.0, 3.0), Material.GLASS)
     front = Mesh.joined([pane, block((20.0, 0.0, 4.0), (0.5, 20.0, 8.0))])
-    # Only the pane's front face: a real pane is thinner than what the LiDAR tells apart.
+    # Only the pane's front face: a real pane is thinner than the resolution of the LiDAR.
     first = front.faces[:12]
     facing = front.vertices[first].mean(axis=1)[:, 0] < 9.995
     keep = np.concatenate((facing, np.ones(len(front.faces) - 12, dtype=bool)))
@@ -287,8 +287,8 @@ def test_each_laser_adds_its_own_bias_to_ranges_and_readings():
     errors = ranges - ranges * 9.5 / (points[:, 0] - 0.0)
     elevation = np.degrees(np.arcsin(points[:, 2] / ranges)).round().astype(int)
     for laser in lasers:
-        mine = elevation == laser.elevation_deg
-        assert np.median(errors[mine]) == pytest.approx(laser.range_bias_m, abs=2e-3)
+        is_laser = elevation == laser.elevation_deg
+        assert np.median(errors[is_laser]) == pytest.approx(laser.range_bias_m, abs=2e-3)
     middle = np.median(points[elevation == 0, 3])
     assert np.median(points[elevation == 2, 3]) == pytest.approx(middle - 0.1, abs=0.02)
     assert np.median(points[elevation == -2, 3]) == pytest.approx(middle + 0.1, abs=0.02)

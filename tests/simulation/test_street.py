@@ -17,7 +17,7 @@ from sightline.simulation.streets.layout_drawing import draw_layout
 from sightline.simulation.surroundings.furniture import _MAKERS, _PARTS, Item, item_model
 from sightline.simulation.surroundings.trees import Detail, Species, tree_model
 
-MOST_TRIANGLES = 250_000
+MAX_TRIANGLES = 250_000
 GROUND = (
     Material.ASPHALT, Material.PAVEMENT, Material.GRASS, Material.SOIL, Material.KERB,
     Material.COBBLES, Material.GRAVEL, Material.CONCRETE, Material.METAL,
@@ -48,8 +48,11 @@ def _assert_sound(mesh: Mesh) -> None:
 def test_the_same_seed_gives_the_same_street_to_the_last_bit():
     first, second = (make_street(np.random.default_rng(11)).snapshot() for _ in range(2))
     for field in fields(Mesh):
-        ours, theirs = getattr(first.mesh, field.name), getattr(second.mesh, field.name)
-        assert ours.tobytes() == theirs.tobytes()
+        expected, repeated = (
+            getattr(first.mesh, field.name),
+            getattr(second.mesh, field.name),
+        )
+        assert expected.tobytes() == repeated.tobytes()
     assert first.poses == second.poses
     assert first.light == second.light
     other = make_street(np.random.default_rng(12)).snapshot()
@@ -59,7 +62,7 @@ def test_the_same_seed_gives_the_same_street_to_the_last_bit():
 def test_meshes_of_all_kinds_of_street_are_sound_and_small_enough(streets):
     for street in streets.values():
         _assert_sound(street.ground_and_buildings)
-        assert len(street.ground_and_buildings.faces) <= MOST_TRIANGLES
+        assert len(street.ground_and_buildings.faces) <= MAX_TRIANGLES
 
 
 def test_all_actors_stand_on_the_surface_below_them(streets):
@@ -82,7 +85,7 @@ def test_all_actors_stand_on_the_surface_below_them(streets):
         around = np.array([caster.cast(origins + step, down).distances - 0.6 for step in steps])
         off = np.where(np.sign(around.min(axis=0)) == np.sign(around.max(axis=0)), around[4], 0)
         walks = np.array([actor.class_name == "Pedestrian" for actor in street.actors])
-        # The wheels of a long vehicle bridge what is between them.
+        # The wheels of a long vehicle bridge the ground between them.
         assert np.abs(np.where(walks, off, around[4]))[on_ground].max() < 0.05
         num_actors += len(poses)
     assert num_actors > 50

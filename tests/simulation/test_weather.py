@@ -26,7 +26,7 @@ def test_clear_days_low_sun_overcast_and_dusk_all_occur_and_days_are_most():
 
 
 def test_exposure_makes_grey_ground_about_equally_bright_in_all_weathers():
-    """A grey of 0.18 open to sun and sky, times exposure: what the sensor gets."""
+    """Exposed level of a grey of 0.18 under open sun and sky."""
     values = []
     for light in LIGHTS:
         sky = (np.mean(light.sky_zenith) + np.mean(light.sky_horizon)) / 2

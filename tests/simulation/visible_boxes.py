@@ -52,8 +52,8 @@ class Seen:
 def labelled(
     actors: Sequence[Actor], lots: Sequence[Lot], ego: Pose, time_s: float = 0.0
 ) -> list[Seen]:
-    """Who would be labelled, by painting boxes and walls from far to near."""
-    things = []
+    """Find the labelled road users by painting boxes and walls from far to near."""
+    objects = []
     for index, actor in enumerate(actors):
         pose = actor.motion.at(time_s)
         length, width, height = actor.size_lwh
@@ -61,13 +61,13 @@ def labelled(
         aside = np.array([-along[1], along[0]])
         signs = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
         base = np.array([pose.x, pose.y]) + signs @ np.array([along * length, aside * width]) / 2
-        things.append((index, base, pose.z, height))
+        objects.append((index, base, pose.z, height))
     for lot in lots:
         footprint = footprint_of(lot)
         if footprint is not None:
-            things.append((-1, footprint_corners(footprint), -1.0, 8.0))
+            objects.append((-1, footprint_corners(footprint), -1.0, 8.0))
     painted = []
-    for index, base, z, height in things:
+    for index, base, z, height in objects:
         outline = _outline(base, z, height, ego)
         if outline is not None:
             painted.append((outline[0], index, outline[1]))
@@ -89,7 +89,7 @@ def labelled(
 
 
 def _in_camera(places: np.ndarray, ego: Pose) -> np.ndarray:
-    """Ahead and left of the camera."""
+    """Position ahead and left of the camera."""
     cos, sin = np.cos(ego.yaw), np.sin(ego.yaw)
     apart = places - [ego.x, ego.y]
     ahead = apart @ [cos, sin] - CAMERA_AHEAD
@@ -99,7 +99,7 @@ def _in_camera(places: np.ndarray, ego: Pose) -> np.ndarray:
 def _outline(base, z, height, ego):
     """Nearest depth and box (x_min, y_min, x_max, y_max) in the image, unclipped."""
     seen = _in_camera(base, ego)
-    # Walls are longer than what the camera sees of them: cut them into pieces.
+    # Walls extend beyond the view: cut them into pieces.
     shares = np.linspace(0, 1, 12)[:, None]
     rim = np.concatenate(
         [seen[row] + shares * (seen[(row + 1) % 4] - seen[row]) for row in range(4)]

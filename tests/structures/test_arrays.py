@@ -87,8 +87,8 @@ def test_what_is_no_picture_is_refused(image):
 def test_rows_that_are_not_finite_are_left_out_and_a_missing_intensity_is_none():
     points = np.array([[1, 2, 3], [np.nan, 0, 0], [4, 5, np.inf], [4, 5, 6]])
     with (
-        pytest.warns(UserWarning, match="three columns, x, y, z: 0 is taken for the reflectance"),
-        pytest.warns(UserWarning, match="2 of 4 points are left out, 2 whose x, y, z are not fin"),
+        pytest.warns(UserWarning, match="three columns, x, y, z: the reflectance of their"),
+        pytest.warns(UserWarning, match="2 of 4 points are left out, 2 with x, y, z not fin"),
     ):
         assert sweep_points(points).tolist() == [[1, 2, 3, 0], [4, 5, 6, 0]]
     with pytest.warns(UserWarning, match="there are no points"):
@@ -176,13 +176,13 @@ def test_a_structured_array_is_refused_with_the_stack_of_its_fields(fields, stac
 
 
 def test_columns_after_the_fourth_are_left_out_with_a_warning():
-    with pytest.warns(UserWarning, match="have 5 columns: .* the others are left out"):
+    with pytest.warns(UserWarning, match="have 5 columns: .* the others are dropped"):
         assert sweep_points(np.array([[1, 2, 3, 0.5, 7]])).tolist() == [[1, 2, 3, 0.5]]
 
 
 def test_a_scale_far_above_all_intensities_is_doubted():
     for max_intensity in (255, 1e8):
-        with pytest.warns(UserWarning, match="reach no hundredth of max_intensity"):
+        with pytest.warns(UserWarning, match="are below a hundredth of max_int"):
             sweep_points(POINTS, max_intensity)
     sweep_points(POINTS * np.float32([1, 1, 1, 0]), 255)  # a sensor without intensities
 
@@ -199,7 +199,7 @@ def test_ring_numbers_in_the_place_of_intensities_are_told_as_such(columns, max_
 
 
 def test_negative_intensities_are_not_blamed_on_their_scale():
-    with pytest.raises(ValueError, match=r"intensities from -1 to 0, .*; write them from 0 on"):
+    with pytest.raises(ValueError, match=r"intensities from -1 to 0, .*; write intensities from 0"):
         sweep_points(np.float32([[3, 1, 0, -1], [4, 1, 0, 0]]))
 
 

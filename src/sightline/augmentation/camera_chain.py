@@ -15,7 +15,7 @@ from jaxtyping import Float32, Float64, UInt8
 
 from sightline.structures.sample import CameraLidarSample
 
-_LEAST_BLUR_PX = 0.2  # a smaller blur has no effect
+_MIN_BLUR_PX = 0.2  # a smaller blur has no effect
 _LEVELS = 255
 
 
@@ -54,7 +54,7 @@ def change_camera(
     image = np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())
     image = split_colors(image, *rng.uniform(-1, 1, size=2) * config.chromatic_px)
     blur_px = rng.uniform(0, config.blur_px)
-    if blur_px >= _LEAST_BLUR_PX:
+    if blur_px >= _MIN_BLUR_PX:
         image = cv2.GaussianBlur(image, (0, 0), blur_px)
     gains = np.exp(rng.uniform(-1, 1, size=3) * math.log1p(config.balance))
     image = expose(image, gains, rng.uniform(0, config.noise_levels), rng)

@@ -35,9 +35,9 @@ def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSam
     image, objects = sample.image, sample.objects
     if image is not None:
         has_fewer = height * width < old_height * old_width
-        how = cv2.INTER_AREA if has_fewer else cv2.INTER_CUBIC
+        interpolation = cv2.INTER_AREA if has_fewer else cv2.INTER_CUBIC
         pixels = cv2.resize(
-            image.permute(1, 2, 0).cpu().numpy(), (width, height), interpolation=how
+            image.permute(1, 2, 0).cpu().numpy(), (width, height), interpolation=interpolation
         )
         image = torch.from_numpy(pixels).permute(2, 0, 1).contiguous()
     if objects is not None:

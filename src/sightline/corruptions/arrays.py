@@ -23,7 +23,7 @@ from sightline.corruptions.combined import find_corruption, needs_calibration
 from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.data.frame_checks import depth_range_doubt
-from sightline.geometry.arguments import plain_size, plain_text, shown, wrong_type
+from sightline.geometry.arguments import plain_size, plain_text, short_repr, wrong_type
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.given_arrays import Given, given_array, without_masked
@@ -33,13 +33,13 @@ from sightline.structures.arrays import cloud_columns, image_remedy, warn_of_vie
 from sightline.structures.mounting import warn_of_axes
 from sightline.structures.sample import CameraLidarSample
 
-# A camera with no point in view: it looks up from far above.
+# A camera without points in view: far above the scene, pointing up.
 _FAR_ABOVE = torch.eye(4, dtype=torch.float64)
 _FAR_ABOVE[2, 3] = -1e9
 _NO_VIEW = Calibration(
     image_from_camera=torch.eye(4, dtype=torch.float64)[:3], camera_from_lidar=_FAR_ABOVE
 )
-_LARGEST = 1e6  # metres; beyond, float32 is too coarse for the kinds
+_LARGEST = 1e6  # metres; larger values are too coarse in float32
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -119,7 +119,7 @@ def corrupt_arrays(
     size = _image_size(planes, image_size)
     sweep = None if points is None else _points(given_array("points", points))
     if sweep is not None and calibration is not _NO_VIEW:
-        _warn_of_doubts(sweep, calibration, size)
+        _warn_if_inconsistent(sweep, calibration, size)
     sample = CameraLidarSample(
         sample_id=name,
         calibration=calibration,
@@ -138,7 +138,7 @@ def _calibration(
         return None
     if image_from_camera is None or camera_from_lidar is None:
         raise ValueError(
-            "a calibration is image_from_camera and camera_from_lidar; give both, or none of them"
+            "a calibration needs both image_from_camera and camera_from_lidar; give both or neither"
         )
     return Calibration(
         image_from_camera=_matrix("image_from_camera", image_from_camera, (3, 4)),
@@ -160,13 +160,13 @@ def _seed(seed: object) -> int:
             if number < 0:
                 raise ValueError(f"seed must not be negative, got {number}")
             return number
-    raise ValueError(f"seed is {shown(seed)}, expected a whole number of 0 or more; give one")
+    raise ValueError(f"seed is {short_repr(seed)}, expected a whole number of 0 or more; give one")
 
 
-def _warn_of_doubts(
+def _warn_if_inconsistent(
     sweep: Float32[torch.Tensor, "num_points 4"], calibration: Calibration, size: tuple[int, int]
 ) -> None:
-    """Warn of a sweep and a calibration that hardly belong together, as `from_arrays` does."""
+    """Warn of a sweep that is unlikely to match the calibration, as `from_arrays` does."""
     doubt = mount_doubt(calibration.camera_from_lidar.numpy())
     if doubt is not None:
         warnings.warn(f"camera_from_lidar {doubt}", stacklevel=3)
@@ -185,13 +185,13 @@ def _image_size(
     size = None if given is None else plain_size(given)
     if image is None:
         if size is None:
-            raise ValueError("without an image, image_size (height, width) is needed; give it")
+            raise ValueError("image_size is missing; give (height, width) if there is no image")
         return size
     height, width = image.shape[1:]
     if size not in (None, (height, width)):
         raise ValueError(
             f"image is {height}x{width} (height x width), but image_size is "
-            f"{'x'.join(map(str, size))}; leave image_size out where there is an image"
+            f"{'x'.join(map(str, size))}; omit image_size if an image is given"
         )
     return height, width
 
@@ -199,21 +199,24 @@ def _image_size(
 def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height width"]:
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
         raise ValueError(
-            f"image must be uint8, height x width x 3; got {_said(image)}: {image_remedy(image)}"
+            f"image must be uint8, height x width x 3; got {_dtype_and_shape(image)}: "
+            f"{image_remedy(image)}"
         )
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
 
 
 def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_points 4"]:
     if points.ndim != 2:  # the output refers to rows of the given sweep
-        raise ValueError(f"points must be N x 3 or more, one row a point; got {_said(points)}")
+        raise ValueError(
+            f"points must be N x 3 or more, one row a point; got {_dtype_and_shape(points)}"
+        )
     columns = cloud_columns(points)
-    # In float64, because float16 cannot store the limit; written so that NaN is refused, too.
+    # In float64, because float16 cannot store the limit; NaN fails the comparison, too.
     is_plausible = (np.abs(columns) <= _LARGEST).all(axis=1)
     if not is_plausible.all():
         raise ValueError(
             f"points must be finite and at most {_LARGEST:g}; row "
-            f"{int(np.flatnonzero(~is_plausible)[0])} is not: leave such points out"
+            f"{int(np.flatnonzero(~is_plausible)[0])} is not; remove such points"
         )
     reflectances = columns[:, 3]
     # checks of the range only: here, no reflectance may be above 1
@@ -223,7 +226,7 @@ def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_poi
     if len(columns) and not 0 <= reflectances.min() <= reflectances.max() <= 1:
         raise ValueError(
             f"reflectances (column 3 of points) must be from 0 to 1, got {reflectances.min():g} to "
-            f"{reflectances.max():g}; divide by the sensor's full scale, 255 say"
+            f"{reflectances.max():g}; divide by the sensor's full scale, for example 255"
         )
     return torch.from_numpy(columns.astype(np.float32))
 
@@ -234,12 +237,12 @@ def _depth(
     if not np.issubdtype(depth.dtype, np.floating) or depth.shape != size:
         raise ValueError(
             f"depth must be floating point, height x width as the image, {size[0]} x {size[1]}; "
-            f"got {_said(depth)}"
+            f"got {_dtype_and_shape(depth)}"
         )
     if not (depth >= 0).all():
-        raise ValueError("depth must not be negative or NaN: metres, 0 where it is unknown")
+        raise ValueError("depth must not be negative or NaN: metres, 0 = unknown")
     if not np.isfinite(depth).all():
-        raise ValueError("depth must be finite: metres, 0 where it is unknown")
+        raise ValueError("depth must be finite: metres, 0 = unknown")
     doubt = depth_range_doubt(depth)
     if doubt is not None:
         warnings.warn(f"depth {doubt}: give metres, not values of a PNG", stacklevel=3)
@@ -251,11 +254,13 @@ def _matrix(
 ) -> Float64[torch.Tensor, "rows columns"]:
     matrix = given_array(name, given)
     if matrix.shape != shape or matrix.dtype.kind not in "fiu":
-        raise ValueError(f"{name} must be {shape[0]} x {shape[1]} numbers, got {_said(matrix)}")
+        raise ValueError(
+            f"{name} must be {shape[0]} x {shape[1]} numbers, got {_dtype_and_shape(matrix)}"
+        )
     return torch.from_numpy(matrix.astype(np.float64))
 
 
-def _said(array: Shaped[np.ndarray, "..."]) -> str:
+def _dtype_and_shape(array: Shaped[np.ndarray, "..."]) -> str:
     return f"{array.dtype} of shape {' x '.join(map(str, array.shape)) or '()'}"
 
 

@@ -173,13 +173,13 @@ def fall(
     light = to_light(levels)
     air = float(to_light(np.full(1, airlight, np.float32))[0])
     draw_streaks(light, streaks.ends_px, streaks.widths_px, streaks.opacities, air)
-    said = {
+    parameters = {
         "wind_mps": wind_mps,
         "num_streaks": len(streaks.opacities),
         "airlight_levels": airlight,
         "distances_from": source,
     }
-    return ImageChange(to_levels(from_light(light)), everywhere(sample), said)
+    return ImageChange(to_levels(from_light(light)), everywhere(sample), parameters)
 
 
 def to_light(levels: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:

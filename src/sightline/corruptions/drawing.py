@@ -37,7 +37,7 @@ class CorruptionSampler:
         if self.probabilities is not None:
             suite.select(self.probabilities)
             shares = self.probabilities.values()
-            # Written so that NaN is refused, too.
+            # NaN fails the comparison, too.
             if not (min(shares, default=0) >= 0 and abs(sum(shares) - 1) <= 1e-6):
                 raise ValueError(
                     "the probabilities of the cases must be at least 0 and sum to 1, got "
@@ -46,8 +46,7 @@ class CorruptionSampler:
         if not sum(_probabilities(suite, self.probabilities, self.without)):
             without = f" without {', '.join(self.without)}" if self.without else ""
             raise ValueError(
-                f"nothing is left to draw{without}; name other probabilities, or fewer kinds to "
-                "leave out"
+                f"no case is left to draw{without}; set other probabilities, or exclude fewer kinds"
             )
 
     def draw(self, rng: np.random.Generator, num_images: int = 1) -> tuple[Case, ...]:

@@ -147,7 +147,7 @@ def corrupt_dataset(
 ) -> JobResult:
     """Write the cases of a suite, each as an object tree `out`/CASE; see `CaseTree`.
 
-    The input is only read. A file appears whole or not at all, and existing files are skipped, so a
+    The input is only read. Files are written atomically and existing files are skipped, so a
     stopped job can be resumed; more cases or another list extend the data set. A frame's corruption
     depends only on the seed, its name and the kind.
 
@@ -173,19 +173,19 @@ def corrupt_dataset(
             contain its name; finished frames are kept.
     """
     chosen = find_suite(suite)
-    asked = chosen.cases if cases is None else chosen.select(cases)
+    requested = chosen.cases if cases is None else chosen.select(cases)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
     check_workers(workers)
     shard((), shard_index, num_shards)  # rejects invalid values before the data is opened
     dataset = _open(data, sample_list, velodyne)
-    _check_apart(dataset.root, out, asked)
+    _check_apart(dataset.root, out, requested)
     velodyne = dataset.velodyne
     originals = list_object_frames(dataset.root / dataset.split, PARTS, velodyne)
-    _check_parts(dataset, originals, asked)
+    _check_parts(dataset, originals, requested)
     trees = [
         CaseTree(root=out / case.name, split=dataset.split, velodyne=velodyne, masks=masks)
-        for case in asked
+        for case in requested
     ]
     acquire_output_dir(
         out,
@@ -198,7 +198,7 @@ def corrupt_dataset(
         name = dataset.sample_ids[index]
         pending = tuple(
             (case, tree)
-            for case, tree, done in zip(asked, trees, finished, strict=True)
+            for case, tree, done in zip(requested, trees, finished, strict=True)
             if name not in done
         )
         works.append(_FrameWork(dataset, index, originals[name], seed, pending))
@@ -206,7 +206,7 @@ def corrupt_dataset(
         tree.link_lists(dataset.root)
     run_job([work for work in works if work.pending], workers, description=f"corrupting by {suite}")
     written = sum(len(work.pending) for work in works)
-    return JobResult(written=written, skipped=len(works) * len(asked) - written)
+    return JobResult(written=written, skipped=len(works) * len(requested) - written)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +235,8 @@ def _open(
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts, needs=())
     if not isinstance(dataset, KittiObjectDataset):
         raise ValueError(
-            f"{data} is a data set of another kind, expected an object tree; name a folder that "
-            "holds training/{image_2,velodyne,calib,label_2} (sightline robustness takes "
+            f"{data} is not an object tree; give a folder that "
+            "contains training/{image_2,velodyne,calib,label_2} (sightline robustness takes "
             "recordings, too)"
         )
     return dataset
@@ -259,8 +259,8 @@ def _check_parts(
         lacking = [name for name in dataset.sample_ids if getattr(originals[name], part) is None]
         if breaking and lacking:
             raise ValueError(
-                f"{dataset.root} has no {part} of frame {lacking[0]} for case {breaking[0]} to "
-                "break; name cases of the other sensor, or a list of whole frames"
+                f"{dataset.root} has no {part} of frame {lacking[0]} for case {breaking[0]}; "
+                "choose cases of the other sensor, or a list of complete frames"
             )
 
 

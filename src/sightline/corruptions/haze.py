@@ -41,12 +41,12 @@ class CameraFog(CameraCorruption):
         extinction = extinction_per_m(self.visibility_m)
         airlight = airlight_level(image)
         foggy = to_levels(veil(image, ranges_m, extinction, airlight))
-        said = {
+        parameters = {
             "visibility_m": self.visibility_m,
             "airlight_levels": airlight,
             "distances_from": source,
         }
-        return ImageChange(foggy, everywhere(sample), said)
+        return ImageChange(foggy, everywhere(sample), parameters)
 
 
 def extinction_per_m(visibility_m: float) -> float:

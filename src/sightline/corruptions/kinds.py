@@ -1,6 +1,7 @@
 """All kinds of corruption at five severities; levels are tabulated in the sensors' own units."""
 
 import difflib
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -49,7 +50,7 @@ from sightline.files.plain_text import shortened
 
 SEVERITIES: Final = (1, 2, 3, 4, 5)
 
-_LIKENESS = 0.7  # minimum similarity of a misspelt name; a lower limit mixes up sensors
+_MIN_SIMILARITY = 0.7  # minimum similarity of a misspelt name; a lower limit confuses sensors
 
 Level = tuple[float | int, ...]
 """Settings of a severity, one number for each quantity of its kind."""
@@ -81,13 +82,20 @@ class Kind:
         level = self.levels[plain_severity(self.name, severity) - 1]
         return self.make(tuple(map(float, level)), lidar)
 
-    def said(self, severity: int) -> str:
-        """Describe the level of a severity in words."""
+    def describe(self, severity: int) -> str:
+        """Format the level of a severity: quantities with units."""
         numbers = self.levels[severity - 1]
         return ", ".join(
             f"{quantity.split(' [')[0]} {number:g}{_unit(quantity)}"
             for quantity, number in zip(self.quantities, numbers, strict=True)
         )
+
+    def said(self, severity: int) -> str:
+        """Deprecated name of `describe`."""
+        warnings.warn(
+            "Kind.said is deprecated; call Kind.describe", DeprecationWarning, stacklevel=2
+        )
+        return self.describe(severity)
 
 
 def plain_severity(kind: str, severity: object) -> int:
@@ -115,20 +123,20 @@ def find_kind(name: str) -> Kind:
 
 
 def unknown(
-    problem: str, name: str, known: Sequence[str], listed: Iterable[str] | None = None
+    problem: str, name: str, names: Sequence[str], listed: Iterable[str] | None = None
 ) -> str:
-    """Describe an unknown name, with the nearest known names and all of them.
+    """Describe an unknown name, with similar valid names and all of them.
 
     Args:
         problem: Beginning of the message.
         name: The unknown name.
-        known: All known names.
-        listed: Names in the message instead of all. None: the known names.
+        names: All valid names.
+        listed: Names in the message instead of all. None: all.
     """
-    holding = [each for each in known if name and name in each]
-    close = difflib.get_close_matches(name, known, n=2, cutoff=_LIKENESS) or holding[:2]
+    holding = [each for each in names if name and name in each]
+    close = difflib.get_close_matches(name, names, n=2, cutoff=_MIN_SIMILARITY) or holding[:2]
     meant = f"perhaps {' or '.join(close)} is meant; " if close else ""
-    return f"{problem} '{shortened(name)}'; {meant}name one of {', '.join(listed or known)}"
+    return f"{problem} '{shortened(name)}'; {meant}name one of {', '.join(listed or names)}"
 
 
 def _unit(quantity: str) -> str:

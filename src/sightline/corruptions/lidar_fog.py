@@ -71,12 +71,12 @@ class LidarFog(LidarCorruption):
         foggy[:, :3] *= torch.from_numpy(factors.astype(np.float32))[:, None]
         foggy[:, 3] = torch.from_numpy(read.astype(np.float32))
         rows = torch.from_numpy(np.flatnonzero(found))
-        said = {
+        parameters = {
             "attenuation_per_m": self.attenuation_per_m,
             "num_lost": int(len(points) - found.sum()),
             "num_fog_echoes": int((found & is_fog).sum()),
         }
-        return PointsChange(foggy[rows], rows, everywhere(sample), said)
+        return PointsChange(foggy[rows], rows, everywhere(sample), parameters)
 
 
 class FogResponse(NamedTuple):
@@ -98,8 +98,8 @@ class FogResponse(NamedTuple):
     ) -> tuple[Float64[np.ndarray, " num_points"], Float64[np.ndarray, " num_points"]]:
         """Compute the apparent reflectance of the fog before each target, and its range [m]."""
         places = np.minimum(ranges_m / self.step_m, len(self.strongest) - 1).astype(np.int64)
-        seeming = reflectances * ranges_m**2 * self.backscatter_ratio * self.strongest[places]
-        return seeming, self.ranges_m[places]
+        apparent = reflectances * ranges_m**2 * self.backscatter_ratio * self.strongest[places]
+        return apparent, self.ranges_m[places]
 
 
 @lru_cache(maxsize=32)

@@ -115,12 +115,12 @@ def fall_before(
     wet[:, :3] *= torch.from_numpy(factors.astype(np.float32))[:, None]
     wet[:, 3] = torch.from_numpy(read.astype(np.float32))
     rows = torch.from_numpy(np.flatnonzero(found))
-    said = {
+    parameters = {
         "extinction_per_m": particles.extinction_per_m,
         "num_lost": int(len(points) - found.sum()),
         "num_particle_echoes": int((found & is_particle).sum()),
     }
-    return PointsChange(wet[rows], rows, everywhere(sample), said)
+    return PointsChange(wet[rows], rows, everywhere(sample), parameters)
 
 
 def strongest_particles(
@@ -141,19 +141,19 @@ def strongest_particles(
     places_m = reach_m * np.cbrt(rng.random(len(beams)))
     diameters_m = particles.draw_diameters_m(len(beams), rng)
     filled = np.minimum((diameters_m / (2 * half_angle * places_m)) ** 2, 1)
-    seeming = particles.reflectance * filled
-    seeming *= np.exp(-2 * particles.extinction_per_m * places_m)
+    apparent = particles.reflectance * filled
+    apparent *= np.exp(-2 * particles.extinction_per_m * places_m)
     is_before = (places_m >= lidar.min_range_m) & (places_m < ranges_m[beams])
-    powers = np.where(is_before, seeming / places_m**2, 0.0)
+    powers = np.where(is_before, apparent / places_m**2, 0.0)
     first = np.flatnonzero(np.diff(beams, prepend=-1))
-    chosen_ranges, chosen_seeming = np.zeros(len(ranges_m)), np.zeros(len(ranges_m))
+    chosen_ranges, chosen_apparent = np.zeros(len(ranges_m)), np.zeros(len(ranges_m))
     if len(first):
         best = np.repeat(np.maximum.reduceat(powers, first), counts[counts > 0])
         # The strongest echo is written; of equal echoes, which have no power, any may be written.
         is_best = (powers == best) & (powers > 0)
         chosen_ranges[beams[is_best]] = places_m[is_best]
-        chosen_seeming[beams[is_best]] = seeming[is_best]
-    return Echoes(chosen_ranges, chosen_seeming)
+        chosen_apparent[beams[is_best]] = apparent[is_best]
+    return Echoes(chosen_ranges, chosen_apparent)
 
 
 def _reach_m(particles: Precipitation, lidar: SpinningLidar) -> float:

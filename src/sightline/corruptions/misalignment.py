@@ -52,7 +52,7 @@ class SpatialMisalignment(LidarCorruption):
             "rotation_deg": self.rotation_deg,
             "translation_m": (self.translation_m * direction).tolist(),
         }
-        return _seen_from(moved_from_lidar, points, sample, drawn)
+        return _transformed(moved_from_lidar, points, sample, drawn)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,7 +81,7 @@ class TemporalMisalignment(LidarCorruption):
             "speed_mps": self.speed_mps,
             "yaw_rate_dps": yaw_rate_dps,
         }
-        return _seen_from(then_from_now, points, sample, drawn)
+        return _transformed(then_from_now, points, sample, drawn)
 
 
 def ego_motion(speed_mps: float, yaw_rate_dps: float, time_s: float) -> Float64[Tensor, "4 4"]:
@@ -104,7 +104,7 @@ def _direction(rng: np.random.Generator) -> Float64[np.ndarray, "3"]:
             return drawn / length
 
 
-def _seen_from(
+def _transformed(
     other_from_lidar: Float64[Tensor, "4 4"],
     points: Sweep,
     sample: CameraLidarSample,

@@ -43,8 +43,8 @@ def detect_photons(
 
 def _outcomes(mean: float, levels_per_photon: float) -> UInt8[np.ndarray, "draws"]:
     """Compute the levels of all draws, in ascending order of photons."""
-    most = int(mean + 7 * np.sqrt(mean) + 12)
-    counts = np.arange(most + 1)
+    max_count = int(mean + 7 * np.sqrt(mean) + 12)
+    counts = np.arange(max_count + 1)
     up_to = np.rint(_DRAWS * poisson.cdf(counts, mean)).astype(np.int64)
     up_to[-1] = _DRAWS
     levels = np.clip(np.rint(levels_per_photon * counts), 0, 255).astype(np.uint8)

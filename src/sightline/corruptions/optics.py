@@ -131,7 +131,7 @@ class CameraJpeg(CameraCorruption):
         is_stored, stored = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
         assert is_stored, "an 8-bit image can be stored"
         read = cv2.imdecode(stored, cv2.IMREAD_COLOR)
-        assert read is not None, "what was stored can be read"
+        assert read is not None, "a stored JPEG can be read"
         planes = np.ascontiguousarray(read[..., ::-1].transpose(2, 0, 1))
         return ImageChange(torch.from_numpy(planes), everywhere(sample), {"quality": self.quality})
 
@@ -149,9 +149,9 @@ def line_kernel(length_px: float, angle_deg: float) -> Float32[np.ndarray, "side
     kernel = np.zeros((2 * half + 3, 2 * half + 3))  # with a border for the rounding
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     right, below = x - column, y - row
-    for down, of_row in ((0, 1 - below), (1, below)):
-        for across, of_column in ((0, 1 - right), (1, right)):
-            np.add.at(kernel, (row + down + 1, column + across + 1), of_row * of_column)
+    for down, row_weight in ((0, 1 - below), (1, below)):
+        for across, column_weight in ((0, 1 - right), (1, right)):
+            np.add.at(kernel, (row + down + 1, column + across + 1), row_weight * column_weight)
     normed: Float32[np.ndarray, "side side"] = (kernel / kernel.sum()).astype(np.float32)
     return normed
 

@@ -43,7 +43,7 @@ class PixelBox:
         """Test which LiDAR points [m] project to its pixels, as in `sparse_depth_map`."""
         # In float64 throughout: a rounded pixel may be the neighbour.
         columns, rows = project_points(points[:, :3].double(), calibration).pixels.unbind(dim=-1)
-        # Written so that NaN, the pixel of a point not in front of the camera, is outside.
+        # NaN, the pixel of a point not in front of the camera, fails the comparison.
         inside = (columns >= self.left - 0.5) & (columns < self.right - 0.5)
         return inside & (rows >= self.top - 0.5) & (rows < self.bottom - 0.5)
 

@@ -42,22 +42,23 @@ def sky_mask(
     is_blue = (blue > _BLUER * red) & (blue >= green) & (blue >= _BLUE_LEVEL)
     level = planes.min(axis=0)
     cloud_level = min(_CLOUD_SHARE * float(np.percentile(level[::4, ::4], 90)), _WHITE_LEVEL)
-    is_alike = is_blue | (level >= np.where(is_silent, cloud_level, _WHITE_LEVEL))
+    is_similar = is_blue | (level >= np.where(is_silent, cloud_level, _WHITE_LEVEL))
     upright = np.ones((_RINGS_PX, 1), dtype=np.uint8)  # closes small gaps in an upright run
-    in_run = cv2.morphologyEx(is_alike.astype(np.uint8), cv2.MORPH_CLOSE, upright) > 0
+    in_run = cv2.morphologyEx(is_similar.astype(np.uint8), cv2.MORPH_CLOSE, upright) > 0
     is_beside = cv2.dilate(is_known.astype(np.uint8), np.ones((1, 3), dtype=np.uint8)) > 0
-    is_wall = is_alike & (_next_row(~in_run) >= _next_row(is_beside) + _RINGS_PX)
-    walls, all_alike = (
-        cv2.blur(each.astype(np.float32), (_WINDOW_PX, _WINDOW_PX)) for each in (is_wall, is_alike)
+    is_wall = is_similar & (_next_row(~in_run) >= _next_row(is_beside) + _RINGS_PX)
+    walls, similar = (
+        cv2.blur(each.astype(np.float32), (_WINDOW_PX, _WINDOW_PX))
+        for each in (is_wall, is_similar)
     )
-    is_sky: Bool[np.ndarray, "height width"] = is_alike & (walls <= all_alike / 2)
+    is_sky: Bool[np.ndarray, "height width"] = is_similar & (walls <= similar / 2)
     return is_sky
 
 
-def _next_row(is_there: Bool[np.ndarray, "height width"]) -> Int64[np.ndarray, "height width"]:
+def _next_row(is_marked: Bool[np.ndarray, "height width"]) -> Int64[np.ndarray, "height width"]:
     """Find for each pixel the first marked row from its own downwards; otherwise the height."""
-    height, _ = is_there.shape
-    rows = np.where(is_there, np.arange(height)[:, None], height)
+    height, _ = is_marked.shape
+    rows = np.where(is_marked, np.arange(height)[:, None], height)
     next_row: Int64[np.ndarray, "height width"] = np.minimum.accumulate(rows[::-1])[::-1]
     return next_row
 
@@ -65,7 +66,7 @@ def _next_row(is_there: Bool[np.ndarray, "height width"]) -> Int64[np.ndarray, "
 _DENSE_SHARE = 0.5  # minimum share of known pixels below the horizon in a dense depth map
 _WIDE_WINDOW_PX = 61  # where there is no measurement nearby
 _TRUSTED_PX = 8.0  # distance from a measured pixel at which the weight of its depth falls to 1/e
-_LEAST_TRUST = 0.1
+_MIN_TRUST = 0.1
 _SMOOTH_LEVELS = 12.0  # minimum change of the guide at an edge
 _SILENT_M = 100.0  # minimum range of surfaces without an echo
 _NEVER_M = 1e6  # range of the sky
@@ -105,8 +106,8 @@ def scene_ranges(sample: CameraLidarSample) -> SceneRanges:
         depth_m = np.where(known > 0, known, np.float32(_NEVER_M))
     else:
         if sample.points is not None:
-            of_sweep = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
-            known = np.where(known > 0, known, of_sweep.numpy())
+            sweep_depth_m = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+            known = np.where(known > 0, known, sweep_depth_m.numpy())
         if known.any():
             depth_m, source = _filled(known, horizon, sample.image), "sweep"
         else:
@@ -131,14 +132,14 @@ def _filled(
         (~is_known).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )
     rows, columns = np.nonzero(is_known)
-    row_of = np.zeros(labels.max() + 1, dtype=np.int32)
-    inverse_of = np.zeros(labels.max() + 1, dtype=np.float32)
-    of_known = labels[rows, columns]
-    row_of[of_known] = rows
-    inverse_of[of_known] = 1 / known_m[rows, columns]
-    inverse = inverse_of[labels]
+    label_rows = np.zeros(labels.max() + 1, dtype=np.int32)
+    label_inverse = np.zeros(labels.max() + 1, dtype=np.float32)
+    known_labels = labels[rows, columns]
+    label_rows[known_labels] = rows
+    label_inverse[known_labels] = 1 / known_m[rows, columns]
+    inverse = label_inverse[labels]
     above = slice(0, horizon)
-    is_silent = row_of[labels[above]] > horizon
+    is_silent = label_rows[labels[above]] > horizon
     if image is None:
         inverse[above][is_silent] = 0
     else:
@@ -151,7 +152,7 @@ def _filled(
     guide = inverse if image is None else image.numpy().max(axis=0).astype(np.float32)
     trust = np.exp(-away_px / np.float32(_TRUSTED_PX))
     near = _guided(inverse, guide, np.ones_like(trust), _WINDOW_PX)
-    wide = _guided(inverse, guide, trust + np.float32(_LEAST_TRUST), _WIDE_WINDOW_PX)
+    wide = _guided(inverse, guide, trust + np.float32(_MIN_TRUST), _WIDE_WINDOW_PX)
     share = cv2.blur(trust, (_WINDOW_PX, _WINDOW_PX))
     inverse = wide + share * (near - wide)
     depth_m: Float32[np.ndarray, "height width"] = 1 / np.maximum(inverse, np.float32(1 / _NEVER_M))
@@ -166,16 +167,16 @@ def _guided(
 ) -> Float32[np.ndarray, "height width"]:
     """Fit the values as a linear function of the guide in each window; average the functions."""
 
-    def mean(of: Float32[np.ndarray, "height width"]) -> Float32[np.ndarray, "height width"]:
-        return cv2.blur(of, (window_px, window_px)).astype(np.float32, copy=False)
+    def mean(plane: Float32[np.ndarray, "height width"]) -> Float32[np.ndarray, "height width"]:
+        return cv2.blur(plane, (window_px, window_px)).astype(np.float32, copy=False)
 
     total = mean(weights)
-    of_guide, of_values = mean(weights * guide) / total, mean(weights * values) / total
-    spread = mean(weights * guide * guide) / total - of_guide * of_guide
-    together = mean(weights * guide * values) / total - of_guide * of_values
-    slope = together / (spread + _SMOOTH_LEVELS**2)
+    mean_guide, mean_values = mean(weights * guide) / total, mean(weights * values) / total
+    spread = mean(weights * guide * guide) / total - mean_guide * mean_guide
+    cross = mean(weights * guide * values) / total - mean_guide * mean_values
+    slope = cross / (spread + _SMOOTH_LEVELS**2)
     filtered: Float32[np.ndarray, "height width"] = mean(slope) * guide
-    filtered += mean(of_values - slope * of_guide)
+    filtered += mean(mean_values - slope * mean_guide)
     return filtered
 
 

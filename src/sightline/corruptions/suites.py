@@ -62,16 +62,16 @@ class Suite:
         names = self.case_names
         if names[:1] != (CLEAN,):
             raise ValueError(
-                f"suite {self.name} needs sound sensors as its first case, which all others are "
-                f"held against; name that one '{CLEAN}'"
+                f"suite {self.name} needs the reference of sound sensors as its first case; "
+                f"name it '{CLEAN}'"
             )
         if len(set(names)) < len(names):
             raise ValueError(f"suite {self.name} needs a name for each case, got {names}")
         total = sum(case.probability for case in self.cases)
         if any(case.probability for case in self.cases) and abs(total - 1) > 1e-9:
             raise ValueError(
-                f"suite {self.name} needs probabilities that sum to 1, got {total:g}; or leave out "
-                "all of them, where no training draws from it"
+                f"suite {self.name} needs probabilities that sum to 1, got {total:g}; "
+                "omit all of them for a suite without training"
             )
 
     @property
@@ -162,7 +162,7 @@ def severity_suite(name: str, kinds: Iterable[Kind], lidar: SpinningLidar = HDL_
     cases = [
         Case(
             name=f"{kind.name}-{severity}",
-            title=f"{kind.name.replace('_', ' ')}: {kind.said(severity)}",
+            title=f"{kind.name.replace('_', ' ')}: {kind.describe(severity)}",
             corruption=kind.at(severity, lidar),
             probability=probability,
             severity=severity,
@@ -193,8 +193,8 @@ def find_suite(name: str) -> Suite:
         return SUITES[name]
     names = tuple(name.split(JOINED))
     if len(names) == 1 and name not in KINDS:
-        told = unknown("there is no suite", name, (*SUITES, *KINDS), tuple(SUITES))
-        raise ValueError(f"{told}, a kind, or kinds as camera_fog+lidar_fog")
+        message = unknown("there is no suite", name, (*SUITES, *KINDS), tuple(SUITES))
+        raise ValueError(f"{message}, a kind, or kinds as camera_fog+lidar_fog")
     kinds = [find_kind(each) for each in names]
     return severity_suite(name, kinds) if len(kinds) == 1 else _joint_suite(name, kinds)
 
@@ -205,7 +205,7 @@ def _joint_suite(name: str, kinds: Sequence[Kind]) -> Suite:
         Case(
             name=f"{name}-{severity}",
             title="; ".join(
-                f"{kind.name.replace('_', ' ')}: {kind.said(severity)}" for kind in kinds
+                f"{kind.name.replace('_', ' ')}: {kind.describe(severity)}" for kind in kinds
             ),
             corruption=find_corruption(name, severity),
             severity=severity,

@@ -92,7 +92,7 @@ class SunGlare(Corruption):
         """Remove the points in the disc and append the ghosts."""
         pixels = project_points(points[:, :3].double(), sample.calibration).pixels
         distances = torch.linalg.vector_norm(pixels - pixels.new_tensor(centre_px), dim=1)
-        # Written so that NaN, the pixel of a point not in front of the camera, is outside.
+        # NaN, the pixel of a point not in front of the camera, fails the comparison.
         lost = distances <= self.radius_px
         rows = (~lost).nonzero()[:, 0]
         ghosts = self._ghosts(round(self.ghost_share * len(points)), sample, centre_px, rng)
@@ -100,9 +100,9 @@ class SunGlare(Corruption):
         mask = region_of(changed, sample)
         if len(points):
             mask |= disc_mask(sample.image_size, centre_px, self.radius_px)
-        said = {"num_lost": int(lost.sum()), "num_ghosts": len(ghosts)}
+        parameters = {"num_lost": int(lost.sum()), "num_ghosts": len(ghosts)}
         sources = torch.cat((rows, torch.full((len(ghosts),), -1)))
-        return PointsChange(torch.cat((points[rows], ghosts)), sources, mask, said)
+        return PointsChange(torch.cat((points[rows], ghosts)), sources, mask, parameters)
 
     def _ghosts(
         self,

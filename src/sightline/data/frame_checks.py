@@ -27,7 +27,7 @@ from sightline.data.object_tree import ObjectFrame
 from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt
 from sightline.data.view import is_in_view
 from sightline.files.problem import FileError, Problem
-from sightline.geometry.mount import MAX_RANGE_M, is_hardly_shown
+from sightline.geometry.mount import MAX_RANGE_M, has_too_few_in_image
 from sightline.geometry.mount_axes import axes_doubt
 
 _DARK_LEVELS = 8  # largest range of levels in an image that shows nothing
@@ -240,7 +240,7 @@ def _check_view(
         return []
     image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
     num_shown = int(np.count_nonzero(is_in_view(points, image_from_lidar, size)))
-    if not is_hardly_shown(num_shown, len(points)):
+    if not has_too_few_in_image(num_shown, len(points)):
         return []
     shown = f"only {num_shown}" if num_shown else "none"
     return [

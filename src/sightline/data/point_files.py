@@ -23,10 +23,10 @@ from sightline.data.velodyne import sweep_rows
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
 from sightline.geometry.cloud_checks import (
+    as_point_rows,
     cloud_fault,
     echoes,
     reflectances,
-    rows_of,
     warn_of_columns,
     warn_of_losses,
     warn_of_scale,
@@ -180,7 +180,7 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     array = _npy_array(read_bytes(path, max_bytes=MAX_BYTES, remedy=REMEDY), path)
     if array.dtype.names:
         return columns_of(array, path)
-    rows = rows_of(array)
+    rows = as_point_rows(array)
     if rows is None:
         raise FileError(
             path,

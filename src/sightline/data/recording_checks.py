@@ -29,7 +29,7 @@ from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import hollow_doubt, is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
-    is_hardly_shown,
+    has_too_few_in_image,
     mount_doubt,
     resolution_doubt,
     turn_ahead,
@@ -87,7 +87,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     share = num_shown / len(points)
     axes = axes_doubt(points, matrices.camera_from_lidar)
     problem = _doubt(said, size)
-    if problem is None and is_hardly_shown(num_shown, len(points)):
+    if problem is None and has_too_few_in_image(num_shown, len(points)):
         problem = (
             f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
             f"into the image of {size[0]}x{size[1]} (height x width): {num_shown}"

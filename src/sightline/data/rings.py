@@ -199,7 +199,7 @@ def in_kitti_order(
         points: Points of the sweep, finite or not.
         rings: Number of each point's laser, from the top or from the bottom or in any order.
     """
-    if not holds_rings(rings, points, least_share=_NAMED_SHARE):
+    if not holds_rings(rings, points, min_share=_NAMED_SHARE):
         return points
     made = is_echo(points)
     made_points, (numbers, which) = points[made], np.unique(rings[made], return_inverse=True)

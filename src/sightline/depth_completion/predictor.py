@@ -23,7 +23,7 @@ from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hul
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.cloud_checks import cloud_fault, rows_of
+from sightline.geometry.cloud_checks import as_point_rows, cloud_fault
 from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.wrong_types import named_arguments
@@ -325,7 +325,7 @@ def _sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
 
 def _checked_points(points: Points) -> Float[Tensor, "num_points fields"]:
     given = _to_tensor("the points", without_masked(points))
-    if given.ndim != 2 or rows_of(given.numpy()) is None:
+    if given.ndim != 2 or as_point_rows(given.numpy()) is None:
         raise ValueError(
             f"the points have the shape {tuple(given.shape)}, expected a row for each with x, y, z "
             "first; give the sweep as an array of points by fields"

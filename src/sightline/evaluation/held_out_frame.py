@@ -201,7 +201,7 @@ def _without_hidden(
     depths_m = returns_m.numpy()
     pixels = np.argwhere(depths_m > 0)
     of_pixels = depths_m[*pixels.T]
-    parallax = Parallax.of(calibration)
+    parallax = Parallax.from_calibration(calibration)
     is_hidden = hidden_by_parallax(everything_m.numpy(), pixels, of_pixels, parallax)
     seen_m = returns_m.clone()
     seen_m[*pixels[is_hidden].T] = 0

@@ -25,14 +25,14 @@ def choose_engine(choice: EngineChoice, device: str = "cpu") -> EngineName:
     engines: tuple[EngineName, ...] = get_args(EngineName)
     if choice != "auto":
         if choice not in engines:
-            raise ValueError(f"there is no engine {choice}; name one of auto, {', '.join(engines)}")
+            raise ValueError(f"there is no engine {choice}; choose auto, {', '.join(engines)}")
         return choice
     if named := os.environ.get(VARIABLE):
         found = next((name for name in engines if name == named), None)
         if found is None:
             raise ValueError(
                 f"the environment variable {VARIABLE} is {named!r}, which is no engine; set it to "
-                f"one of {', '.join(engines)}, or leave it unset"
+                f"one of {', '.join(engines)}, or unset it"
             )
         return found
     return "openvino" if device == "cpu" and has_openvino() else "torch"

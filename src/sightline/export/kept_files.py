@@ -22,30 +22,30 @@ from sightline.files.atomic import atomic_write_bytes
 from sightline.jobs.progress import waiting
 from sightline.ops.cache_folder import cache_folder
 
-_MOST_FILES: Final = 24
+_MAX_FILES: Final = 24
 _DIGEST_BYTES: Final = 32
-_WITHOUT_NETWORKS: Final = (
+_FOLDERS_WITHOUT_NETWORKS: Final = (
     "cli", "corruptions", "health", "robustness", "simulation", "training", "visualization"
 )  # fmt: skip
-"""Folders whose code no graph depends on."""
-_KNOWN_PACKAGES: Final = ("sightline", "torch", "torchvision")
+"""Folders whose code does not affect any graph."""
+_CACHED_PACKAGES: Final = ("sightline", "torch", "torchvision")
 
 
 def onnx_file_of(graph: ExportGraph) -> bytes:
     """Return a graph as the content of an ONNX file, from the cache or by a new export.
 
-    Only modules of Sightline and PyTorch are cached: the code of other modules is not known, so
-    they are exported every time.
+    Only modules of Sightline and PyTorch are cached. Code changes of other modules are not
+    detected, so those are exported every time.
 
     Raises:
         ValueError: See `export_onnx`.
     """
-    return _kept(graph, lambda: _export(graph)) if _is_known(graph) else _export(graph)
+    return _kept(graph, lambda: _export(graph)) if _is_cacheable(graph) else _export(graph)
 
 
 def _export(graph: ExportGraph) -> bytes:
-    said = f"converting a {graph.metadata.task} network, once for all"
-    with waiting(said), tempfile.TemporaryDirectory() as folder:
+    message = f"converting a {graph.metadata.task} network (cached afterwards)"
+    with waiting(message), tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.onnx"
         export_onnx(graph.module, graph.example_inputs, path, metadata=graph.metadata)
         return path.read_bytes()
@@ -72,28 +72,35 @@ def _kept(graph: ExportGraph, export: Callable[[], bytes]) -> bytes:
 
 def _drop_oldest(folder: Path) -> None:
     by_age = sorted(folder.glob("*.onnx"), key=lambda path: path.stat().st_mtime)
-    for path in by_age[:-_MOST_FILES]:
+    for path in by_age[:-_MAX_FILES]:
         path.unlink(missing_ok=True)
 
 
-def _is_known(graph: ExportGraph) -> bool:
+def _is_cacheable(graph: ExportGraph) -> bool:
     names = {type(module).__module__.partition(".")[0] for module in graph.module.modules()}
-    return names <= set(_KNOWN_PACKAGES)
+    return names <= set(_CACHED_PACKAGES)
 
 
 def _digest(graph: ExportGraph) -> str:
     """Digest of all inputs of the file."""
-    made_from = hashlib.sha256()
+    digest = hashlib.sha256()
     versions = [f"{name} {version(name)}" for name in ("torch", "onnx", "onnxscript")]
     inputs = [f"{name} {tuple(each.shape)}" for name, each in graph.example_inputs.items()]
     settings = sorted(graph.metadata.to_properties().items())
-    for said in (_code_digest(), str(OPSET), *versions, *inputs, str(settings), str(graph.module)):
-        made_from.update(said.encode() + b"\0")
+    for message in (
+        _code_digest(),
+        str(OPSET),
+        *versions,
+        *inputs,
+        str(settings),
+        str(graph.module),
+    ):
+        digest.update(message.encode() + b"\0")
     tensors = dict(graph.module.named_parameters()) | dict(graph.module.named_buffers())
     for name, tensor in tensors.items():
-        made_from.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode() + b"\0")
-        made_from.update(tensor.detach().cpu().flatten().view(torch.uint8).numpy().tobytes())
-    return made_from.hexdigest()
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode() + b"\0")
+        digest.update(tensor.detach().cpu().flatten().view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
 
 
 @cache
@@ -102,7 +109,7 @@ def _code_digest() -> str:
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
-        if path.relative_to(root).parts[0] in _WITHOUT_NETWORKS:
+        if path.relative_to(root).parts[0] in _FOLDERS_WITHOUT_NETWORKS:
             continue
         digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 
 PREFIX = "sightline."
-"""Prefix of our keys in a file, to distinguish them from other tools' keys."""
+"""Prefix of Sightline's keys in a file, to distinguish them from other tools' keys."""
 
 _REQUIRED = tuple(PREFIX + name for name in ("task", "config", "version", "stride", "provenance"))
 PROCESSING_KEY = PREFIX + "processing"
@@ -17,7 +17,7 @@ KEYS = (*_REQUIRED, PROCESSING_KEY)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ExportMetadata:
-    """Metadata with which a file alone is enough to run a network."""
+    """Metadata that make a file sufficient to run its network."""
 
     task: str
     """Name of the task, e.g. depth-completion."""

@@ -80,8 +80,8 @@ class ParityReport:
         for column in ("max", "mean"):
             table.add_column(column, justify="right", no_wrap=True)
         for entry in self.differences:
-            figures = (f"{entry.max_difference:.2g}", f"{entry.mean_difference:.2g}")
-            table.add_row(entry.engine, entry.case, entry.output, *figures)
+            values = (f"{entry.max_difference:.2g}", f"{entry.mean_difference:.2g}")
+            table.add_row(entry.engine, entry.case, entry.output, *values)
         return table
 
     def _verdict(self) -> str:
@@ -93,8 +93,8 @@ class ParityReport:
         )
         if self.allowed is None:
             return largest
-        how = "within" if self.is_within(self.allowed) else "more than"
-        return f"{largest}; {how} the {self.allowed:g}{unit} allowed"
+        relation = "within" if self.is_within(self.allowed) else "more than"
+        return f"{largest}; {relation} the {self.allowed:g}{unit} allowed"
 
 
 def check_parity(

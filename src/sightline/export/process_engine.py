@@ -106,12 +106,12 @@ def _check_device(device: str) -> None:
     if kind not in ("cpu", "cuda"):
         raise _unusable(device, "neither cpu nor cuda")
     if kind == "cuda" and not torch.cuda.device_count():
-        raise _unusable(device, "there is none")
+        raise _unusable(device, "no GPU found")
 
 
 def _unusable(device: str, reason: object) -> ValueError:
-    said = str(reason).split("\n", maxsplit=1)[0]
-    return ValueError(f"device {device} cannot be used ({said}); choose cpu")
+    first_line = str(reason).split("\n", maxsplit=1)[0]
+    return ValueError(f"device {device} cannot be used ({first_line}); choose cpu")
 
 
 def _torch_engine(graph: ExportGraph, device: str, threads: int | None) -> Engine:

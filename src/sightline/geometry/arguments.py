@@ -16,7 +16,7 @@ import numpy as np
 Name = TypeVar("Name", bound=str)
 
 
-def shown(value: object) -> str:
+def short_repr(value: object) -> str:
     """Format a wrong argument, short and in one line."""
     return " ".join(reprlib.repr(value).split())
 
@@ -72,8 +72,8 @@ def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
         if len(size) == 2 and min(size) > 0:
             return size[0], size[1]
     raise ValueError(
-        f"image_size is {shown(image_size)}, expected (height, width), each a whole number of at "
-        "least 1; give pixels"
+        f"image_size is {short_repr(image_size)}, expected (height, width) as whole numbers of at "
+        "least 1 px; give pixels"
     )
 
 
@@ -90,20 +90,20 @@ def sample_index(place: object, length: int) -> int:
     """
     if not isinstance(place, bool | np.bool_):
         with suppress(TypeError):
-            number = index(place)  # type: ignore[arg-type]  # TypeError of anything else
+            number = index(place)  # type: ignore[arg-type]  # TypeError for anything else
             if not -length <= number < length:
                 ends = f"; they are numbered from 0 to {length - 1}" if length else ""
                 raise IndexError(f"a data set of {length} samples has no sample {number}{ends}")
             return number % length
-    remedy = "take several one by one: [dataset[place] for place in range(start, stop)]"
+    remedy = "for several samples: [dataset[index] for index in range(start, stop)]"
     if isinstance(place, str):
-        remedy = f"look its place up: dataset.sample_ids.index({shown(place)})"
-    raise TypeError(f"a data set is asked for a sample by its number, got {shown(place)}; {remedy}")
+        remedy = f"for a name: dataset[dataset.sample_ids.index({short_repr(place)})]"
+    raise TypeError(f"a sample index must be a whole number, got {short_repr(place)}; {remedy}")
 
 
-def nearest(name: str, known: Collection[str]) -> str:
+def nearest(name: str, names: Collection[str]) -> str:
     """Make a remedy's beginning with the names similar to a misspelt one; may be empty."""
-    by_word = {each.lower().replace("_", "-"): each for each in known}
+    by_word = {each.lower().replace("_", "-"): each for each in names}
     word = name.lower().replace("_", "-")
     close = difflib.get_close_matches(word, by_word, n=2)
     longer = [each for each in by_word if word and each.startswith(word)]
@@ -113,7 +113,7 @@ def nearest(name: str, known: Collection[str]) -> str:
     return f"perhaps {meant} is meant; " if meant else ""
 
 
-def plain_names(name: str, values: object, known: Sequence[Name]) -> tuple[Name, ...]:
+def plain_names(name: str, values: object, names: Sequence[Name]) -> tuple[Name, ...]:
     """Check several names against the known ones.
 
     Raises:
@@ -121,9 +121,10 @@ def plain_names(name: str, values: object, known: Sequence[Name]) -> tuple[Name,
         ValueError: A name is unknown.
     """
     if isinstance(values, str) or not isinstance(values, Collection):
-        raise wrong_type(name, values, f"several names, such as ({known[0]!r},); give a tuple")
+        raise wrong_type(name, values, f"several names, such as ({names[0]!r},); give a tuple")
     for value in values:
-        if value not in known:
-            hint = nearest(value, known) if isinstance(value, str) else ""
-            raise ValueError(f"{name} holds {shown(value)}; {hint}name some of {', '.join(known)}")
+        if value not in names:
+            hint = nearest(value, names) if isinstance(value, str) else ""
+            valid = ", ".join(names)
+            raise ValueError(f"{name} contains {short_repr(value)}; {hint}choose from {valid}")
     return tuple(values)

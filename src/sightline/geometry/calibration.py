@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
-from sightline.geometry.arguments import shown, wrong_type
+from sightline.geometry.arguments import short_repr, wrong_type
 from sightline.geometry.checked import checked
 from sightline.geometry.given_arrays import plain_numbers
 from sightline.geometry.mount import focal_fault, mount_doubt, stretch_doubt
@@ -74,7 +74,7 @@ class Calibration:
         bottom = self.camera_from_lidar[..., 3, :]
         if (bottom != bottom.new_tensor([0.0, 0.0, 0.0, 1.0])).any():
             raise ValueError(
-                "the last row of camera_from_lidar is not 0 0 0 1, so it is no rigid transform; "
+                "the last row of camera_from_lidar is not 0 0 0 1, so it is not rigid; "
                 "build it with rigid_transform"
             )
 
@@ -86,7 +86,7 @@ class Calibration:
         *,
         distortion: Sequence[SupportsFloat] | np.ndarray | Tensor | None = None,
     ) -> "Calibration":
-        """Make the calibration of a camera and a LiDAR of your own.
+        """Make a calibration from a camera matrix and extrinsics.
 
         Warns, with the likely mistake, where no vehicle carries its sensors so or fx is unlike fy.
 
@@ -103,11 +103,11 @@ class Calibration:
                 (0, 0) is the centre of the top-left pixel.
             camera_from_lidar: 4x4 or 3x4: the camera's optical frame (x right, y down, z forward)
                 from the LiDAR frame (x forward, y left, z up), metres.
-            distortion: The lens', in any model; anything but zeros is refused.
+            distortion: Coefficients of the lens, in any model; only zeros are accepted.
 
         Raises:
-            ValueError: A matrix is of another shape, not finite or cannot be what it is called, or
-                the lens distorts.
+            ValueError: A matrix has another shape, is not finite or not of its kind, or the lens
+                distorts.
         """
         _refuse_distortion(distortion)
         camera = _numbers(camera_matrix, "camera_matrix", ((3, 3), (3, 4)))
@@ -183,7 +183,7 @@ def _numbers(
         expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
         got = "x".join(map(str, numbers.shape))
         if numbers.ndim < 2:
-            got = f"something else, {shown(matrix)}"
+            got = short_repr(matrix)
         hint = _shape_hint(numbers, shapes)
         raise ValueError(f"{name} is {got}, expected a matrix of {expected} numbers{hint}")
     if not np.isfinite(numbers).all():
@@ -192,7 +192,7 @@ def _numbers(
 
 
 def _shape_hint(numbers: Float64[np.ndarray, "..."], shapes: Sequence[tuple[int, int]]) -> str:
-    """Remedy for a matrix of another shape, if there is an obvious one; else empty."""
+    """Remedy for a matrix of another shape if it is obvious; otherwise empty."""
     flat = next((shape for shape in shapes if numbers.shape == (shape[0] * shape[1],)), None)
     if flat is not None:
         return f"; give .reshape({flat[0]}, {flat[1]})"
@@ -208,10 +208,10 @@ def _refuse_distortion(distortion: Sequence[SupportsFloat] | np.ndarray | Tensor
         return
     coefficients = plain_numbers("distortion", distortion).ravel()
     if coefficients.any():
-        shown = ", ".join(f"{value:.4g}" for value in coefficients)
+        values = ", ".join(f"{value:.4g}" for value in coefficients)
         raise ValueError(
-            f"the lens distorts by {shown}, and a calibration is that of straight pictures; "
-            "straighten each by sightline.undistort and leave the distortion out"
+            f"distortion is {values}, expected zeros: a calibration describes rectified images; "
+            "rectify images with sightline.undistort and omit the distortion"
         )
 
 
@@ -226,7 +226,7 @@ def plain_calibration(value: object) -> Calibration:
             "calibration",
             value,
             "a Calibration; make one by Calibration.from_matrices(camera_matrix, "
-            "camera_from_lidar), or take that of a sample of open_dataset(..)",
+            "camera_from_lidar), or use the calibration of a sample",
         )
     return value
 

@@ -25,7 +25,7 @@ _FAULT = re.compile(
     r"\nExpected type: (?P<expected>.*?)\.\n",
     re.DOTALL,
 )
-_LONGEST = 80  # characters of a wrong value
+_MAX_VALUE_LENGTH = 80  # characters of a wrong value
 
 
 def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Class], Class]:
@@ -51,11 +51,11 @@ def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Clas
             except TypeCheckError as error:
                 raise TypeCheckError(_in_one_line(kind.__name__, str(error), remedy)) from None
 
-        # mypy takes no assignments to these
+        # mypy rejects plain assignments to these
         setattr(made, "__init__", init)  # noqa: B010
         if "__eq__" in vars(kind):
             setattr(made, "__eq__", _are_equal)  # noqa: B010
-            setattr(made, "__hash__", _hash_of)  # noqa: B010
+            setattr(made, "__hash__", _hash_fields)  # noqa: B010
         for name, method in list(vars(made).items()):
             if name.startswith("_"):
                 continue
@@ -87,8 +87,8 @@ def _is_same(value: object, other: object) -> bool:
     return bool(value == other)
 
 
-def _hash_of(one: Any) -> int:  # noqa: ANN401 - a dataclass
-    """Hash what is no array, so that equal dataclasses have equal hashes."""
+def _hash_fields(one: Any) -> int:  # noqa: ANN401 - a dataclass
+    """Hash all fields except arrays, so that equal dataclasses have equal hashes."""
     return hash((type(one), *(_key(getattr(one, field.name)) for field in fields(one))))
 
 
@@ -98,12 +98,12 @@ def _key(value: object) -> object:
     return None if isinstance(value, Tensor | np.ndarray) else value
 
 
-def _in_one_line(name: str, said: str, remedy: str) -> str:
-    fault = _FAULT.search(said)
+def _in_one_line(name: str, message: str, remedy: str) -> str:
+    fault = _FAULT.search(message)
     if fault is None:
-        return " ".join(said.split())
+        return " ".join(message.split())
     value = " ".join(fault["value"].split())
-    value = value if len(value) <= _LONGEST else f"{value[:_LONGEST]}.."
+    value = value if len(value) <= _MAX_VALUE_LENGTH else f"{value[:_MAX_VALUE_LENGTH]}.."
     expected = re.sub(r"<class '(.*?)'>(?= \||$)", r"\1", fault["expected"])
     expected = re.sub(r"\b(jaxtyping|sightline|torch)\.([a-z_0-9]+\.)*", "", expected)
     return f"{name} takes {fault['field']} as {expected}, got {value}; {remedy}"

@@ -1,4 +1,4 @@
-"""Checks of users' point clouds: usable points, and the fault where there are none.
+"""Checks of users' point clouds: usable points, and likely mistakes.
 
 Without PyTorch, for checks that start at once.
 """
@@ -23,29 +23,31 @@ _OTHER_LAYOUTS: Final = (
     *(("<f4", columns) for columns in (3, 5, 6, 7, 8)),
     *(("<f8", columns) for columns in (3, 4, 5, 6)),
 )
-_FEWEST_BYTES: Final = 320  # twenty points: fewer give too little evidence
+_MIN_BYTES: Final = 320  # twenty points: fewer give too little evidence
 _FINITE_SHARE: Final = 0.5  # share of rows with points in range
-_CLEARLY: Final = 0.8  # largest ratio of unlikeness to that of rows of four for another layout
-_FEWEST_TO_DOUBT: Final = 100  # points
+_MAX_UNLIKENESS_RATIO: Final = (
+    0.8  # largest ratio of unlikeness to that of rows of four for another layout
+)
+_MIN_POINTS_TO_WARN: Final = 100
 _DARK_SHARE: Final = 0.01  # share of max_intensity: for 255, about 1 for the scale [0, 1]
-_FEW_POINTS: Final = 20
+_MIN_POINTS: Final = 20
 """Smallest number of points to work with; the sparsest automotive radars have hundreds."""
 _DISTINCT_SHARE: Final = 0.1
-"""Smallest share of different places; 0.9 or more on 213 real sweeps of three sensors."""
-_MOST_CM: Final = 4000.0
+"""Smallest share of distinct positions; 0.9 or more on 213 real sweeps of three sensors."""
+_MAX_MEDIAN_CM: Final = 4000.0
 """Largest median range in centimetres; that of real sweeps is 6 to 18 m."""
-_MOST_MM: Final = 100_000.0
-_FEWEST_RINGS: Final = 4
-_LARGEST_RING: Final = 1e6
+_MAX_MEDIAN_MM: Final = 100_000.0
+_MIN_RINGS: Final = 4
+_MAX_RING: Final = 1e6
 _RING_SHARE: Final = 0.95  # of the variance of elevations that rings explain
 _POINTS_A_RING: Final = 20  # enough points to avoid an explanation by chance
-_MOST_RINGS: Final = 128
-_FEWEST_SPREAD: Final = 8  # rings
+_MAX_RINGS: Final = 128
+_MIN_EVEN_RINGS: Final = 8
 _EVEN_SPREAD: Final = 0.5  # largest variation of the points in a ring; KITTI's sweeps have 0.23
-_WILD: Final = 1e30  # replaces values that are not finite
+_NOT_FINITE_VALUE: Final = 1e30  # replaces values that are not finite
 
 
-def rows_of(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None:
+def as_point_rows(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None:
     """Convert an array to rows of three or more numbers, an organised cloud row by row; else None.
 
     Also None for more than 64 points that are written column by column, 4 x num_points.
@@ -64,11 +66,11 @@ def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_
     sensor's own place. An intensity that is not finite becomes 0, as if there were none: `losses`
     counts both.
     """
-    made: Float[np.ndarray, "num_echoes 4"] = points[is_echo(points)]
-    unusable = ~_is_finite(made[:, 3])
+    has_echo: Float[np.ndarray, "num_echoes 4"] = points[is_echo(points)]
+    unusable = ~_is_finite(has_echo[:, 3])
     if unusable.any():
-        made[unusable, 3] = 0
-    return made
+        has_echo[unusable, 3] = 0
+    return has_echo
 
 
 def losses(
@@ -83,23 +85,24 @@ def losses(
         points: x, y, z and intensity.
         usual_share: Share of points without an echo up to which their loss is not listed.
     """
-    made = is_echo(points)
-    num_left = int(np.count_nonzero(made))
+    has_echo = is_echo(points)
+    num_left = int(np.count_nonzero(has_echo))
     num_lost = len(points) - num_left
-    said = []
+    messages = []
     if num_lost > usual_share * len(points):
-        num_wild = np.count_nonzero(~_is_finite(points[:, :3]).all(axis=1))
-        said.append(
-            f"{num_lost} of {len(points)} points are left out, {num_wild} whose x, y, z are not "
-            f"finite and {num_lost - num_wild} at 0, 0, 0: "
+        num_not_finite = np.count_nonzero(~_is_finite(points[:, :3]).all(axis=1))
+        messages.append(
+            f"{num_lost} of {len(points)} points are left out, {num_not_finite} with x, y, z not "
+            f"finite and {num_lost - num_not_finite} at 0, 0, 0: "
             + (f"{num_left} are left" if num_left else "none is left, the cloud is empty")
         )
-    num_dark = np.count_nonzero(~_is_finite(points[made, 3]))
-    if num_dark:
-        said.append(
-            f"{num_dark} of {num_left} points have an intensity that is not finite: 0 is taken"
+    num_without_intensity = np.count_nonzero(~_is_finite(points[has_echo, 3]))
+    if num_without_intensity:
+        messages.append(
+            f"{num_without_intensity} of {num_left} points have an intensity that is not "
+            "finite: it is set to 0"
         )
-    return tuple(said)
+    return tuple(messages)
 
 
 def warn_of_columns(num_columns: int, num_points: int) -> None:
@@ -109,21 +112,21 @@ def warn_of_columns(num_columns: int, num_points: int) -> None:
     """
     if num_points and num_columns == 3:
         warnings.warn(
-            "clouds have three columns, x, y, z: 0 is taken for the reflectance of their points; "
-            "add intensities as the fourth, or zeros where there are none",
+            "clouds have three columns, x, y, z: the reflectance of their points is set to 0; add "
+            "intensities as the fourth column, or zeros if there are none",
             stacklevel=3,
         )
     elif num_points and num_columns > 4:
         warnings.warn(
-            f"clouds have {num_columns} columns: the first four are taken for x, y, z, intensity, "
-            "the others are left out; leave them out yourself, or write a .pcd, .ply or structured "
-            ".npy, of which a field ring is used",
+            f"clouds have {num_columns} columns: the first four are read as x, y, z, intensity, "
+            "the others are dropped; remove them, or write a .pcd, .ply or structured .npy, whose "
+            "field ring is used",
             stacklevel=3,
         )
 
 
 def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: float) -> None:
-    """Warn about the doubts of `scale_doubt`; zeros are how a cloud says that it has none."""
+    """Warn about the doubts of `scale_doubt`; all zeros mean that the cloud has none."""
     doubt = scale_doubt(intensities, max_intensity)
     if doubt is not None and intensities.any():
         problem, remedy = doubt
@@ -133,35 +136,35 @@ def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: 
 def scale_doubt(
     intensities: Float[np.ndarray, " num_points"], max_intensity: float
 ) -> tuple[str, str] | None:
-    """Find intensities that are all alike, or so far below max_intensity that it is wrong.
+    """Find intensities that are all equal, or so far below max_intensity that it is wrong.
 
     Returns:
         The problem, a sentence about intensities, and the remedy; None if there is none, or fewer
         than a hundred points.
     """
-    if len(intensities) < _FEWEST_TO_DOUBT:
+    if len(intensities) < _MIN_POINTS_TO_WARN:
         return None
     darkest, brightest = float(intensities.min()), float(intensities.max())
     if darkest == brightest:
         return (
-            f"all intensities are {brightest:.4g}, so reflectances say nothing, which detectors "
-            "were trained with",
-            "give measured ones, or zeros where there are none"
+            f"all intensities are {brightest:.4g}, so reflectances carry no information, but "
+            "detectors were trained with them",
+            "give measured intensities, or zeros if there are none"
             if brightest
-            else "give measured ones if the LiDAR has them",
+            else "give measured intensities if the LiDAR has them",
         )
     if not math.isinf(max_intensity) and 0 < brightest <= _DARK_SHARE * max_intensity:
         return (
-            f"intensities reach no hundredth of max_intensity, {max_intensity:.6g}, so "
+            f"intensities are below a hundredth of max_intensity, {max_intensity:.6g}, so "
             "reflectances are nearly 0",
-            "set it, of a recording (of an import: --max-intensity), to what stands for a "
-            "reflectance of 1, or scale them; of intensities from 0 to 1 it is 1",
+            "set max_intensity of the recording (import: --max-intensity) to the intensity of a "
+            "reflectance of 1, or scale them; for intensities from 0 to 1 it is 1",
         )
     return None
 
 
 def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, str] | None:
-    """Find a cloud of a few points, or of hardly any places; an empty cloud is no problem.
+    """Find a cloud with few points or few distinct positions; an empty cloud is no problem.
 
     Args:
         points: x, y, z first.
@@ -171,20 +174,20 @@ def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, s
     """
     if not len(points):
         return None
-    if len(points) < _FEW_POINTS:
+    if len(points) < _MIN_POINTS:
         return (
             f"holds only {len(points)} points, expected thousands",
-            "look whether the LiDAR delivered more, and how it was converted",
+            "check the LiDAR's data and its conversion",
         )
-    # One number a place: a sort of rows takes ten times as long.
+    # One number per position: sorting rows takes ten times as long.
     places = points[:, :3].astype(np.float64) @ (1.0, math.pi * 1e3, math.e * 1e6)
     num_places = len(np.unique(places))
     if num_places >= _DISTINCT_SHARE * len(points):
         return None
-    where = "one place" if num_places == 1 else f"{num_places} places"
+    place_count = "one place" if num_places == 1 else f"{num_places} places"
     return (
-        f"holds {len(points)} points at only {where}",
-        "look how it was converted: a LiDAR measures each point at a place of its own",
+        f"holds {len(points)} points at only {place_count}",
+        "check its conversion: points of a LiDAR have distinct positions",
     )
 
 
@@ -199,8 +202,8 @@ def warn_of_losses(
 def is_echo(points: Float[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_points"]:
     """Mask of the points with an echo: x, y, z are finite and not all zero."""
     places = points[:, :3]
-    made = np.logical_and(_is_finite(places).all(axis=1), places.any(axis=1))
-    return np.asarray(made)
+    has_echo = np.logical_and(_is_finite(places).all(axis=1), places.any(axis=1))
+    return np.asarray(has_echo)
 
 
 def _is_finite(values: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
@@ -226,11 +229,11 @@ def cloud_fault(
         return far
     intensities = points[:, 3]
     if intensities.max() > 1 and holds_rings(
-        intensities, points, least_share=_RING_SHARE, points_a_ring=_POINTS_A_RING
+        intensities, points, min_share=_RING_SHARE, points_a_ring=_POINTS_A_RING
     ):
         return (
-            f"ring numbers ({intensities.min():.0f} to {intensities.max():.0f}, by elevation) in "
-            "the place of brightness",
+            f"ring numbers ({intensities.min():.0f} to {intensities.max():.0f}, by elevation) "
+            "instead of intensities",
             "give columns in the order x, y, z, intensity",
         )
     if intensities.min() < 0 or (intensities > max_intensity).mean() > _BRIGHTER_SHARE:
@@ -239,27 +242,26 @@ def cloud_fault(
             f"{max_intensity:.6g}"
         )
         if intensities.min() < 0:
-            return problem, "write them from 0 on, or leave them out"
+            return problem, "write intensities from 0 on, or omit them"
         if _are_evenly_spread(intensities):
             return (
-                f"whole numbers from {intensities.min():.0f} to {intensities.max():.0f} in the "
-                "place of brightness, each nearly as often as the others: they look like ring "
-                "numbers",
+                f"whole numbers from {intensities.min():.0f} to {intensities.max():.0f} "
+                "instead of intensities, each about equally often: they look like ring numbers",
                 "give columns in the order x, y, z, intensity, and zeros for an unknown intensity",
             )
         return problem, (
-            "set max_intensity (of an import: --max-intensity) to what stands for a reflectance of "
-            "1, often 255"
+            "set max_intensity (import: --max-intensity) to the intensity of a reflectance of 1, "
+            "often 255"
         )
     return None
 
 
 def _are_evenly_spread(numbers: Float[np.ndarray, " num_points"]) -> bool:
     """Check whether numbers are 0 (or 1) to at most 128, each about as often, as rings are."""
-    if (numbers != np.rint(numbers)).any() or numbers.min() > 1 or numbers.max() > _MOST_RINGS:
+    if (numbers != np.rint(numbers)).any() or numbers.min() > 1 or numbers.max() > _MAX_RINGS:
         return False
     counts = np.bincount(numbers.astype(np.int64))[int(numbers.min()) :]
-    is_enough = len(counts) >= _FEWEST_SPREAD and counts.mean() >= _POINTS_A_RING
+    is_enough = len(counts) >= _MIN_EVEN_RINGS and counts.mean() >= _POINTS_A_RING
     return bool(is_enough and counts.all() and counts.std() < _EVEN_SPREAD * counts.mean())
 
 
@@ -267,7 +269,7 @@ def holds_rings(
     numbers: Shaped[np.ndarray, " num_points"],
     points: Float[np.ndarray, "num_points 4"],
     *,
-    least_share: float,
+    min_share: float,
     points_a_ring: int = 1,
 ) -> bool:
     """Check whether numbers are ring numbers: whole numbers that separate points by elevation.
@@ -275,23 +277,23 @@ def holds_rings(
     Args:
         numbers: One for each point.
         points: x, y, z first; points without an echo are ignored.
-        least_share: Smallest share of the variance of elevations that rings explain, 0 to 1.
+        min_share: Smallest share of the variance of elevations that rings explain, 0 to 1.
         points_a_ring: Smallest mean number of points in a ring.
     """
-    made = is_echo(points)
-    chosen = numbers[made].astype(np.float64)
-    if not len(chosen) or not (np.abs(chosen) <= _LARGEST_RING).all():
+    has_echo = is_echo(points)
+    chosen = numbers[has_echo].astype(np.float64)
+    if not len(chosen) or not (np.abs(chosen) <= _MAX_RING).all():
         return False
     if (chosen != np.rint(chosen)).any():
         return False
-    rings, which = np.unique(chosen, return_inverse=True)
-    if not _FEWEST_RINGS <= len(rings) <= min(_MOST_RINGS, len(chosen) / points_a_ring):
+    rings, ring_index = np.unique(chosen, return_inverse=True)
+    if not _MIN_RINGS <= len(rings) <= min(_MAX_RINGS, len(chosen) / points_a_ring):
         return False
-    x, y, z = points[made, :3].astype(np.float64).T
+    x, y, z = points[has_echo, :3].astype(np.float64).T
     elevation = np.arctan2(z, np.hypot(x, y))
-    within = elevation - (np.bincount(which, elevation) / np.bincount(which))[which]
+    within = elevation - (np.bincount(ring_index, elevation) / np.bincount(ring_index))[ring_index]
     whole = float(np.square(elevation - elevation.mean()).sum())
-    return whole > 0 and 1 - float(np.square(within).sum()) / whole >= least_share
+    return whole > 0 and 1 - float(np.square(within).sum()) / whole >= min_share
 
 
 def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str] | None:
@@ -310,9 +312,9 @@ def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str]
             "LiDAR, so they are probably in a map's or world's frame",
             "move them into the LiDAR's own frame (subtract its position and undo its rotation)",
         )
-    if middle_m > _MOST_MM:
+    if middle_m > _MAX_MEDIAN_MM:
         return f"{problem}: they are in another unit", "write them in metres"
-    unit, factor = ("centimetres", 100) if middle_m <= _MOST_CM else ("millimetres", 1000)
+    unit, factor = ("centimetres", 100) if middle_m <= _MAX_MEDIAN_CM else ("millimetres", 1000)
     return f"{problem}: they are probably in {unit}", f"write them in metres, divided by {factor}"
 
 
@@ -325,7 +327,7 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
     """
     narrow = np.frombuffer(content[: len(content) // 4 * 4], "<f4")
     if len(content) % 16 == 0 and (
-        len(content) < _FEWEST_BYTES or _is_plausible(narrow.reshape(-1, 4))
+        len(content) < _MIN_BYTES or _is_plausible(narrow.reshape(-1, 4))
     ):
         return None
     found: list[tuple[float, str, int]] = []
@@ -336,8 +338,8 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
         values = np.frombuffer(content, kind)
         if _is_plausible(values.reshape(-1, columns)):
             found.append((_unlikeness(values, columns), kind, columns))
-    least = _CLEARLY * _unlikeness(narrow, 4)
-    found = [each for each in found if each[0] < least]
+    limit = _MAX_UNLIKENESS_RATIO * _unlikeness(narrow, 4)
+    found = [each for each in found if each[0] < limit]
     best = min((each[0] for each in found), default=0.0)
     return next(
         ((np.dtype(kind), columns) for score, kind, columns in found if score <= 1.1 * best), None
@@ -345,11 +347,11 @@ def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
 
 
 def is_big_endian(content: bytes) -> bool:
-    """Check if a raw cloud of float32 rows of four is plausible in big-endian order alone.
+    """Check if a raw cloud of float32 rows of four is plausible in big-endian order only.
 
     With fewer than twenty points the result is False, since there is too little evidence.
     """
-    if len(content) % 16 or len(content) < _FEWEST_BYTES:
+    if len(content) % 16 or len(content) < _MIN_BYTES:
         return False
     little, big = (np.frombuffer(content, order).reshape(-1, 4) for order in ("<f4", ">f4"))
     return not _is_plausible(little) and _is_plausible(big)
@@ -379,10 +381,10 @@ def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:
 
 
 def _unlikeness(values: Float[np.ndarray, " count"], columns: int) -> float:
-    """Mean of log(1 + difference) between numbers and those one row later."""
-    level = np.where(np.isfinite(values), values, _WILD).astype(np.float64)
+    """Mean of log(1 + difference) between numbers and the next row's."""
+    level = np.where(np.isfinite(values), values, _NOT_FINITE_VALUE).astype(np.float64)
     steps = np.log1p(np.abs(level[columns:] - level[:-columns]))
-    return float(steps.mean()) if len(steps) else _WILD
+    return float(steps.mean()) if len(steps) else _NOT_FINITE_VALUE
 
 
 def reflectances(

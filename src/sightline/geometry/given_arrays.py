@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64, Shaped
 from torch import Tensor, bfloat16, strided
 
-from sightline.geometry.arguments import shown
+from sightline.geometry.arguments import short_repr
 
 Given = np.ndarray | Tensor | Sequence[Any]
 """Array, tensor or nested lists of numbers."""
@@ -29,8 +29,8 @@ def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
         masked = int(np.ma.getmaskarray(given).sum())
         if masked:
             raise ValueError(
-                f"{name} has {masked} of {given.size} values masked, and would show what they "
-                "hide; fill them: array.filled(..)"
+                f"{name} has {masked} of {given.size} values masked, and their data are undefined; "
+                "fill them: array.filled(..)"
             )
         return np.asarray(given.data)
     if isinstance(given, Tensor):
@@ -39,8 +39,7 @@ def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
         return np.asarray(given)
     except ValueError as error:  # rows of different lengths
         raise ValueError(
-            f"{name}: an array is needed, got something else ({shown(given)}); give rows of one "
-            "length"
+            f"{name} is {short_repr(given)}, expected an array; give rows of one length"
         ) from error
 
 
@@ -54,7 +53,7 @@ def plain_numbers(name: str, given: object) -> Float64[np.ndarray, "..."]:
     if array.dtype.kind in "fiuOU":
         with suppress(TypeError, ValueError):
             return array.astype(np.float64)
-    raise ValueError(f"{name} is {shown(given)}, expected numbers; give rows of them")
+    raise ValueError(f"{name} is {short_repr(given)}, expected numbers; give rows of numbers")
 
 
 def without_masked(given: object, fill: float = np.nan) -> object:
@@ -68,8 +67,8 @@ def without_masked(given: object, fill: float = np.nan) -> object:
 def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:
     if tensor.is_meta:
         raise ValueError(
-            f"{name} is a tensor on the device meta, which has a shape but no values; give one on "
-            "the CPU or a GPU"
+            f"{name} is a tensor on the device meta, which has no values; give a tensor on the CPU "
+            "or a GPU"
         )
     dense = tensor if tensor.layout == strided else tensor.to_dense()
     wide = dense.float() if dense.dtype == bfloat16 else dense  # NumPy has no bfloat16

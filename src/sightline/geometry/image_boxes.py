@@ -69,11 +69,11 @@ def project_boxes(
     pixels = torch.stack(
         [_pixels_at(homogeneous, entry), _pixels_at(homogeneous, leave)], dim=2
     )  # num_boxes, 12 edges, 2 ends, x and y
-    is_shown = (entry <= leave)[:, :, None, None]
-    low = torch.where(is_shown, pixels, torch.inf).amin(dim=(1, 2))
-    high = torch.where(is_shown, pixels, -torch.inf).amax(dim=(1, 2))
+    is_in_view = (entry <= leave)[:, :, None, None]
+    low = torch.where(is_in_view, pixels, torch.inf).amin(dim=(1, 2))
+    high = torch.where(is_in_view, pixels, -torch.inf).amax(dim=(1, 2))
     boxes = Boxes2D(torch.cat((low, high), dim=-1)).clip(image_size).tensor
-    return Boxes2D(torch.where(is_shown.any(dim=1)[:, 0], boxes, torch.nan))
+    return Boxes2D(torch.where(is_in_view.any(dim=1)[:, 0], boxes, torch.nan))
 
 
 def _pixels_at(

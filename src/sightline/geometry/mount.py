@@ -19,7 +19,7 @@ USUAL_STRETCH: Final = 1.5
 """Usual ratio of fx and fy, at most: 30,292 matrices of KITTI have up to 1.0035, images resized to
 KITTI's benchmark sizes up to 1.05, 16:9 squeezed to 4:3 1.33, binning of 2 x 3 pixels 1.5."""
 
-LEAST_SHARE_IN_IMAGE: Final = 0.01
+MIN_SHARE_IN_IMAGE: Final = 0.01
 """Smallest share of a sweep's points in the image, if camera and LiDAR face the same way."""
 
 _MIN_FOCAL_PX = 1.0
@@ -29,10 +29,10 @@ _MAX_TILT_DEG = 25.0  # between the camera's and the LiDAR's vertical
 _MAX_ASIDE_DEG = 60.0  # between the view and the LiDAR's x axis
 _AHEAD_DEG = 5.0  # usual error of a mount that faces ahead
 _SWAPPED_DEG = 15.0  # from axes that are only swapped
-_SMALL_TURN_DEG = 5.0  # 90 degrees in radians, taken for degrees, are 1.6
+_SMALL_TURN_DEG = 5.0  # 90 degrees in radians, read as degrees, are 1.6
 _IDENTITY_DEG = 0.01
 _OTHER_RESOLUTION = 1.35  # ratio of the image's middle and the principal point, similar in x and y
-_ALIKE = 1.2
+_SIMILAR_RATIO = 1.2
 _LIDAR_DIRECTIONS = ("forward", "left", "up")
 _OPPOSITE = {"forward": "backward", "left": "right", "up": "down"}
 
@@ -58,7 +58,7 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
     turn_deg = _turn_deg(rotation)
     if turn_deg <= _IDENTITY_DEG:
         return (
-            "has the identity for its rotation, so that the camera's axes are the LiDAR's "
+            "has the identity for its rotation, so the camera's axes equal the LiDAR's "
             "(forward, left, up), expected right, down, forward: give the camera's optical frame"
         )
     if turn_deg <= _SMALL_TURN_DEG:
@@ -72,8 +72,8 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
     if axes is not None:
         return (
             f"has its axes swapped: the camera's x, y, z point {', '.join(axes)}, expected right, "
-            "down, forward in a LiDAR frame of x forward, y left, z up; where the points are of "
-            "another convention as well, convert both, points and transform, never one alone"
+            "down, forward in a LiDAR frame of x forward, y left, z up; if the points have "
+            "another convention, too, convert both, points and transform"
         )
     return (
         f"tilts the camera by {_tilt_deg(rotation):.0f} degrees: its angles are probably in "
@@ -121,11 +121,11 @@ def _stretch(focal_px: Float64[np.ndarray, "2"]) -> float:
     return float(focal_px.max() / focal_px.min())
 
 
-def is_hardly_shown(num_shown: int, num_points: int) -> bool:
-    """Check if an image shows too few of a sweep's points for both to belong together."""
-    share = num_shown / max(num_points, 1)
-    is_handful = num_shown < _HANDFUL and share < _HANDFUL_SHARE
-    return num_points > 0 and (is_handful or share < LEAST_SHARE_IN_IMAGE)
+def has_too_few_in_image(num_in_image: int, num_points: int) -> bool:
+    """Check if too few of a sweep's points are in the image for both to belong together."""
+    share = num_in_image / max(num_points, 1)
+    is_handful = num_in_image < _HANDFUL and share < _HANDFUL_SHARE
+    return num_points > 0 and (is_handful or share < MIN_SHARE_IN_IMAGE)
 
 
 def turn_ahead(
@@ -157,8 +157,8 @@ def resolution_doubt(
     """Find evidence that a camera matrix belongs to other images; None if it may fit these.
 
     If both coordinates of the principal point are off the middle by the same factor, the camera is
-    hardly a cropped one. If it is in the middle of images as wide as these are high, height and
-    width were swapped.
+    hardly a cropped one. If it is in the middle of an image with height and width exchanged, they
+    were swapped.
 
     Args:
         camera_matrix: In pixels.
@@ -170,25 +170,23 @@ def resolution_doubt(
     calibrated = 2 * camera_matrix[1::-1, 2] + 1  # height, width
     if (calibrated <= 0).any():
         return None
-    seen = (
+    problem = (
         f"has its principal point in the middle of an image of {calibrated[0]:.0f}x"
         f"{calibrated[1]:.0f} (height x width), but images are {image_size[0]}x{image_size[1]}: "
     )
     turned = calibrated[::-1] / np.array(image_size)
     # the ratios of such a wide image are not similar in x and y
-    is_long = max(image_size) > _ALIKE**2 * min(image_size)
-    if is_long and (np.abs(np.log(turned)) < math.log(_ALIKE)).all():
+    is_elongated = max(image_size) > _SIMILAR_RATIO**2 * min(image_size)
+    if is_elongated and (np.abs(np.log(turned)) < math.log(_SIMILAR_RATIO)).all():
         return (
-            f"{seen}height and width are probably swapped, or images turned by 90 degrees; give "
+            f"{problem}height and width are probably swapped, or images turned by 90 degrees; give "
             "the height first, or turn them back"
         )
     factors = calibrated / np.array(image_size)
-    is_other = (factors > _OTHER_RESOLUTION).all() or (factors < 1 / _OTHER_RESOLUTION).all()
-    if not is_other or factors.max() > _ALIKE * factors.min():
+    is_scaled = (factors > _OTHER_RESOLUTION).all() or (factors < 1 / _OTHER_RESOLUTION).all()
+    if not is_scaled or factors.max() > _SIMILAR_RATIO * factors.min():
         return None
-    return (
-        f"{seen}it is probably that of another resolution; scale its first two rows, or the images"
-    )
+    return f"{problem}it is for another resolution; scale its first two rows, or the images"
 
 
 def _tilt_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:

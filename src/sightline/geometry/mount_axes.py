@@ -18,7 +18,7 @@ def axes_doubt(
     """Find the fault of a cloud whose z axis does not point up, and its conversion.
 
     The remedy converts the cloud alone, or the calibration too. Mirrored clouds (y right with z up)
-    look like any other, and are not recognised.
+    are not detected.
 
     Args:
         points: x, y, z first [m].
@@ -39,16 +39,16 @@ def axes_doubt(
     converted = f"points x, y, z become {', '.join(map(_axis, turn))}"
     rigid = np.eye(4)
     rigid[:3, :3] = turn
-    is_of_cloud = mount_doubt(camera_from_lidar @ rigid.T) is None
-    if not is_of_cloud and mount_doubt(camera_from_lidar) is None:
+    fits_after_turn = mount_doubt(camera_from_lidar @ rigid.T) is None
+    if not fits_after_turn and mount_doubt(camera_from_lidar) is None:
         return problem, (
-            f"convert the points alone ({converted}): camera_from_lidar is for z up already"
+            f"convert only the points ({converted}): camera_from_lidar already has z up"
         )
     rows = np.round(rigid.T).astype(int).tolist()
     return problem, (
         f"convert both, points and camera_from_lidar: {converted}, and camera_from_lidar is "
-        f"multiplied by the inverse, camera_from_lidar @ {rows}; one alone would turn the scene "
-        "over"
+        f"multiplied by the inverse, camera_from_lidar @ {rows}; converting only one turns the "
+        "scene over"
     )
 
 

@@ -34,7 +34,7 @@ class ProjectedPoints(NamedTuple):
         """Mask of the points on a pixel of an image of (height, width)."""
         height, width = image_size
         x, y = self.pixels.unbind(dim=-1)
-        # Written so that NaN, which compares false with everything, is outside.
+        # NaN fails the comparison, so it is outside.
         return (x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5)
 
 
@@ -113,7 +113,7 @@ def sparse_depth_map(
 def _check_given(
     points: object, calibration: object, columns: int, *, exactly: bool = False
 ) -> None:
-    """Check that users give points and a calibration."""
+    """Check the types and columns of given points and calibration."""
     plain_calibration(calibration)
     if not isinstance(points, Tensor):
         expected = "a tensor; give torch.from_numpy(array), or sample.points"
@@ -121,8 +121,8 @@ def _check_given(
     width = points.shape[-1] if points.ndim > 1 else 0
     if width < columns or (exactly and width != columns):
         raise ValueError(
-            f"the points are of shape {tuple(points.shape)}, expected num_points, {columns}"
-            f"{'' if exactly else ' or more'}; give a row a point: points[:, :{columns}]"
+            f"points have shape {tuple(points.shape)}, expected num_points, {columns}"
+            f"{'' if exactly else ' or more'}; give one row per point: points[:, :{columns}]"
         )
 
 

@@ -11,8 +11,8 @@ Number = float | int
 class Within(NamedTuple):
     """Limits of a number, or of the two numbers of a range, the lower first.
 
-    It annotates a field: `share: Annotated[float, Within(0, 1)] = 0.5`. Of more than two numbers,
-    such as a colour, each must be within the limits.
+    It annotates a field: `share: Annotated[float, Within(0, 1)] = 0.5`. A tuple of more than two
+    numbers, such as a colour, has each number within the limits.
     """
 
     lowest: Number
@@ -26,7 +26,7 @@ def check_ranges(settings: object) -> None:
         ValueError: A number is not finite, or not within its limits, or a range is empty.
     """
     kind: Any = type(settings)  # of no protocol, as mypy denies that classes can be hashed
-    for name, limits in _limits_of(kind).items():
+    for name, limits in _field_limits(kind).items():
         value = getattr(settings, name)
         if not isinstance(value, tuple):
             check_number(name, value, *limits)
@@ -37,7 +37,7 @@ def check_ranges(settings: object) -> None:
 
 
 @cache
-def _limits_of(kind: type[Any]) -> Mapping[str, Within]:
+def _field_limits(kind: type[Any]) -> Mapping[str, Within]:
     hints = get_type_hints(kind, include_extras=True)
     return {
         name: limits

@@ -16,7 +16,7 @@ from sightline.geometry.tilt import Tilt
 _FROM_M, _TO_M, _CELL_M = 4.0, 30.0, 1.0  # nearer points are the car itself, farther ones hills
 _WINDOW_M = 0.2  # range of heights that contains most cells of a road
 _SCALES_M = (0.4, 0.3, 0.2, 0.15, 0.1, 0.1)  # scales of the residuals, from coarse to fine
-_LEAST_CELLS = 30
+_MIN_CELLS = 30
 _PRIOR_CELLS = 5.0  # weight of a level road, for cells too close together to determine the slope
 _LOWEST_M, _HIGHEST_M = -0.3, 5.0
 _LEVEL = Tilt(roll_deg=0.0, pitch_deg=0.0)
@@ -42,9 +42,9 @@ _FEET_M: Final = (0.3, 0.7)
 are 0.41 to 0.67 (but for one), and no sound one is below 1.5. An origin on the road lies below."""
 
 _TILTS_AGREE_DEG, _HEIGHTS_AGREE_M = 4.0, 0.5  # between given and measured mount
-_LEAST_TILT_DEG = 3.0  # from the median of several sweeps; less is a road's crown, or a hill
-_LEAST_TILT_OF_FEW_DEG = 4.0
-_SEVERAL = 3
+_MIN_TILT_DEG = 3.0  # from the median of several sweeps; less is a road's crown, or a hill
+_MIN_TILT_FEW_SWEEPS_DEG = 4.0
+_MANY_SWEEPS = 3
 
 _UPRIGHT: Final = {
     # Direction up, with the rotation rows that make z up, and x forward in the usual conventions.
@@ -94,20 +94,20 @@ def mount_doubts(
     """
     doubts = []
     if tilt is not None:
-        seen = lidar_pose(sweeps)
-        up = (seen.tilt or _LEVEL).up
+        measured = lidar_pose(sweeps)
+        up = (measured.tilt or _LEVEL).up
         apart_deg = math.degrees(math.acos(min(float(tilt.up @ up), 1.0)))
-        if seen.height_m is not None and apart_deg > _TILTS_AGREE_DEG:
+        if measured.height_m is not None and apart_deg > _TILTS_AGREE_DEG:
             doubts.append(
-                f"lidar_tilt_deg is {tilt}, by the road that the LiDAR sees it is "
-                f"{seen.tilt or 'none'}; give degrees, or leave it out"
+                f"lidar_tilt_deg is {tilt}, but the road in the sweeps gives "
+                f"{measured.tilt or 'none'}; correct it (degrees), or omit it"
             )
     if height_m is not None and not doubts:
-        seen_m = lidar_pose(sweeps, tilt).height_m
-        if seen_m is not None and abs(seen_m - height_m) > _HEIGHTS_AGREE_M:
+        measured_m = lidar_pose(sweeps, tilt).height_m
+        if measured_m is not None and abs(measured_m - height_m) > _HEIGHTS_AGREE_M:
             doubts.append(
-                f"lidar_height_m is {height_m:g}, by the road that the LiDAR sees it is "
-                f"{seen_m:.2f}; correct it, or leave it out"
+                f"lidar_height_m is {height_m:g}, but the road in the sweeps gives "
+                f"{measured_m:.2f}; correct it, or omit it"
             )
     return tuple(doubts)
 
@@ -131,17 +131,17 @@ def lidar_pose(
         sweeps: x, y, z first [m], LiDAR frame with z about up.
         tilt: Known tilt, if any.
     """
-    held = [sweep[:, :3].astype(np.float64) for sweep in sweeps]
+    clouds = [sweep[:, :3].astype(np.float64) for sweep in sweeps]
     if tilt is None:
-        planes = [plane for xyz in held if (plane := road_plane(xyz)) is not None]
-        least_deg = _LEAST_TILT_DEG if len(planes) >= _SEVERAL else _LEAST_TILT_OF_FEW_DEG
+        planes = [plane for xyz in clouds if (plane := road_plane(xyz)) is not None]
+        min_deg = _MIN_TILT_DEG if len(planes) >= _MANY_SWEEPS else _MIN_TILT_FEW_SWEEPS_DEG
         if planes:
-            found = Tilt.of_up(np.median([plane.tilt.up for plane in planes], axis=0))
-            tilt = found if found.angle_deg >= least_deg else None
+            found = Tilt.from_up(np.median([plane.tilt.up for plane in planes], axis=0))
+            tilt = found if found.angle_deg >= min_deg else None
     if tilt is not None:
         rotation = tilt.level_from_lidar[:3, :3]
-        held = [xyz @ rotation.T for xyz in held]
-    return LidarPose(height_m=drive_height_m(held), tilt=tilt)
+        clouds = [xyz @ rotation.T for xyz in clouds]
+    return LidarPose(height_m=drive_height_m(clouds), tilt=tilt)
 
 
 def road_plane(points: Float[np.ndarray, "num_points fields"]) -> RoadPlane | None:
@@ -184,13 +184,17 @@ def upright_turn(
     plane = road_plane(points)
     if plane is not None and plane.share >= _DOUBTFUL_SHARE:
         return None
-    best, most = None, 0.0 if plane is None else _CLEARLY_MORE * plane.num_cells
+    best, max_cells = None, 0.0 if plane is None else _CLEARLY_MORE * plane.num_cells
     xyz = points[:, :3].astype(np.float64)
     for rows in _UPRIGHT.values():
         turn = np.array(rows, dtype=np.float64)
-        other = road_plane(xyz @ turn.T)
-        if other is not None and other.share >= _DOUBTFUL_SHARE and other.num_cells > most:
-            best, most = turn, other.num_cells
+        candidate = road_plane(xyz @ turn.T)
+        if (
+            candidate is not None
+            and candidate.share >= _DOUBTFUL_SHARE
+            and candidate.num_cells > max_cells
+        ):
+            best, max_cells = turn, candidate.num_cells
     return best
 
 
@@ -224,7 +228,7 @@ def _plane_near(
         if fitted is None:
             return None
         (slope_x, slope_y, z_0), num_cells, share = fitted
-        tilt = Tilt.of_up(rotation.T @ np.array((-slope_x, -slope_y, 1.0)))
+        tilt = Tilt.from_up(rotation.T @ np.array((-slope_x, -slope_y, 1.0)))
         plane = RoadPlane(height_m=-float(z_0), tilt=tilt, num_cells=num_cells, share=share)
     return plane
 
@@ -233,8 +237,8 @@ def _fit(
     xyz: Float64[np.ndarray, "num_points 3"],
 ) -> tuple[Float64[np.ndarray, "3"], float, float] | None:
     """Fit z = slope_x * x + slope_y * y + z_0 to the road; also return cells and their share."""
-    lowest = _lowest_of_cells(xyz, max_abs_z_m=2 * _HIGHEST_M)
-    if len(lowest) < _LEAST_CELLS:
+    lowest = _lowest_points(xyz, max_abs_z_m=2 * _HIGHEST_M)
+    if len(lowest) < _MIN_CELLS:
         return None
     z = np.sort(lowest[:, 2])
     in_window = np.searchsorted(z, z + _WINDOW_M, side="right") - np.arange(len(z))
@@ -249,15 +253,15 @@ def _fit(
         level = np.diag([_PRIOR_CELLS, _PRIOR_CELLS, 0.0])
         plane = np.linalg.lstsq(terms.T @ weighed + level, weighed.T @ lowest[:, 2], rcond=None)[0]
     num_cells = float(weights.sum())
-    is_road = num_cells >= _LEAST_CELLS / 2 and _LOWEST_M <= -float(plane[2]) <= _HIGHEST_M
+    is_road = num_cells >= _MIN_CELLS / 2 and _LOWEST_M <= -float(plane[2]) <= _HIGHEST_M
     return (plane, num_cells, num_cells / len(lowest)) if is_road else None
 
 
 def _coarse_tilt(xyz: Float64[np.ndarray, "num_points 3"]) -> Tilt | None:
     """Find the tilt of the search's grid with the most cells at one height."""
     reach_m = 2 * _HIGHEST_M + _TO_M * float(np.tan(np.radians(_MAX_TILT_DEG)))
-    lowest = _lowest_of_cells(xyz, max_abs_z_m=reach_m)
-    if len(lowest) < _LEAST_CELLS:
+    lowest = _lowest_points(xyz, max_abs_z_m=reach_m)
+    if len(lowest) < _MIN_CELLS:
         return None
     lowest = lowest[:: max(len(lowest) // _SEARCHED_CELLS, 1)]
     angles_deg = np.arange(-_MAX_TILT_DEG, _MAX_TILT_DEG + 1, _STEP_DEG).tolist()
@@ -274,7 +278,7 @@ def _coarse_tilt(xyz: Float64[np.ndarray, "num_points 3"]) -> Tilt | None:
     return best
 
 
-def _lowest_of_cells(
+def _lowest_points(
     xyz: Float64[np.ndarray, "num_points 3"], *, max_abs_z_m: float
 ) -> Float64[np.ndarray, "num_cells 3"]:
     away_m = np.hypot(xyz[:, 0], xyz[:, 1])

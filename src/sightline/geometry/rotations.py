@@ -18,7 +18,7 @@ def rotation_fault(matrix: Float64[np.ndarray, "3 3"]) -> str | None:
     if error <= ROTATION_TOLERANCE:
         return (
             "its determinant is -1, expected 1: it mirrors, as from a left-handed frame (x "
-            "forward, y right, z up); negate that axis, y, in the points, and its column here, both"
+            "forward, y right, z up); negate y in the points and the y column here"
         )
     return (
         f"its rows are {error:.3g} off orthonormal and its determinant is {determinant:.3g}, "

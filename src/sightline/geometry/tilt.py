@@ -27,7 +27,7 @@ class Tilt:
     pitch_deg: float
 
     @classmethod
-    def of_up(cls, up: Float64[np.ndarray, "3"]) -> "Tilt":
+    def from_up(cls, up: Float64[np.ndarray, "3"]) -> "Tilt":
         """Compute the tilt from the vector up, of any length, in the LiDAR's frame."""
         x, y, z = (up / np.linalg.norm(up)).tolist()
         return cls(

@@ -17,14 +17,14 @@ from sightline.geometry.arguments import wrong_type
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
-_STOCK = (TypeError, AttributeError)
-"""Errors that Python or a library raises where a value of another type is used."""
+_TYPE_ERRORS = (TypeError, AttributeError)
+"""Errors that Python or a library raises for a value of another type."""
 
 
 def named_arguments(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Make a function name the argument of a wrong type where it fails because of one.
+    """Decorate a function so that its errors name an argument of a wrong type.
 
-    A call is examined only when it has failed: other types that work go on working, at no cost.
+    Arguments are examined only after a failure: other types that work stay valid, at no cost.
     The error is a TypeError of one line with the argument, its type and the expected one.
     """
     if inspect.isgeneratorfunction(function):
@@ -34,7 +34,7 @@ def named_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
     def call(*args: Parameters.args, **named: Parameters.kwargs) -> Result:
         try:
             return function(*args, **named)
-        except _STOCK as error:
+        except _TYPE_ERRORS as error:
             fault = _fault(error, function, args, named)
             if fault is None:
                 raise
@@ -44,13 +44,13 @@ def named_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
 
 
 def _named_in_generator(function: Callable[Parameters, Any]) -> Callable[Parameters, Any]:
-    """Make a generator function name the argument; it fails at its first item."""
+    """Decorate a generator function likewise; it fails at its first item."""
 
     @wraps(function)
     def items(*args: Parameters.args, **named: Parameters.kwargs) -> Iterator[object]:
         try:
             yield from function(*args, **named)
-        except _STOCK as error:
+        except _TYPE_ERRORS as error:
             fault = _fault(error, function, args, named)
             if fault is None:
                 raise
@@ -67,9 +67,9 @@ def _fault(
 ) -> TypeError | None:
     """Find the first argument of another type than annotated.
 
-    None: there is none, or the error is one of ours and names it already.
+    None if there is none, or if the error names it already.
     """
-    if type(error) not in _STOCK or " is of type " in str(error):
+    if type(error) not in _TYPE_ERRORS or " is of type " in str(error):
         return None
     with suppress(TypeError):  # a missing argument, or one too many
         given = inspect.signature(function).bind(*args, **named).arguments
@@ -78,13 +78,13 @@ def _fault(
             hints = get_type_hints(function)
         for name, value in given.items():
             hint = hints.get(name)
-            if hint is not None and not isinstance(hint, str) and not _is_of(value, hint):
+            if hint is not None and not isinstance(hint, str) and not _matches_hint(value, hint):
                 called = function.__qualname__.removesuffix(".__init__")
                 return wrong_type(f"{called}: {name}", value, _expected(hint))
     return None
 
 
-def _is_of(value: object, hint: Any) -> bool:  # noqa: ANN401 - a type hint
+def _matches_hint(value: object, hint: Any) -> bool:  # noqa: ANN401 - a type hint
     """Check the type of a value; numbers of any library count as Python's."""
     from beartype.door import is_bearable
 

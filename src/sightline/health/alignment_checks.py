@@ -18,7 +18,7 @@ class AlignmentChecks(NamedTuple):
     """Same for upper edges, over all angles of pitch and roll."""
 
 
-LEAST_SPREADS = AlignmentChecks(turned=0.4, mismatched=1.0, tilted=1.0)
+MIN_SPREADS = AlignmentChecks(turned=0.4, mismatched=1.0, tilted=1.0)
 """Minimum spreads for limits that also serve other sensors: variation of each check between sound
 mounts of other makes, and in streets with fewer edges."""
 

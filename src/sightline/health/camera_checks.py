@@ -16,7 +16,7 @@ _SPECKLE = 40  # difference from its neighbours in grey levels
 _EVEN_SHARE = 0.1  # share of the blocks that are most uniform: their variation is noise
 _LOWER = 0.45  # share of the height below which there is no sky
 _JPEG_PX = 8
-_LIFTED = 158  # grey levels; stray light leaves nothing darker but much that is brighter
+_LIFTED = 158  # grey levels; with stray light, no level is below and many are above
 _LIFTED_RANGE = 40  # minimum range of grey levels there: the sky has less
 _CELL_PX = 5  # side of the cells of stray light
 _REACH_CELLS = 16  # neighbourhood of a cell to either side
@@ -26,7 +26,7 @@ _SATURATED = (20.0, 235.0)
 _MUDDY = 0.35  # same limit in spots of dirt
 _MUDDY_PX = 8  # side of the blocks, two by two of them: spots are small
 _SHADED = (20.0, 120.0)  # grey levels: dirt on a lens emits no light, and black is `covered`
-_FEWEST_PX = 4  # minimum side for a check of detail
+_MIN_SIDE_PX = 4  # minimum side for a check of detail
 _TINY = 1e-3
 _REACH = np.ones((2 * _REACH_CELLS + 1, 2 * _REACH_CELLS + 1), np.uint8)
 
@@ -65,7 +65,7 @@ class CameraChecks(NamedTuple):
     """Log2 of the ratio of the gradients across the borders of JPEG's blocks and within them."""
 
 
-LEAST_SPREADS = CameraChecks(
+MIN_SPREADS = CameraChecks(
     dark=20.0,
     bright=10.0,
     faint=20.0,
@@ -82,9 +82,7 @@ LEAST_SPREADS = CameraChecks(
 )
 """Minimum spreads for limits that also serve other sensors: variation of each check between sound
 cameras of other makes."""
-JPEG_LEAST_SPREADS = LEAST_SPREADS._replace(
-    still=0.2, muddy=0.15, blurred=0.15, noisy=1.2, blocky=0.2
-)
+JPEG_MIN_SPREADS = MIN_SPREADS._replace(still=0.2, muddy=0.15, blurred=0.15, noisy=1.2, blocky=0.2)
 """Minimum spreads for JPEG images of quality 75 to 95: compression removes the noise that `still`
 and `muddy` test, more in real images than in simulated ones."""
 
@@ -143,7 +141,7 @@ def block_statistics(
 
 
 def _lost_detail(grey: UInt8[np.ndarray, "height width"]) -> float:
-    if min(grey.shape) < _FEWEST_PX:
+    if min(grey.shape) < _MIN_SIDE_PX:
         return 0.0
     half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     growth = []
@@ -188,14 +186,14 @@ def _is_still(
     grey: UInt8[np.ndarray, "height width"],
     residual: Float32[np.ndarray, "height width"],
     block_px: int,
-    least_noise: float,
+    min_noise: float,
     levels: tuple[float, float],
 ) -> Bool[np.ndarray, "rows columns"]:
     """Mark blocks with less noise and a mean between the levels."""
     mean = _block_means(grey.astype(np.float32), block_px)
     noise = _block_means(residual, block_px)
     still: Bool[np.ndarray, "rows columns"]
-    still = (noise < least_noise) & (mean > levels[0]) & (mean < levels[1])
+    still = (noise < min_noise) & (mean > levels[0]) & (mean < levels[1])
     return still
 
 

@@ -59,8 +59,8 @@ def fit_on_dataset(
         "seed": seed,
         "transfer": int(transfer),
     }
-    shown = track(samples, description="looking at clean frames", total=len(drawn))
-    return fit_on_samples(shown, provenance, transfer=transfer)
+    tracked = track(samples, description="checking clean frames", total=len(drawn))
+    return fit_on_samples(tracked, provenance, transfer=transfer)
 
 
 def fit_on_samples(
@@ -68,8 +68,8 @@ def fit_on_samples(
     provenance: Mapping[str, str | int],
     *,
     transfer: bool = False,
-    camera_spreads: CameraChecks = camera_checks.LEAST_SPREADS,
-    lidar_spreads: LidarChecks = lidar_checks.LEAST_SPREADS,
+    camera_spreads: CameraChecks = camera_checks.MIN_SPREADS,
+    lidar_spreads: LidarChecks = lidar_checks.MIN_SPREADS,
 ) -> HealthLimits:
     """Fit limits on samples of sound sensors.
 
@@ -90,8 +90,8 @@ def fit_on_samples(
         image = rgb_of(sample)
         if image is None or sample.points is None:
             raise ValueError(
-                f"sample {sample.sample_id} lacks a sensor: limits are fitted on frames that have "
-                "both"
+                f"sample {sample.sample_id} lacks a sensor; limits are fitted on frames with both "
+                "sensors"
             )
         camera.append(check_camera(image))
         lidar.append(check_lidar(sample.points.numpy()))
@@ -102,11 +102,11 @@ def fit_on_samples(
     if len(alignment) < len(camera) / 2:
         raise ValueError(
             f"only {len(alignment)} of {len(camera)} frames show edges that camera and LiDAR both "
-            "see: look whether the calibration fits (`sightline check`)"
+            "see; check the calibration (`sightline check`)"
         )
     return HealthLimits(
         camera=fit_limits(camera, camera_spreads, transfer=transfer),
         lidar=fit_limits(lidar, lidar_spreads, transfer=transfer),
-        alignment=fit_limits(alignment, alignment_checks.LEAST_SPREADS, transfer=transfer),
+        alignment=fit_limits(alignment, alignment_checks.MIN_SPREADS, transfer=transfer),
         provenance=provenance,
     )

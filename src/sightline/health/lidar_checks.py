@@ -22,7 +22,7 @@ SECTOR_DEG = 2.0
 
 _GAP = 1.5  # typical steps of azimuth; a wider one lacks a return
 _WIDEST_GAP = 4.5  # a wider one is not a lost return but a hole: glass, sky
-_SPIKE_M, _SPIKE_SHARE = 0.1, 0.02  # least offset of a false return, also as a share of the range
+_SPIKE_M, _SPIKE_SHARE = 0.1, 0.02  # minimum offset of a false return, also as a share of the range
 _ALONE_M = 1.0  # distance of clutter in front of both neighbours
 _CLOSE_M = 20.0  # maximum range of clutter from fog, rain and snow
 _STRAY_DEG = 0.12  # offset of azimuth or elevation from the middle of two close neighbours
@@ -30,15 +30,15 @@ _LEVER_DEG_M = 12.0  # lasers are up to 0.2 m off the origin: near returns appea
 _NEAR_M = 25.0  # range up to which surfaces are even enough to measure the range noise
 _ABOVE_M = -1.3  # minimum height of clutter, above the road, in the LiDAR's frame
 _TINY = 1e-4
-_FEWEST = 3
+_MIN_POINTS = 3
 _FAR_M = 15.0  # range beyond which fog absorbs much of the light
-_FEWEST_FAR = 50  # minimum number of returns beyond it
+_MIN_FAR_POINTS = 50  # minimum number of returns beyond it
 
 
 class LidarChecks(NamedTuple):
     """Checks of a sweep; a larger number is a worse sweep.
 
-    All but the last use the part ahead (`lies_ahead`), which is as complete in KITTI's reduced
+    All but the last use the part ahead (`is_ahead`), which is as complete in KITTI's reduced
     sweeps as in whole ones, for any camera.
     """
 
@@ -67,13 +67,13 @@ class LidarChecks(NamedTuple):
     """-log2 of the 95 % quantile of the range [m]."""
     faded: float
     """-log2 of the 95 % quantile of the reflectance beyond 15 m: fog absorbs light with distance.
-    NaN with hardly any returns there, or if all are 0: the sensor measures none."""
+    NaN with too few returns there, or if all are 0: the sensor measures no reflectance."""
     blind: float
     """Share of the azimuth sectors of a whole turn without points; 0 for sweeps cut to the camera's
     view."""
 
 
-LEAST_SPREADS = LidarChecks(
+MIN_SPREADS = LidarChecks(
     sparse=0.4,
     ringless=0.06,
     gappy=0.6,
@@ -90,15 +90,15 @@ LEAST_SPREADS = LidarChecks(
 )
 """Minimum spreads for limits that also serve other sensors: variation of each check between sound
 LiDARs of other makes."""
-FEW_RINGS_LEAST_SPREADS = LEAST_SPREADS._replace(sparse=0.8, ringless=0.3, holes=0.3)
+FEW_RINGS_MIN_SPREADS = MIN_SPREADS._replace(sparse=0.8, ringless=0.3, holes=0.3)
 """Minimum spreads for LiDARs of 32 and 16 beams, which differ more in their beam directions."""
 
 
 def check_lidar(points: Float32[np.ndarray, "num_points 4"]) -> LidarChecks:
     """Check a sweep: a few ms on one core, up to 0.3 s for another point order than KITTI's."""
-    ahead = ring_by_ring(points[lies_ahead(points)])
+    ahead = ring_by_ring(points[is_ahead(points)])
     count = len(ahead)
-    if count < _FEWEST:
+    if count < _MIN_POINTS:
         return NOTHING
     ranges, azimuth, elevation = to_sphere(ahead)
     steps = np.diff(azimuth)
@@ -132,7 +132,7 @@ NOTHING = LidarChecks(*(float("inf"),) * len(LidarChecks._fields))
 """Checks of a sweep without points."""
 
 
-def lies_ahead(
+def is_ahead(
     points: Float32[np.ndarray, "num_points 4"],
 ) -> Bool[np.ndarray, " num_points"]:
     """Test which points lie within `WIDEST_DEG` of straight ahead and above `LOWEST_DEG`."""
@@ -147,7 +147,7 @@ def _fading(
     ranges: Float32[np.ndarray, " num_points"], reflectances: Float32[np.ndarray, " num_points"]
 ) -> float:
     far = reflectances[ranges > _FAR_M]
-    if len(far) < _FEWEST_FAR or not far.any():
+    if len(far) < _MIN_FAR_POINTS or not far.any():
         return math.nan
     return -_log2(max(float(np.quantile(far, 0.95)), 0.0))
 
@@ -173,8 +173,7 @@ def cell_counts(
 def blind_sectors(points: Float32[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_sectors"]:
     """Mark the azimuth sectors of a whole sweep without points; counter-clockwise from behind.
 
-    A sweep cut to the camera's view has no points behind the sensor; then no sector is marked, as
-    nothing is known about them.
+    A sweep cut to the camera's view has no points behind the sensor; then no sector is marked.
     """
     sectors = round(360 / SECTOR_DEG)
     if not (points[:, 0] < 0).any():

@@ -22,14 +22,14 @@ Checks = CameraChecks | LidarChecks | AlignmentChecks
 
 FALSE_ALARMS: Final = 0.01
 """Share of sound frames with a score below `ALARM_SCORE`."""
-LEAST_SCORE: Final = 0.001
+MIN_SCORE: Final = 0.001
 """Minimum score of a sensor with output; lower values have no further meaning."""
 SHIPPED: Final = Path(__file__).with_name("limits.json")
 """Limits fitted on simulated frames, which the file describes."""
 
-_UNUSUAL = 0.99  # quantile of sound frames at one spread from the median
-_OWN_SHARE = 0.1  # share of the minimum spreads, for limits of the fitted sensors alone
-_FEWEST_FRAMES = 100  # minimum for a quantile of one in a hundred
+_SPREAD_QUANTILE = 0.99  # quantile of sound frames at one spread from the median
+_OWN_SPREAD_SHARE = 0.1  # share of the minimum spreads, for limits of the fitted sensors alone
+_MIN_FRAMES = 100  # minimum for a quantile of one in a hundred
 _MAX_BYTES = 2**20
 
 
@@ -58,7 +58,7 @@ class SensorLimits:
     def judge(self, checks: Checks, *, without: Collection[str] = ()) -> Health:
         """Compute the score 2^-(largest excess / limit) of a frame; 0 if infinite.
 
-        It is at least `LEAST_SCORE` if the sensor has output. A check without a value (NaN) is
+        It is at least `MIN_SCORE` if the sensor has output. A check without a value (NaN) is
         ignored.
 
         Args:
@@ -72,7 +72,7 @@ class SensorLimits:
         }
         worst = max(excesses, key=excesses.__getitem__)
         excess = excesses[worst] / self.limit
-        score = 0.0 if math.isinf(excess) else max(2.0**-excess, LEAST_SCORE)
+        score = 0.0 if math.isinf(excess) else max(2.0**-excess, MIN_SCORE)
         return Health(score=score, worst_check=worst)
 
 
@@ -87,7 +87,7 @@ class HealthLimits:
 
 
 def fit_limits(
-    rows: Sequence[Checks], least_spreads: Checks, *, transfer: bool = False
+    rows: Sequence[Checks], min_spreads: Checks, *, transfer: bool = False
 ) -> SensorLimits:
     """Fit limits that one sound frame in a hundred exceeds.
 
@@ -97,7 +97,7 @@ def fit_limits(
 
     Args:
         rows: The checks of sound frames.
-        least_spreads: Minimum spread of each check if `transfer` is set; otherwise a tenth of it is
+        min_spreads: Minimum spread of each check if `transfer` is set; otherwise a tenth of it is
             the minimum: a check that is nearly constant in so few frames may vary in others.
         transfer: Whether the limits also serve sensors of other makes.
 
@@ -108,15 +108,15 @@ def fit_limits(
     names = rows[0]._fields
     values = np.array(rows, dtype=np.float64)
     for name, column in zip(names, values.T, strict=True):
-        told = column[~np.isnan(column)]
-        if not len(told) or not np.isfinite(told).all():
+        measured = column[~np.isnan(column)]
+        if not len(measured) or not np.isfinite(measured).all():
             raise ValueError(
-                f"limits need frames of sound sensors, but check '{name}' tells nothing in any of "
-                "them, or found a sweep without points; name other frames, or leave such ones out"
+                f"limits need frames of sound sensors, but check '{name}' has no value in any "
+                "frame, or an infinite one (a sweep without points); give other frames"
             )
     median = np.nanmedian(values, axis=0)
-    least = np.array(least_spreads) * (1.0 if transfer else _OWN_SHARE)
-    spread = np.maximum(np.nanquantile(values, _UNUSUAL, axis=0) - median, least)
+    min_spread = np.array(min_spreads) * (1.0 if transfer else _OWN_SPREAD_SHARE)
+    spread = np.maximum(np.nanquantile(values, _SPREAD_QUANTILE, axis=0) - median, min_spread)
     ranges = {
         name: CheckRange(median=float(middle), spread=float(width))
         for name, middle, width in zip(names, median, spread, strict=True)
@@ -132,21 +132,21 @@ def check_enough(num_frames: int) -> None:
     Raises:
         ValueError: There are too few.
     """
-    if num_frames < _FEWEST_FRAMES:
+    if num_frames < _MIN_FRAMES:
         raise ValueError(
-            f"limits need at least {_FEWEST_FRAMES} clean frames, got {num_frames}: one in a "
-            "hundred cannot be told from fewer"
+            f"limits need at least {_MIN_FRAMES} clean frames, got {num_frames}: a rate "
+            "of 1 % cannot be measured with fewer"
         )
 
 
 def write_limits(path: Path, limits: HealthLimits) -> None:
-    """Write limits as JSON; the file appears whole or not at all."""
+    """Write limits as JSON, atomically."""
     sensors = {
         name: {
             "limit": each.limit,
             "checks": {
-                check: {"median": of.median, "spread": of.spread}
-                for check, of in each.checks.items()
+                check: {"median": check_range.median, "spread": check_range.spread}
+                for check, check_range in each.checks.items()
             },
         }
         for name, each in _by_sensor(limits).items()
@@ -159,7 +159,7 @@ def read_limits(path: Path = SHIPPED) -> HealthLimits:
     """Read limits; by default those included in Sightline.
 
     Raises:
-        FileError: The file holds no limits, or those of other checks.
+        FileError: The file contains no limits, or limits of other checks.
     """
     remedy = "write limits by `sightline health-limits`"
     data = read_bytes(path, max_bytes=_MAX_BYTES, remedy=remedy)
@@ -185,7 +185,7 @@ def _sensor_limits(content: Mapping[str, Any], names: Sequence[str]) -> SensorLi
     if set(content["checks"]) != set(names):
         differing = sorted(set(content["checks"]) ^ set(names))
         raise ValueError(
-            f"they differ by {shortened(', '.join(differing))}: another version's, perhaps"
+            f"its checks differ by {shortened(', '.join(differing))}; it may be of another version"
         )
     ranges = {
         name: CheckRange(

@@ -15,9 +15,9 @@ from sightline.structures.health import Health, SampleHealth
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
-_TELLING = 0.2  # minimum score for edges of the scene, e.g. with some beams missing
+_MIN_EDGE_SCORE = 0.2  # minimum score for edges of the scene, e.g. with some beams missing
 # Checks that fail for sound sensors of another make: JPEG images, fewer beams.
-_OF_MAKE = ("still", "muddy", "blocky", "sparse", "ringless", "holes")
+_SENSOR_SPECIFIC_CHECKS = ("still", "muddy", "blocky", "sparse", "ringless", "holes")
 _ABSENT = Health(score=0.0, worst_check="absent")
 
 
@@ -53,7 +53,7 @@ class HealthMonitor:
         points = None if sample.points is None else sample.points.numpy()
         camera, is_clear = _judge(self.limits.camera, image, check_camera)
         lidar, is_whole = _judge(self.limits.lidar, points, check_lidar)
-        can_judge = min(camera.score, lidar.score) >= _TELLING
+        can_judge = min(camera.score, lidar.score) >= _MIN_EDGE_SCORE
         match = match_edges(sample) if is_clear and is_whole else None
         if match is not None and earlier is not None:
             match = match + earlier
@@ -81,7 +81,7 @@ def _judge(
     if delivered is None:
         return _ABSENT, False
     checks = check(delivered)
-    shows_edges = limits.judge(checks, without=_OF_MAKE).score >= _TELLING
+    shows_edges = limits.judge(checks, without=_SENSOR_SPECIFIC_CHECKS).score >= _MIN_EDGE_SCORE
     return limits.judge(checks), shows_edges
 
 

@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 def doubts(frames: Sequence[FrameHealth]) -> tuple[str, ...]:
     """List sensors that are bad in most frames: the limits may be for other sensors."""
     doubtful = []
-    for name, what in (("camera", "images"), ("lidar", "sweeps")):
+    for name, data_name in (("camera", "images"), ("lidar", "sweeps")):
         judged: list[Health] = [getattr(frame.health, name) for frame in frames]
-        there = [each for each in judged if each.worst_check != "absent" and each.score > 0]
-        worst = Counter(each.worst_check for each in there if each.is_alarm)
-        if 2 * worst.total() <= len(there):
+        delivered = [each for each in judged if each.worst_check != "absent" and each.score > 0]
+        worst = Counter(each.worst_check for each in delivered if each.is_alarm)
+        if 2 * worst.total() <= len(delivered):
             continue
         checks = ", ".join(f"'{check}' ({count})" for check, count in worst.most_common(3))
         doubtful.append(
-            f"{worst.total()} of {len(there)} {what} are bad by {checks}; if that is how your "
-            "sensor is, its scores say nothing: fit limits to its first frames by --fit-first 30, "
-            "or limits of your own by sightline health-limits, and give them by --limits"
+            f"{worst.total()} of {len(delivered)} {data_name} are bad by {checks}; if this is "
+            "normal for your sensor, its scores are meaningless: fit limits to its first frames by "
+            "--fit-first 30, or to clean data by sightline health-limits, given as --limits"
         )
     return tuple(doubtful)
 
@@ -54,7 +54,10 @@ class HealthReport:
     @property
     def notes(self) -> tuple[str, ...]:
         """List limits and warnings, a line each."""
-        limits = [f"{sensor} judged by limits: {said}" for sensor, said in self.limits.items()]
+        limits = [
+            f"{sensor} judged by limits: {description}"
+            for sensor, description in self.limits.items()
+        ]
         return (*limits, *self.warnings)
 
     def table(self) -> "Table":

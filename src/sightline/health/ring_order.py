@@ -8,12 +8,12 @@ from sightline.health.sphere import to_sphere
 
 SEAM_DEG = 30.0
 """Largest decrease of the azimuth inside a ring."""
-_FEWEST = 100  # minimum number of points to detect an order
+_MIN_POINTS = 100  # minimum number of points to detect an order
 _APART = 7  # index distance of points on one ring, or nearly so
 _SCATTERED = 0.2  # share of the elevations' spread between points that are not
-_MOST_DOUBTFUL = 0.15  # share of points between rings: a noisy sensor must be judged, too
+_MAX_DOUBTFUL_SHARE = 0.15  # share of points between rings: a noisy sensor must be judged, too
 _RING_GAP_DEG = 0.1
-_FEWEST_RINGS = 4
+_MIN_RINGS = 4
 _RING_STEP_DEG = 0.4  # step for rings blurred by noise
 
 
@@ -29,7 +29,7 @@ def ring_by_ring(
     Args:
         points: A sweep, or a part of it that is less than a full turn.
     """
-    if len(points) < _FEWEST:
+    if len(points) < _MIN_POINTS:
         return points
     _, azimuth_deg, elevation_deg = to_sphere(points)
     spread = float(np.subtract(*np.quantile(elevation_deg, (0.9, 0.1))))
@@ -64,7 +64,7 @@ def _rings_from_below(
 ) -> Int64[np.ndarray, " num_points"] | None:
     """Number rings by elevation; None for points possibly ring by ring that show no other rings."""
     try:
-        return -rings_by_elevation(points, _MOST_DOUBTFUL, leaning=False)
+        return -rings_by_elevation(points, _MAX_DOUBTFUL_SHARE, leaning=False)
     except ValueError:
         return _groups_by_elevation(elevation_deg) if is_scattered else None
 
@@ -75,7 +75,7 @@ def _groups_by_elevation(
     """Number groups from below: by gaps between them, or by even steps if there are no gaps."""
     order = np.argsort(elevation_deg)
     gaps = np.diff(elevation_deg[order], prepend=elevation_deg[order[:1]]) > _RING_GAP_DEG
-    if gaps.sum() + 1 < _FEWEST_RINGS:
+    if gaps.sum() + 1 < _MIN_RINGS:
         return np.floor(elevation_deg / _RING_STEP_DEG).astype(np.int64)
     rings = np.empty(len(order), np.int64)
     rings[order] = np.cumsum(gaps)

@@ -1,4 +1,4 @@
-"""Health of a drive's sensors, with alarms that neither flicker nor come late."""
+"""Health of a drive's sensors, with alarms that have hysteresis."""
 
 from dataclasses import dataclass
 
@@ -54,22 +54,22 @@ class Alarm:
         """Start without an alarm."""
         self.config = config
         self.is_on = False
-        self._in_a_row = 0
+        self._num_consecutive = 0
 
     def update(self, health: Health | None) -> None:
         """Update with the next frame's health, None if it is unknown."""
         if health is None:
-            self._in_a_row = 0
+            self._num_consecutive = 0
             return
         config = self.config
         if not self.is_on and health.score <= config.at_once_score:
-            self.is_on, self._in_a_row = True, 0
+            self.is_on, self._num_consecutive = True, 0
             return
-        speaks_against = health.score >= config.clear_score if self.is_on else health.is_alarm
-        self._in_a_row = self._in_a_row + 1 if speaks_against else 0
-        needed = config.clear_after if self.is_on else config.raise_after
-        if self._in_a_row >= needed:
-            self.is_on, self._in_a_row = not self.is_on, 0
+        contradicts = health.score >= config.clear_score if self.is_on else health.is_alarm
+        self._num_consecutive = self._num_consecutive + 1 if contradicts else 0
+        required = config.clear_after if self.is_on else config.raise_after
+        if self._num_consecutive >= required:
+            self.is_on, self._num_consecutive = not self.is_on, 0
 
 
 class DriveMonitor:

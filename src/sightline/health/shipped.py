@@ -26,14 +26,14 @@ BEAMS: Final = (64, 32, 16)
 
 NUM_CHECKED_FRAMES: Final = 15
 """Number of frames, evenly spread over a drive, for choosing the included limits."""
-FEWEST_FIRST: Final = 10
+MIN_FIRST_FRAMES: Final = 10
 """Minimum number of frames for limits fitted to the drive itself."""
 
 _RINGS_AHEAD = {64: 40.0, 32: 20.0, 16: 10.0}  # rings in the checked part of a sweep
-_BLOCKY = 0.045  # median of `blocky` in JPEG images; without compression it is below 0.035
-_MOST_ALARMS = 0.2  # maximum share of frames for fitting limits: a sensor may have failed in some
-_MOST_RINGS = 0.8  # quantile over the frames: in some a LiDAR may have failed
-_WIDER = 2.0  # factor by which limits of few frames exceed their range
+_MIN_JPEG_BLOCKINESS = 0.045  # median of `blocky`; below 0.035 without compression
+_MAX_ALARM_SHARE = 0.2  # of the frames for fitting limits: a sensor may have failed in some
+_RING_QUANTILE = 0.8  # quantile over the frames: in some a LiDAR may have failed
+_SPREAD_FACTOR = 2.0  # factor by which limits of few frames exceed their range
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -64,8 +64,8 @@ def shipped_limits(images: ImageKind = "png", beams: int = 64) -> HealthLimits:
     """
     if beams not in BEAMS:
         raise ValueError(
-            f"there are limits for LiDARs of {', '.join(map(str, BEAMS))} beams, got {beams}; name "
-            "the nearest"
+            f"there are limits for LiDARs of {', '.join(map(str, BEAMS))} beams, got {beams}; "
+            "choose the nearest"
         )
     for_camera, for_lidar = (
         read_limits(SHIPPED if name is None else SHIPPED.with_name(f"limits_{name}.json"))
@@ -109,23 +109,23 @@ def choose_shipped(
     Raises:
         ValueError: There are no limits for this number of beams.
     """
-    usual = read_limits()
+    default = read_limits()
     found_images: ImageKind = images or _image_kind(
-        checks, usual.camera, are_jpeg_files=are_jpeg_files
+        checks, default.camera, are_jpeg_files=are_jpeg_files
     )
-    found_beams = _beams(checks, usual.lidar) if beams is None else beams
+    found_beams = _beams(checks, default.lidar) if beams is None else beams
     warnings = []
     rings = _num_rings(checks)
     if beams is None and found_beams != 64:
         warnings.append(
             f"every sweep has about {rings:.0f} rings ahead, fewer than the 40 of 64 beams: it is "
-            f"judged as of {found_beams} beams; if your LiDAR has 64, it has lost some: give "
-            "--lidar-beams 64"
+            f"judged as of {found_beams} beams; if your LiDAR has 64, set --lidar-beams 64 to "
+            "detect the lost ones"
         )
     return ChosenLimits(
         limits=shipped_limits(found_images, found_beams),
-        camera=f"shipped, {found_images.upper()} pictures ({_how(images)})",
-        lidar=f"shipped, {found_beams} beams ({_how(beams)})",
+        camera=f"shipped, {found_images.upper()} pictures ({_origin(images)})",
+        lidar=f"shipped, {found_beams} beams ({_origin(beams)})",
         warnings=tuple(warnings),
     )
 
@@ -136,9 +136,9 @@ def check_first(count: int | None) -> None:
     Raises:
         ValueError: There are too few.
     """
-    if count is not None and count < FEWEST_FIRST:
+    if count is not None and count < MIN_FIRST_FRAMES:
         raise ValueError(
-            f"--fit-first needs at least {FEWEST_FIRST} frames, got {count}; 30 will do"
+            f"--fit-first needs at least {MIN_FIRST_FRAMES} frames, got {count}; give 30"
         )
 
 
@@ -158,71 +158,71 @@ def fit_to_first(base: ChosenLimits, checks: DriveChecks) -> ChosenLimits:
     """
     counts = {"camera": len(checks.camera), "lidar": len(checks.lidar)}
     for name, count in counts.items():
-        if count < FEWEST_FIRST and (count or not any(counts.values())):
+        if count < MIN_FIRST_FRAMES and (count or not any(counts.values())):
             raise ValueError(
-                f"--fit-first needs at least {FEWEST_FIRST} frames in which the {name} delivered "
-                f"something, got {count}; name more frames, or leave it out"
+                f"--fit-first needs at least {MIN_FIRST_FRAMES} frames with {name} output, "
+                f"got {count}; give more frames, or omit it"
             )
     limits = base.limits
-    said = {"camera": base.camera, "lidar": base.lidar}
+    descriptions = {"camera": base.camera, "lidar": base.lidar}
     if checks.camera:
-        limits = replace(limits, camera=_about(limits.camera, checks.camera))
+        limits = replace(limits, camera=_centred_limits(limits.camera, checks.camera))
     if checks.lidar:
-        limits = replace(limits, lidar=_about(limits.lidar, checks.lidar))
+        limits = replace(limits, lidar=_centred_limits(limits.lidar, checks.lidar))
     for name, count in counts.items():
         if count:
-            said[name] = f"fitted to the first {count} frames, from {said[name]}"
+            descriptions[name] = f"fitted to the first {count} frames, from {descriptions[name]}"
     fitted = max(counts.values())
     warning = (
-        f"limits were fitted to the first {fitted} frames, which are taken as sound: what is "
-        "wrong in them already is not seen"
+        f"limits were fitted to the first {fitted} frames, which are assumed to be sound: "
+        "faults in these frames are not detected"
     )
     warnings = (*base.warnings, warning)
     return ChosenLimits(
-        limits=limits, camera=said["camera"], lidar=said["lidar"], warnings=warnings
+        limits=limits, camera=descriptions["camera"], lidar=descriptions["lidar"], warnings=warnings
     )
 
 
-def _about(base: SensorLimits, rows: Sequence[Checks]) -> SensorLimits:
+def _centred_limits(base: SensorLimits, rows: Sequence[Checks]) -> SensorLimits:
     values = np.array(rows, dtype=np.float64)
     ranges = {}
     for name, column in zip(rows[0]._fields, values.T, strict=True):
-        known = column[np.isfinite(column)]
-        usual = base.checks[name]
-        if len(known):
-            middle = float(np.median(known))
-            reach = _WIDER * (float(known.max()) - middle)
-            usual = CheckRange(median=middle, spread=max(usual.spread, reach))
-        ranges[name] = usual
+        finite = column[np.isfinite(column)]
+        default = base.checks[name]
+        if len(finite):
+            middle = float(np.median(finite))
+            reach = _SPREAD_FACTOR * (float(finite.max()) - middle)
+            default = CheckRange(median=middle, spread=max(default.spread, reach))
+        ranges[name] = default
     return replace(base, checks=ranges)
 
 
-def _image_kind(checks: DriveChecks, usual: SensorLimits, *, are_jpeg_files: bool) -> ImageKind:
-    if not checks.camera or _fits(usual, checks.camera):
+def _image_kind(checks: DriveChecks, default: SensorLimits, *, are_jpeg_files: bool) -> ImageKind:
+    if not checks.camera or _fits(default, checks.camera):
         return "png"
     blocky = float(np.median([each.blocky for each in checks.camera]))
-    return "jpeg" if are_jpeg_files or blocky > _BLOCKY else "png"
+    return "jpeg" if are_jpeg_files or blocky > _MIN_JPEG_BLOCKINESS else "png"
 
 
-def _beams(checks: DriveChecks, usual: SensorLimits) -> int:
+def _beams(checks: DriveChecks, default: SensorLimits) -> int:
     if not checks.lidar:
         return 64
     rings = _num_rings(checks)
-    of_rings = usual.checks["ringless"]
-    if of_rings.excess(-np.log2(rings)) < usual.limit:
+    ring_range = default.checks["ringless"]
+    if ring_range.excess(-np.log2(rings)) < default.limit:
         return 64
     return min(BEAMS, key=lambda each: abs(np.log2(_RINGS_AHEAD[each] / rings)))
 
 
 def _num_rings(checks: DriveChecks) -> float:
     counts = [2.0**-each.ringless for each in checks.lidar]
-    return float(np.quantile(counts, _MOST_RINGS)) if counts else 0.0
+    return float(np.quantile(counts, _RING_QUANTILE)) if counts else 0.0
 
 
 def _fits(limits: SensorLimits, rows: Sequence[Checks]) -> bool:
     """Test whether most frames are sound by these limits."""
-    return sum(limits.judge(each).is_alarm for each in rows) <= _MOST_ALARMS * len(rows)
+    return sum(limits.judge(each).is_alarm for each in rows) <= _MAX_ALARM_SHARE * len(rows)
 
 
-def _how(given: object) -> str:
+def _origin(given: object) -> str:
     return "recognised" if given is None else "as given"

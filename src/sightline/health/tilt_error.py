@@ -102,8 +102,8 @@ def estimate_tilt(match: TopMatch) -> TiltEstimate:
     shares = match.weights.mean(axis=1)
     total = np.zeros((len(_ROLLS_DEG), len(_PITCHES_DEG)))
     for tangent, curve, share in zip(_MIDDLES, means, shares, strict=True):
-        seeming = _PITCHES_DEG - _ROLLS_DEG[:, None] * tangent
-        total += share * np.interp(seeming, _TILTS_DEG, curve)
+        apparent = _PITCHES_DEG - _ROLLS_DEG[:, None] * tangent
+        total += share * np.interp(apparent, _TILTS_DEG, curve)
     roll, pitch = np.unravel_index(int(total.argmax()), total.shape)
     spread = float(total.std())
     none = float(total[len(_ROLLS_DEG) // 2, np.abs(_PITCHES_DEG) < _NONE_DEG].max())

@@ -30,7 +30,7 @@ _WINDOWS_DEG = (0.8, 0.3)  # search windows of the next finer peak, around the l
 _JUMP_M = 0.5  # minimum range jump between neighbours on a ring
 _JUMP_SHARE = 0.07  # same, as a share of the nearer range
 _WIDEST_STEP = 4.0  # maximum azimuth distance of neighbours, in typical steps
-_FEWEST_EDGES = 30
+_MIN_EDGES = 30
 _MARGIN_SHARE = 0.15  # margin beyond the image's borders, as a share of its width
 
 
@@ -77,7 +77,7 @@ def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
     image_from_lidar = sample.calibration.image_from_lidar.double().numpy()
     near = ring_by_ring(_near_view(sample.points.numpy(), image_from_lidar, sample.image_size))
     points, weights = find_depth_edges(near)
-    if len(points) < _FEWEST_EDGES:
+    if len(points) < _MIN_EDGES:
         return None
     image = np.ascontiguousarray(sample.image.permute(1, 2, 0).numpy())
     sharp = edge_strength(image, "horizontal")

@@ -9,16 +9,16 @@ from pathlib import Path
 
 
 def cache_folder() -> Path | None:
-    """Find the first place that this user may write to; its folder is made where it is missing.
+    """Find the first folder that this user can write to; create it if it is missing.
 
-    The places are $XDG_CACHE_HOME/sightline, ~/.cache/sightline, and sightline-UID in the folder
+    Candidates are $XDG_CACHE_HOME/sightline, ~/.cache/sightline, and sightline-UID in the folder
     for temporary files. Its contents are run as code, so a folder that another user owns or that
     everybody may write to is never used.
 
     Returns:
-        The folder; None if there is no such place.
+        The folder; None if there is none.
     """
-    return next(filter(_is_ours, _candidates()), None)
+    return next(filter(_is_private, _candidates()), None)
 
 
 def _candidates() -> Iterator[Path]:
@@ -33,7 +33,7 @@ def _candidates() -> Iterator[Path]:
         yield Path(tempfile.gettempdir()) / f"sightline-{os.getuid()}"
 
 
-def _is_ours(folder: Path) -> bool:
+def _is_private(folder: Path) -> bool:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()

@@ -13,7 +13,7 @@ def farthest_points(
 ) -> Int64[Tensor, "batch {count}"]:
     """Select `count` points of each cloud [m], each the farthest from those before it.
 
-    Eldar et al. 1997. The first is point 0; of equally far points, the first in order is taken, so
+    Eldar et al. 1997. The first is point 0; of equally far points, the first in order is used, so
     the result is the same on every run and device. If all remaining points coincide with selected
     ones (too few points, or copies), point 0 is repeated. Distances are computed in float32. There
     is no gradient.
@@ -29,7 +29,7 @@ def farthest_points(
     if count < 0:
         raise ValueError(f"count must not be negative, got {count}")
     if count > 0 and points.shape[1] == 0:
-        raise ValueError(f"points holds none, but {count} are asked for: leave empty sweeps out")
+        raise ValueError(f"points is empty, but count is {count}; skip empty sweeps")
     taken: Tensor = _farthest_points(points, count)
     return taken
 

@@ -22,7 +22,7 @@ from sightline.ops.compiled import compiled
 from sightline.ops.selection_kernel import select_smallest
 
 _LEAF_POINTS: Final = 128
-_MOST_WAITING: Final = 24
+_MAX_WAITING: Final = 24
 _INDEX_BITS: Final = 32
 _INDEX_MASK: Final = (1 << _INDEX_BITS) - 1
 
@@ -52,7 +52,7 @@ def sample_farthest(
     nearest_bits = nearest.view(np.int32)
     farthest, farthest_distance = low.copy(), np.full(num_leaves, np.inf, dtype=np.float32)
     keys = np.zeros(num_leaves, dtype=np.int64)
-    waiting = np.empty((num_leaves, _MOST_WAITING), dtype=np.int64)
+    waiting = np.empty((num_leaves, _MAX_WAITING), dtype=np.int64)
     num_waiting = np.zeros(num_leaves, dtype=np.int64)
     reached = np.empty(num_leaves, dtype=np.int8)
     taken = np.empty(count, dtype=np.int64)
@@ -66,7 +66,7 @@ def sample_farthest(
                 continue
             waiting[leaf, num_waiting[leaf]] = at
             num_waiting[leaf] += 1
-            if reached[leaf] == 1 and num_waiting[leaf] < _MOST_WAITING:
+            if reached[leaf] == 1 and num_waiting[leaf] < _MAX_WAITING:
                 continue
             start, end = starts[leaf], starts[leaf + 1]
             for k in range(num_waiting[leaf]):

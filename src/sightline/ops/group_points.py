@@ -28,7 +28,7 @@ def group_points(
             and index.
     """
     require_features(features, index)
-    if torch.compiler.is_exporting():  # other engines lack our operators
+    if torch.compiler.is_exporting():  # other engines lack Sightline's operators
         return gather_rows(features, index)
     grouped: Tensor = _group_points(features, index)
     return grouped

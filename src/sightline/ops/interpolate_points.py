@@ -10,7 +10,7 @@ from sightline.ops.group_points import KERNEL_DTYPES, flat_rows, gather_rows
 from sightline.ops.point_checks import require_features
 from sightline.ops.three_nearest import ThreeNearest
 
-_LEAST_SQUARE_M2 = 1e-10  # a query on a point gets its features to within about 1e-8
+_MIN_SQUARED_DISTANCE_M2 = 1e-10  # a query on a point gets its features to within about 1e-8
 
 
 def interpolate_points(
@@ -32,9 +32,9 @@ def interpolate_points(
             "nearest must hold three indices and as many distances for each query, got shapes "
             f"{tuple(index.shape)} and {tuple(squared_distance.shape)}"
         )
-    closeness = 1 / squared_distance.clamp(min=_LEAST_SQUARE_M2)
+    closeness = 1 / squared_distance.clamp(min=_MIN_SQUARED_DISTANCE_M2)
     weights = (closeness / closeness.sum(dim=2, keepdim=True)).to(features.dtype)
-    if torch.compiler.is_exporting():  # other engines lack our operators
+    if torch.compiler.is_exporting():  # other engines lack Sightline's operators
         return (gather_rows(features, index) * weights[..., None]).sum(dim=2)
     interpolated: Tensor = _interpolate_points(features, index, weights)
     return interpolated

@@ -11,7 +11,7 @@ from sightline.ops.compiled import compiled
 
 _RATIO = 1.15  # smallest depth ratio of a hidden return to the one that hides it
 _SLACK_ROWS, _SLACK_COLUMNS = 3.0, 2.0  # shift of an edge by rounding and sampling [px]
-_LEAST_MOVE_PX = 1.0  # smaller shifts hide returns only by rounding
+_MIN_SHIFT_PX = 1.0  # smaller shifts hide returns only by rounding
 _BEHIND_ROWS, _BEHIND_COLUMNS = 7.0, 4.0  # search range beyond a return for the hiding surface
 
 
@@ -30,7 +30,7 @@ class Parallax:
     """Distance of the LiDAR behind the camera."""
 
     @classmethod
-    def of(cls, calibration: Calibration) -> "Parallax":
+    def from_calibration(cls, calibration: Calibration) -> "Parallax":
         """Compute the parallax of a calibration."""
         image_from_camera = calibration.image_from_camera.numpy()
         intrinsics = image_from_camera[:, :3]
@@ -96,16 +96,27 @@ def _hidden(
     for i in range(len(pixels)):
         row, column = pixels[i]
         own = own_inverse_depth[i]
-        most = max(nearest - own, 0.0)
+        max_nearness = max(nearest - own, 0.0)
         scale = 1 + growth * own
         shift_x, shift_y = (base_x + growth * column) / scale, (base_y + growth * row) / scale
-        top = int(max(row - max(_BEHIND_ROWS, _SLACK_ROWS - min(shift_y, 0.0) * most), 0))
+        top = int(max(row - max(_BEHIND_ROWS, _SLACK_ROWS - min(shift_y, 0.0) * max_nearness), 0))
         bottom = int(
-            min(row + max(_BEHIND_ROWS, _SLACK_ROWS + max(shift_y, 0.0) * most), height - 1)
+            min(
+                row + max(_BEHIND_ROWS, _SLACK_ROWS + max(shift_y, 0.0) * max_nearness),
+                height - 1,
+            )
         )
-        left = int(max(column - max(_BEHIND_COLUMNS, _SLACK_COLUMNS - min(shift_x, 0.0) * most), 0))
+        left = int(
+            max(
+                column - max(_BEHIND_COLUMNS, _SLACK_COLUMNS - min(shift_x, 0.0) * max_nearness),
+                0,
+            )
+        )
         right = int(
-            min(column + max(_BEHIND_COLUMNS, _SLACK_COLUMNS + max(shift_x, 0.0) * most), width - 1)
+            min(
+                column + max(_BEHIND_COLUMNS, _SLACK_COLUMNS + max(shift_x, 0.0) * max_nearness),
+                width - 1,
+            )
         )
         ahead, behind = False, False
         for at_row in range(top, bottom + 1):
@@ -118,7 +129,7 @@ def _hidden(
                 along = off_x * move_x + off_y * move_y
                 if (
                     along >= 0
-                    and move_x**2 + move_y**2 >= _LEAST_MOVE_PX**2
+                    and move_x**2 + move_y**2 >= _MIN_SHIFT_PX**2
                     and min(move_x, 0.0) - _SLACK_COLUMNS <= off_x
                     and off_x <= max(move_x, 0.0) + _SLACK_COLUMNS
                     and min(move_y, 0.0) - _SLACK_ROWS <= off_y

@@ -34,15 +34,15 @@ class Grid(NamedTuple):
 
 
 @compiled
-def make_grid(points: Float[ndarray, "num_points 3"], least_edge_m: float) -> Grid:
+def make_grid(points: Float[ndarray, "num_points 3"], min_edge_m: float) -> Grid:
     """Sort one or more points into a grid.
 
-    Columns are at least `least_edge_m` wide, and not many more than points.
+    Columns are at least `min_edge_m` wide, and not many more than points.
     """
     num_points = points.shape[0]
     low_x, low_y = float(points[:, 0].min()), float(points[:, 1].min())
     wide, deep = float(points[:, 0].max()) - low_x, float(points[:, 1].max()) - low_y
-    edge = max(least_edge_m, math.sqrt(wide * deep / num_points), max(wide, deep) / num_points)
+    edge = max(min_edge_m, math.sqrt(wide * deep / num_points), max(wide, deep) / num_points)
     if edge == 0.0:  # all points coincide
         edge = 1.0
     num_x, num_y = int(wide / edge) + 1, int(deep / edge) + 1

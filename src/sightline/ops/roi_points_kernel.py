@@ -55,7 +55,7 @@ def choose_points(
         if inside > count:
             for i in range(inside):
                 keys[i] = (scramble(salt ^ scrambled[found[i]]) << _INDEX_BITS) | found[i]
-            _keep_least(keys[:inside], index[k])
+            _keep_smallest(keys[:inside], index[k])
         elif inside > 0:
             index[k, :inside] = found[:inside]
             for place in range(inside, count):
@@ -63,7 +63,7 @@ def choose_points(
 
 
 @compiled
-def _keep_least(keys: Int64[ndarray, " n"], kept: Int64[ndarray, " count"]) -> None:
+def _keep_smallest(keys: Int64[ndarray, " n"], kept: Int64[ndarray, " count"]) -> None:
     """Write the indices of the smallest keys, in their order, from more keys than are kept.
 
     The keys' leading random bits are uniform, so a histogram of their first bits leaves few to

@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Shaped
 from numpy import ndarray
 
-_LEAST_BYTES: Final = 2**22  # smaller results use memory that the process already has
-_MOST_BYTES: Final = 2**28
-# A much larger block is not used: whoever keeps the result would keep all of it.
-_MOST_TIMES: Final = 4
+_MIN_BYTES: Final = 2**22  # smaller results use memory that the process already has
+_MAX_BYTES: Final = 2**28
+# A much larger block is not used: the result would keep all of it allocated.
+_MAX_SIZE_RATIO: Final = 4
 _spare: Final[deque[Shaped[ndarray, " num_bytes"]]] = deque(maxlen=1)
 
 
@@ -27,10 +27,10 @@ def rows_to_fill(
     Its memory is reused once the array, and everything that shares its memory, is deleted.
     """
     num_bytes = num_rows * num_columns * dtype.itemsize
-    if not _LEAST_BYTES <= num_bytes <= _MOST_BYTES:
+    if not _MIN_BYTES <= num_bytes <= _MAX_BYTES:
         return np.empty((num_rows, num_columns), dtype)
     block = _take_spare()
-    if block is not None and block.nbytes > _MOST_TIMES * num_bytes:
+    if block is not None and block.nbytes > _MAX_SIZE_RATIO * num_bytes:
         _keep(block)
         block = None
     if block is None or block.nbytes < num_bytes:

@@ -38,28 +38,28 @@ def three_nearest(
     require_points(queries, "queries")
     require_same_batch(("points", points), ("queries", queries))
     if points.shape[1] == 0 and queries.shape[1] > 0:
-        raise ValueError("points holds none, so nothing is nearest: leave empty sweeps out")
+        raise ValueError("points is empty, expected at least one point; skip empty sweeps")
     index, squared_distance = _three_nearest(points, queries)
     return ThreeNearest(index, squared_distance)
 
 
 @library.custom_op("sightline::three_nearest", mutates_args=())
 def _three_nearest(points: Tensor, queries: Tensor) -> tuple[Tensor, Tensor]:
-    clouds, asked = checked_points(points, "points"), checked_points(queries, "queries")
-    index = torch.zeros_like(asked, dtype=torch.int64)
-    squared_distance = torch.full_like(asked, torch.inf)
-    if asked.numel() == 0:
+    clouds, places = checked_points(points, "points"), checked_points(queries, "queries")
+    index = torch.zeros_like(places, dtype=torch.int64)
+    squared_distance = torch.full_like(places, torch.inf)
+    if places.numel() == 0:
         return index, squared_distance
     for sweep in range(clouds.shape[0]):
         if clouds.is_cpu:
             find_three_nearest(
                 clouds[sweep].numpy(),
-                asked[sweep].numpy(),
+                places[sweep].numpy(),
                 index[sweep].numpy(),
                 squared_distance[sweep].numpy(),
             )
         else:
-            find_by_torch(clouds[sweep], asked[sweep], index[sweep], squared_distance[sweep])
+            find_by_torch(clouds[sweep], places[sweep], index[sweep], squared_distance[sweep])
     return index, squared_distance
 
 
@@ -83,8 +83,8 @@ def find_by_torch(
         dx, dy, dz = (points[None] - queries[part, None]).unbind(2)
         distance = dx * dx + dy * dy + dz * dz
         for place in range(min(3, points.shape[0])):
-            least = distance.amin(dim=1, keepdim=True)
+            nearest = distance.amin(dim=1, keepdim=True)
             # argmin does not define which of several it returns
-            first = (distance == least).int().cumsum(dim=1).eq(0).sum(dim=1, keepdim=True)
-            index[part, place], squared_distance[part, place] = first[:, 0], least[:, 0]
+            first = (distance == nearest).int().cumsum(dim=1).eq(0).sum(dim=1, keepdim=True)
+            index[part, place], squared_distance[part, place] = first[:, 0], nearest[:, 0]
             distance.scatter_(1, first, torch.inf)

@@ -110,14 +110,14 @@ class ObjectLayout:
         """Compute the number of frames requested, or begun: their sweeps are written first.
 
         Raises:
-            FileError: A sweep lies far beyond anything that earlier runs can have begun.
+            FileError: The index of a sweep is too large to be from an earlier run.
         """
         sweeps = list((self.root / "training" / self.velodyne).glob(f"{_DIGIT * 6}.bin"))
         if not sweeps:
             return frames
         last = max(sweeps)
-        most = _MAX_SHARDS * len(sweeps)
-        return _planned(frames, int(last.stem), last, most=most)
+        max_index = _MAX_SHARDS * len(sweeps)
+        return _planned(frames, int(last.stem), last, max_index=max_index)
 
     def write_lists(self, frames: int, validation_frames: int) -> None:
         """Write ImageSets/train.txt and, for any validation frames, val.txt: the first frames."""
@@ -162,21 +162,21 @@ class DriveLayout:
         """Compute the number of frames requested, or begun: their sweeps are written first.
 
         Raises:
-            FileError: A sweep lies far beyond anything that earlier runs can have begun.
+            FileError: The index of a sweep is too large to be from an earlier run.
         """
-        last_of: dict[Path, Path] = {}
+        last_sweeps: dict[Path, Path] = {}
         for folder in (self.root / DATE).glob(f"{DATE}_drive_{_DIGIT * 4}_sync"):
             sweeps = (folder / "velodyne_points" / "data").glob(f"{_DIGIT * 10}.bin")
-            mine = [sweep for sweep in sweeps if int(sweep.stem) < self.sequence_length]
-            if mine:
-                last_of[folder] = max(mine)
-        if not last_of:
+            planned_sweeps = [sweep for sweep in sweeps if int(sweep.stem) < self.sequence_length]
+            if planned_sweeps:
+                last_sweeps[folder] = max(planned_sweeps)
+        if not last_sweeps:
             return frames
-        folder = max(last_of)
-        drive, last = int(folder.name.split("_")[-2]), last_of[folder]
+        folder = max(last_sweeps)
+        drive, last = int(folder.name.split("_")[-2]), last_sweeps[folder]
         index = drive * self.sequence_length + int(last.stem)
-        most = _MAX_SHARDS * len(last_of) * self.sequence_length
-        return _planned(frames, index, last, most=most)
+        max_index = _MAX_SHARDS * len(last_sweeps) * self.sequence_length
+        return _planned(frames, index, last, max_index=max_index)
 
     def drives(self, frames: int) -> Iterator[tuple[int, int]]:
         """Yield each drive and its number of frames, the last one possibly shorter."""
@@ -217,14 +217,14 @@ class DriveLayout:
         )
 
 
-def _planned(frames: int, index: int, sweep: Path, *, most: int) -> int:
+def _planned(frames: int, index: int, sweep: Path, *, max_index: int) -> int:
     """Compute the number of frames up to `index`, the last sweep's, or `frames` if it is larger."""
-    if index >= max(frames, most):
+    if index >= max(frames, max_index):
         raise FileError(
             sweep,
-            f"is the sweep of frame {index}, expected none from {max(frames, most)} on beside so "
-            "few others",
-            f"move it away, or ask for {index + 1} frames",
+            f"is the sweep of frame {index}, expected an index below {max(frames, max_index)} "
+            "with so few other sweeps",
+            f"move it away, or request {index + 1} frames",
         )
     return max(frames, index + 1)
 
@@ -252,10 +252,10 @@ def simulate(
 ) -> JobResult:
     """Write simulated frames as KITTI's object tree, or drives in the layout of its raw data.
 
-    `ObjectLayout` and, where `config.sequence_length` is above 1, `DriveLayout` define the files. A
-    file appears whole or not at all, and existing frames are skipped, so a stopped run can be
-    resumed; a larger `frames` extends the data set. The same settings give the same bytes for any
-    number of workers.
+    `ObjectLayout` and, where `config.sequence_length` is above 1, `DriveLayout` define the files.
+    Files are written atomically, and existing frames are skipped, so a stopped run can be resumed;
+    a larger `frames` extends the data set. The same settings give the same bytes for any number of
+    workers.
 
     Args:
         out: Output folder; its simulation.json records the settings.
@@ -282,11 +282,11 @@ def simulate(
             "a simulation needs at least 1 frame and no more validation_frames than frames, got "
             f"{frames} and {validation_frames}"
         )
-    most = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
-    if frames > most:
+    max_frames = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
+    if frames > max_frames:
         raise ValueError(
-            f"a simulation has at most {most} frames, as many as its files have names for, got "
-            f"{frames}; make several folders, each with another seed"
+            f"a simulation has at most {max_frames} frames (six-digit names), got {frames}; "
+            "make several folders, each with another seed"
         )
     shard((), shard_index, num_shards)  # rejects invalid values before the folder is claimed
     whole = config.camera and not validation_frames and velodyne == "velodyne"

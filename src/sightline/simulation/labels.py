@@ -17,13 +17,14 @@ from sightline.simulation.rays.raycast import EmbreeScene
 from sightline.simulation.scene import Actor, Scene, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX
 
-_LEAST_ANGLE: Final = math.radians(20.0)
+_MIN_ANGLE: Final = math.radians(20.0)
 """Minimum angle between a flank and the line of sight in the views that define a car's box: it has
 one size in all frames of a drive, and most show it from behind or ahead."""
-_EARLIER: Final = math.radians(25.0)
+_ANGLE_OFFSET: Final = math.radians(25.0)
 """Angle by which these views are flatter than a side view. With both angles, points of the flank
 reach as near to the far ends of simulated labels as to those of KITTI's cars."""
-_BELOW: Final = 0.5  # share of the height below which bodies bulge most and there are no mirrors
+_LOWER_BODY_SHARE: Final = 0.5
+"""Share of the height below which bodies are widest and have no mirrors."""
 
 
 def labelled_ends(
@@ -40,24 +41,24 @@ def labelled_ends(
     ground.
     """
     length, width, height = size_lwh
-    body = vertices[vertices[:, 2] < _BELOW * height, :2]
+    body = vertices[vertices[:, 2] < _LOWER_BODY_SHARE * height, :2]
     beside = max(abs(float(viewpoint[1])) - width / 2, 0.0)
     side = math.copysign(1.0, float(viewpoint[1]))
     ends = []
-    for way in (-1.0, 1.0):
-        away = length / 2 - way * float(viewpoint[0])
-        angle = max(math.atan2(beside, away) - _EARLIER, _LEAST_ANGLE)
-        last = np.argmax(body @ np.array([way * math.sin(angle), side * math.cos(angle)]))
-        seen = min(way * float(body[last, 0]), length / 2)
-        ends.append(way * (seen if away > 0 else length / 2))
+    for direction in (-1.0, 1.0):
+        distance = length / 2 - direction * float(viewpoint[0])
+        angle = max(math.atan2(beside, distance) - _ANGLE_OFFSET, _MIN_ANGLE)
+        last = np.argmax(body @ np.array([direction * math.sin(angle), side * math.cos(angle)]))
+        seen = min(direction * float(body[last, 0]), length / 2)
+        ends.append(direction * (seen if distance > 0 else length / 2))
     return ends[0], ends[1]
 
 
 _NEAR_M = 0.3  # minimum depth for projection into the image
 # Rules of KITTI's annotators. The first two are fitted to the cars of all 7,481 label files: for
 # equal cover of a car's box by nearer labelled boxes, simulated cars have each level as often.
-_VISIBLE: Final = 0.97  # share of an object's pixels above which it is fully visible
-_PARTLY: Final = 0.48  # share above which it is partly occluded; below, it is largely occluded
+_FULLY_VISIBLE_SHARE: Final = 0.97  # visible share of pixels above which occlusion is 0
+_PARTLY_VISIBLE_SHARE: Final = 0.48  # share above which occlusion is 1; otherwise 2 or 3
 _MIN_LABELLED_PIXELS: Final = 150
 _MIN_SHARE: Final = 0.15
 _MIN_HEIGHT_PX: Final = 14.0
@@ -67,17 +68,17 @@ depth gives DontCare. Pixels refer to KITTI's focal length. KITTI's lowest label
 0.04 % of its cars are farther away, and with this share as many are wholly covered by other
 boxes."""
 _MIN_PIXELS: Final = 15  # minimum pixels of an object; smaller ones are ignored
-_PERSON_ROOM_M: Final = 0.02
+_PERSON_MARGIN_M: Final = 0.02
 """Gap between a pedestrian and either side of the box, which then has 0.72 of the width of the
 projected 3D box (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
 _DONT_CARE_GAP_PX: Final = 4.0
-_ROUND: Final = ("Car", "Van")  # classes labelled only up to the visible end of the flank
+_ROUND_ENDED_CLASSES: Final = ("Car", "Van")  # labelled only up to the flank's visible end
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
-"""Numbers on a DontCare line; its box goes after the third."""
+"""Numbers on a DontCare line; its box follows the third number."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Seen:
+class _VisibleActor:
     """Actor within view of the camera."""
 
     index: int
@@ -120,7 +121,7 @@ def label_frame(
     `lidar_height_m` above the ego's footprint.
     """
     lidar_from_world = np.linalg.inv(world_from_footprint(scene.ego, lidar_height_m))
-    onlooker = _Onlooker(
+    observer = _Observer(
         scene=scene,
         owners=owners,
         view=camera_view(calibration, scene.ego, lidar_height_m),
@@ -130,7 +131,7 @@ def label_frame(
     pixels = np.bincount(owners[owners >= 0], minlength=len(scene.actors))
     scale = float(calibration.image_from_camera[1, 1]) / KITTI_FOCAL_PX
     seen = [
-        onlooker.look_at(index, region, int(pixels[index]))
+        observer.measure(index, region, int(pixels[index]))
         for index, region in enumerate(find_objects(np.maximum(owners, -1) + 1))
         if region is not None and pixels[index] >= _MIN_PIXELS
     ]
@@ -150,7 +151,7 @@ def label_frame(
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Onlooker:
+class _Observer:
     """Observer that measures a scene's actors one by one."""
 
     scene: Scene
@@ -159,7 +160,7 @@ class _Onlooker:
     camera_from_world: Float64[np.ndarray, "4 4"]
     image_from_camera: Float64[np.ndarray, "3 4"]
 
-    def look_at(self, index: int, region: tuple[slice, ...], num_pixels: int) -> _Seen:
+    def measure(self, index: int, region: tuple[slice, ...], num_pixels: int) -> _VisibleActor:
         """Compute location, boxes, truncation and visible share of one actor."""
         actor, pose = self.scene.actors[index], self.scene.poses[index]
         camera_from_actor = self.camera_from_world @ world_from_footprint(pose, 0.0)
@@ -171,11 +172,11 @@ class _Onlooker:
         box, truncation = project_box(corners, self.image_from_camera, (height, width))
         outline, share = self._outline(index)
         if actor.class_name == "Pedestrian" and not np.isnan(outline).any():
-            room_px = _PERSON_ROOM_M * self.image_from_camera[0, 0] / location[2]
-            box[[0, 2]] = np.clip(outline + room_px * np.array((-1, 1)), 0, width - 1)
+            margin_px = _PERSON_MARGIN_M * self.image_from_camera[0, 0] / location[2]
+            box[[0, 2]] = np.clip(outline + margin_px * np.array((-1, 1)), 0, width - 1)
         rows, columns = region
         visible_box = columns.start, rows.start, columns.stop - 1, rows.stop - 1
-        return _Seen(
+        return _VisibleActor(
             index=index,
             actor=actor,
             size_lwh=size_lwh,
@@ -193,7 +194,7 @@ class _Onlooker:
     ) -> tuple[tuple[float, float, float], float]:
         """Compute an actor's label size [m] and its middle's offset ahead of the actor's [m]."""
         actor = self.scene.actors[index]
-        if actor.class_name not in _ROUND:
+        if actor.class_name not in _ROUND_ENDED_CLASSES:
             return actor.box_lwh, 0.0
         actor_from_camera = np.linalg.inv(camera_from_actor)
         to_actor = actor_from_camera @ self.camera_from_world
@@ -225,17 +226,17 @@ class _Onlooker:
             lower, upper = (np.clip(ends(pixels, axis=0), 0, end) for ends in (np.min, np.max))
             reach = np.array((lower[0], upper[0]))
         (x_min, y_min), (x_max, y_max) = np.floor(lower).astype(int), np.ceil(upper).astype(int)
-        shown = self.owners[y_min : y_max + 1, x_min : x_max + 1].reshape(-1)
+        visible = self.owners[y_min : y_max + 1, x_min : x_max + 1].reshape(-1)
         rows, columns = np.indices((y_max - y_min + 1, x_max - x_min + 1)).reshape(2, -1)
         rays = self.view.rays(
             (columns + x_min).astype(np.float32), (rows + y_min).astype(np.float32)
         )
         found, _, _ = EmbreeScene(vertices, faces).intersect(*rays, coherent=True)
         alone = found >= 0
-        return reach, float((shown[alone] == index).mean()) if alone.any() else 0.0
+        return reach, float((visible[alone] == index).mean()) if alone.any() else 0.0
 
 
-def _is_labelled(item: _Seen, scale: float) -> bool:
+def _is_labelled(item: _VisibleActor, scale: float) -> bool:
     """Test for a labelled object; `scale` is the image's focal length over KITTI's."""
     return bool(
         item.num_pixels >= _MIN_LABELLED_PIXELS * scale**2
@@ -245,9 +246,9 @@ def _is_labelled(item: _Seen, scale: float) -> bool:
     )
 
 
-def _occlusion(item: _Seen) -> int:
-    if item.visible_share > _PARTLY:
-        return 0 if item.visible_share > _VISIBLE else 1
+def _occlusion(item: _VisibleActor) -> int:
+    if item.visible_share > _PARTLY_VISIBLE_SHARE:
+        return 0 if item.visible_share > _FULLY_VISIBLE_SHARE else 1
     return 3 if item.truncation > 0 else 2
 
 
@@ -272,7 +273,7 @@ def _joined(boxes: list[Float64[np.ndarray, "4"]]) -> list[Float64[np.ndarray, "
     return merged
 
 
-def _row(item: _Seen) -> Float64[np.ndarray, "14"]:
+def _row(item: _VisibleActor) -> Float64[np.ndarray, "14"]:
     """Collect the numbers of a label line."""
     bearing = np.arctan2(item.location[0], item.location[2])
     turns = wrap_angle(np.array((item.rotation_y - bearing, item.rotation_y)))

@@ -202,21 +202,21 @@ def take_sweep(
         world_from_lidar = world_from_footprint(scene.ego, config.height_m)[None]
     origins, directions = _in_world(firings, world_from_lidar)
     hits, behind_glass = _cast_through_glass(scene, raycaster, origins, directions, rng)
-    met = np.flatnonzero((hits.faces >= 0) & (hits.distances < config.max_range_m))
-    ranges = hits.distances[met].astype(np.float64)
-    reflectance, cosine = _surface_answers(scene, hits.faces[met], directions[met])
-    reflectance[behind_glass[met]] *= _THROUGH_GLASS
-    gleams = _GLEAMS[scene.mesh.materials[hits.faces[met]]]
+    hit_rows = np.flatnonzero((hits.faces >= 0) & (hits.distances < config.max_range_m))
+    ranges = hits.distances[hit_rows].astype(np.float64)
+    reflectance, cosine = _surface_response(scene, hits.faces[hit_rows], directions[hit_rows])
+    reflectance[behind_glass[hit_rows]] *= _THROUGH_GLASS
+    gleams = _GLEAMS[scene.mesh.materials[hits.faces[hit_rows]]]
     share = np.where(gleams, _GLEAMING_ECHO * cosine**_GLEAMING_COSINE_POWER, cosine)
     echo = share * reflectance / (ranges / 40.0) ** 2
     found = (1 - config.drop_out) * -np.expm1(-((echo / config.detectable_echo) ** _STEEPNESS))
     found /= 1 + np.exp((ranges - _REACH_M) / _REACH_SPREAD_M)
-    kept = (rng.random(len(met)) < found) & (ranges > config.min_range_m)
+    kept = (rng.random(len(hit_rows)) < found) & (ranges > config.min_range_m)
     slant = cosine ** np.where(gleams, _GLEAMING_READING_POWER, _COSINE_POWER)
-    readings = _readings(reflectance * slant, ranges, firings.reading_biases[met], rng)
-    noise = firings.range_biases_m[met] + rng.normal(0.0, config.range_noise_m, len(met))
-    places = firings.directions[met] * (ranges + noise)[:, None]
-    places[:, 2] += firings.offsets_m[met]
+    readings = _readings(reflectance * slant, ranges, firings.reading_biases[hit_rows], rng)
+    noise = firings.range_biases_m[hit_rows] + rng.normal(0.0, config.range_noise_m, len(hit_rows))
+    places = firings.directions[hit_rows] * (ranges + noise)[:, None]
+    places[:, 2] += firings.offsets_m[hit_rows]
     # KITTI's files store whole millimetres and hundredths.
     points = np.column_stack((places.round(3), readings.round(2))).astype(np.float32)
     return np.asarray(points[kept])
@@ -322,7 +322,7 @@ def _passes(
     return rng.random(len(faces)) < chance
 
 
-def _surface_answers(
+def _surface_response(
     scene: Scene,
     faces: Int32[np.ndarray, " num_hits"],
     directions: Float32[np.ndarray, "num_hits 3"],

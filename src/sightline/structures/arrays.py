@@ -10,20 +10,20 @@ import torch
 from jaxtyping import Float32, Float64, Shaped, UInt8
 from torch import Tensor
 
-from sightline.geometry.arguments import shown
+from sightline.geometry.arguments import short_repr
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import (
     USUAL_LOSS,
+    as_point_rows,
     cloud_fault,
     echoes,
     reflectances,
-    rows_of,
     warn_of_columns,
     warn_of_losses,
     warn_of_scale,
 )
 from sightline.geometry.given_arrays import given_array, without_masked
-from sightline.geometry.mount import LEAST_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
+from sightline.geometry.mount import MIN_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
 from sightline.geometry.projection import project_points
 
 _INTENSITY_FIELDS: Final = ("intensity", "reflectivity", "reflectance", "i")
@@ -40,7 +40,7 @@ def plain_number(name: str, value: SupportsFloat) -> float:
         # RuntimeError: PyTorch raises it for several numbers.
         with suppress(TypeError, ValueError, OverflowError, RuntimeError):
             return float(value)
-    raise ValueError(f"{name} is {shown(value)}, expected a number; give one")
+    raise ValueError(f"{name} is {short_repr(value)}, expected a number; give one")
 
 
 def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
@@ -154,7 +154,7 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
         ValueError: There are no such rows.
     """
     plain = points.detach().cpu().numpy() if isinstance(points, Tensor) else np.asarray(points)
-    rows = rows_of(plain)
+    rows = as_point_rows(plain)
     if plain.dtype.names is not None:
         raise ValueError(_structured_array_message(plain.dtype.names))
     if rows is None:
@@ -202,7 +202,7 @@ def warn_of_view(
     if scale is not None:
         warnings.warn(f"{camera} {scale}", stacklevel=stacklevel)
     share = share_in_image(points, calibration, image_size)
-    if len(points) and share < LEAST_SHARE_IN_IMAGE:
+    if len(points) and share < MIN_SHARE_IN_IMAGE:
         doubt = mount_doubt(calibration.camera_from_lidar.numpy())
         cause = (
             f"camera_from_lidar {doubt}"

@@ -90,7 +90,7 @@ def test_walking_is_periodic_and_its_halves_mirror_each_other_in_the_feet():
 
 
 def ankles(walker, time_s):
-    """Where along x both ankles are."""
+    """x of both ankles."""
     mesh = walker.at(time_s)
     weights = walker.figure.skinned.weights
     shoes = mesh.materials == Material.RUBBER

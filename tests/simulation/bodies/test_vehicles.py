@@ -15,7 +15,7 @@ from sightline.simulation.bodies.cars import (
 from sightline.simulation.bodies.models import (
     KITTI_SIZES,
     Kind,
-    LateShape,
+    LazyShape,
     RigidShape,
     Size,
     SizeStatistics,
@@ -158,10 +158,10 @@ def test_tail_lights_are_small():
 
 
 def test_triangle_budgets_are_kept():
-    fewest = {"Misc": 1000}
+    min_faces = {"Misc": 1000}
     for model in models(2):
         limit = 16000 if model.class_name == "Tram" else 8000
-        assert fewest.get(model.class_name, 2000) < len(model.shape.at(0.0).faces) < limit
+        assert min_faces.get(model.class_name, 2000) < len(model.shape.at(0.0).faces) < limit
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -189,7 +189,7 @@ def test_drawn_sizes_have_the_means_deviations_and_correlations_of_the_class():
     assert (sizes <= np.array(statistics.high)).all()
 
 
-def test_a_wanted_kind_takes_sizes_that_suit_it_and_drawn_kinds_keep_the_class():
+def test_a_target_kind_takes_sizes_that_suit_it_and_drawn_kinds_keep_the_class():
     statistics = SizeStatistics(
         mean=Size(4.0, 2.0, 1.5),
         deviation=Size(0.5, 0.1, 0.1),
@@ -206,9 +206,9 @@ def test_a_wanted_kind_takes_sizes_that_suit_it_and_drawn_kinds_keep_the_class()
     assert lengths.mean() == pytest.approx(4.0, abs=0.05)
     assert is_long.mean() == pytest.approx(0.5, abs=0.05)
     assert lengths[is_long].mean() > lengths[~is_long].mean() + 0.5
-    wanted = [draw_kind(rng, statistics, kinds, spread, 1) for _ in range(300)]
-    assert {kind for kind, _ in wanted} == {1}
-    mean = np.mean([size.length for _, size in wanted])
+    drawn = [draw_kind(rng, statistics, kinds, spread, 1) for _ in range(300)]
+    assert {kind for kind, _ in drawn} == {1}
+    mean = np.mean([size.length for _, size in drawn])
     assert mean == pytest.approx(lengths[is_long].mean(), abs=0.1)
 
 
@@ -276,7 +276,7 @@ def test_a_late_shape_is_made_once_and_not_before_it_is_looked_at():
         calls.append(1)
         return mesh
 
-    shape = LateShape(make=make)
+    shape = LazyShape(make=make)
     assert not calls
     assert shape.at(0.0) is shape.at(7.5) is mesh
     assert len(calls) == 1
@@ -291,11 +291,11 @@ knots = st.lists(st.floats(0.2, 2.0), min_size=6, max_size=6).map(
     knots=knots, length=st.floats(0.8, 1.25), height=st.floats(0.9, 1.1), seed=st.integers(0, 99)
 )
 def test_proportions_fill_the_length_in_order_and_leave_wheels_round(knots, length, height, seed):
-    wanted = length * knots[-1]
-    places = proportioned(np.random.default_rng(seed), knots, wanted, height)
-    assert places[[0, -1]] == pytest.approx((-wanted / 2, wanted / 2))
+    target_length = length * knots[-1]
+    places = proportioned(np.random.default_rng(seed), knots, target_length, height)
+    assert places[[0, -1]] == pytest.approx((-target_length / 2, target_length / 2))
     assert np.diff(places)[[1, 4]] == pytest.approx(np.diff(knots)[[1, 4]] * height)
-    if np.diff(knots)[[1, 4]].sum() * height < 0.5 * wanted:
+    if np.diff(knots)[[1, 4]].sum() * height < 0.5 * target_length:
         assert (np.diff(places) > 0).all()
 
 
@@ -311,7 +311,7 @@ def test_cars_of_one_design_differ_in_size_and_paint_and_keep_their_faces():
 
 
 def face_profile(mesh, size, facing):
-    """How far [m] behind the face the first surface is, from a LiDAR 12 m before it."""
+    """Depth [m] of the first surface behind the face, from a LiDAR 12 m before it."""
     end = facing * size[0] / 2
     y, z = np.meshgrid(np.linspace(-0.95, 0.95, 14), np.arange(0.1, 1.9, 0.1))
     targets = np.stack((np.full(y.size, end), y.ravel(), z.ravel()), axis=1)

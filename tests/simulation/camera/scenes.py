@@ -124,24 +124,24 @@ def nothing():
 
 
 class _Still:
-    """Shape and motion of what only stands there."""
+    """Shape and motion of a standing object."""
 
     def at(self, time_s):  # noqa: ARG002 - a `Shape` and a `Motion`
         raise AssertionError("the scene is made already")
 
 
-def scene_of(street, things=(), light=DAY, ego=None):
-    """A scene of street meshes and of things, each of which is an actor."""
-    parts = [*street, *things]
-    owners = [-1] * len(street) + list(range(len(things)))
+def scene_of(street, objects=(), light=DAY, ego=None):
+    """A scene of street meshes and objects; each object is an actor."""
+    parts = [*street, *objects]
+    owners = [-1] * len(street) + list(range(len(objects)))
     lengths = [len(part.faces) for part in parts]
     origin = Pose(x=0.0, y=0.0, z=0.0, yaw=0.0)
     actor = Actor(class_name="Car", size_lwh=(4.0, 1.6, 1.5), shape=_Still(), motion=_Still())
     return Scene(
         mesh=Mesh.joined(parts) if parts else nothing(),
         owners=np.repeat(np.array(owners, np.int32), lengths),
-        actors=(actor,) * len(things),
-        poses=(origin,) * len(things),
+        actors=(actor,) * len(objects),
+        poses=(origin,) * len(objects),
         ego=ego or origin,
         light=light,
     )

@@ -1,4 +1,4 @@
-"""What the camera sees, and where."""
+"""Geometry of the rendered camera image: depth, owners, edges."""
 
 from dataclasses import astuple, replace
 
@@ -45,7 +45,7 @@ def photograph(scene, *, seed=0, config=QUIET, calibration=None, size=IMAGE_SIZE
 
 
 def a_street():
-    """Ground, a wall, two things in front of it, one of them thin."""
+    """Ground, a wall, two objects in front of it, one of them thin."""
     wall = rectangle((30, -20, 0), (0, 40, 0), (0, 0, 6), Material.BRICK, (0.5, 0.2, 0.15))
     car = block((9, -3, 0.2), (13, -1.2, 1.6), Material.CAR_PAINT, (0.1, 0.2, 0.6))
     pole = block((14, 2, 0), (14.1, 2.1, 4.0), Material.METAL, (0.4, 0.4, 0.4))
@@ -78,11 +78,11 @@ def test_depth_of_a_plane_is_where_the_pixels_meet_it_along_the_optical_axis(
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_pixel_belongs_to_what_its_ray_meets_first(seed):
     rng = np.random.default_rng(seed)
-    things = []
+    objects = []
     for _ in range(4):
         low = rng.uniform((5, -6, 0), (20, 5, 1.5))
-        things.append(block(low, low + rng.uniform(0.3, 3.0, size=3)))
-    scene = scene_of([ground(reach=60.0)], things)
+        objects.append(block(low, low + rng.uniform(0.3, 3.0, size=3)))
+    scene = scene_of([ground(reach=60.0)], objects)
     frame = photograph(scene)
     calibration = astuple(small_calibration())
     raised = np.array([0, 0, KITTI_LIDAR_HEIGHT_M])
@@ -99,7 +99,7 @@ def test_a_pixel_belongs_to_what_its_ray_meets_first(seed):
 
 
 def reference_owners_around(scene, column, row, calibration):
-    """What rays a hundredth of a pixel away meet: float32 rays may pass an edge on either side."""
+    """Hits of rays a hundredth of a pixel away: float32 rays may pass an edge on either side."""
     owners = set()
     for x, y in ((-0.01, -0.01), (0.01, -0.01), (-0.01, 0.01), (0.01, 0.01)):
         origin, way = reference.pixel_ray(column + x, row + y, *calibration)
@@ -128,7 +128,7 @@ def test_the_camera_goes_where_the_ego_goes(x, y, z, yaw):
     same = here.owners == there.owners
     assert same.mean() > 0.995
     both = same & (here.depth_m > 0)
-    # A pixel on the edge of two faces of one thing may see either.
+    # A pixel on the edge of two faces of one object may see either.
     close = np.abs(here.depth_m[both] / there.depth_m[both] - 1) < 1e-3
     assert close.mean() > 0.995
 

@@ -1,10 +1,10 @@
-"""More rays where the picture has edges, and whose light they borrow."""
+"""Additional rays at image edges, and the pixels that lend them radiance."""
 
 import numpy as np
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera.radiance import pixel_radiance
-from sightline.simulation.camera.samples import camera_view, pixel_samples, with_edge_samples
+from sightline.simulation.camera.samples import add_edge_samples, camera_view, pixel_samples
 from sightline.simulation.camera.shading import lit_world
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import Material
@@ -47,17 +47,17 @@ def test_edges_come_close_to_the_mean_of_many_samples():
         axis=0,
     )
     plain = pixel_samples(world, view, IMAGE_SIZE, (0.0, 0.0))
-    smooth = with_edge_samples(world, view, plain, scene.owners)
+    smooth = add_edge_samples(world, view, plain, scene.owners)
     assert 0 < len(smooth.edges) < 0.1 * plain.columns.size
     error = np.abs(radiance_of(world, view, plain) - many).mean()
     assert np.abs(radiance_of(world, view, smooth) - many).mean() < 0.6 * error
 
 
 def test_every_pixel_next_to_another_owner_is_an_edge():
-    things = [block((8, -2, 0), (10, 0, 1.5)), block((14, 0.5, 0), (15, 3, 2.5))]
-    scene = scene_of([ground()], things, light=DAY)
+    objects = [block((8, -2, 0), (10, 0, 1.5)), block((14, 0.5, 0), (15, 3, 2.5))]
+    scene = scene_of([ground()], objects, light=DAY)
     world, view = prepared(scene)
-    samples = with_edge_samples(
+    samples = add_edge_samples(
         world, view, pixel_samples(world, view, IMAGE_SIZE, (0.0, 0.0)), scene.owners
     )
     faces = samples.hits.faces[: IMAGE_SIZE[0] * IMAGE_SIZE[1]].reshape(IMAGE_SIZE)
@@ -77,7 +77,7 @@ def test_level_ground_has_no_edges_inside_however_many_faces_it_has():
     ]
     scene = scene_of(tiles)
     world, view = prepared(scene)
-    samples = with_edge_samples(
+    samples = add_edge_samples(
         world, view, pixel_samples(world, view, (40, 100), (100.0, 54.0)), scene.owners
     )
     assert len(np.unique(samples.hits.faces)) > 50
@@ -85,20 +85,23 @@ def test_level_ground_has_no_edges_inside_however_many_faces_it_has():
 
 
 def test_further_rays_show_a_pixel_that_sees_the_same_thing_or_are_shaded_themselves():
-    things = [block((8, -2, 0), (10, 0, 1.5), color=(0.8, 0.1, 0.1)), block((14, 1, 0), (15, 3, 2))]
-    scene = scene_of([ground()], things)
+    objects = [
+        block((8, -2, 0), (10, 0, 1.5), color=(0.8, 0.1, 0.1)),
+        block((14, 1, 0), (15, 3, 2)),
+    ]
+    scene = scene_of([ground()], objects)
     world, view = prepared(scene)
-    samples = with_edge_samples(
+    samples = add_edge_samples(
         world, view, pixel_samples(world, view, IMAGE_SIZE, (0.0, 0.0)), scene.owners
     )
     num_pixels = IMAGE_SIZE[0] * IMAGE_SIZE[1]
     rows, columns = np.divmod(samples.edges, IMAGE_SIZE[1])
-    borrowed = samples.shown < num_pixels
+    borrowed = samples.sample_rows < num_pixels
     assert 0.8 < borrowed.mean() <= 1.0
-    lender_rows, lender_columns = np.divmod(samples.shown, IMAGE_SIZE[1])
+    lender_rows, lender_columns = np.divmod(samples.sample_rows, IMAGE_SIZE[1])
     assert np.abs(lender_rows - rows)[borrowed].max() <= 1
     assert np.abs(lender_columns - columns)[borrowed].max() <= 1
-    own = samples.shown[~borrowed]
+    own = samples.sample_rows[~borrowed]
     np.testing.assert_array_equal(np.sort(own), num_pixels + np.arange(own.size))
 
 
@@ -117,7 +120,7 @@ def test_something_thinner_than_a_pixel_gets_light_of_its_own():
     world, view = prepared(scene)
     plain = pixel_samples(world, view, IMAGE_SIZE, (0.0, 0.0))
     assert plain.hits.faces.max() < 4
-    smooth = with_edge_samples(world, view, plain, scene.owners)
+    smooth = add_edge_samples(world, view, plain, scene.owners)
     redder = radiance_of(world, view, smooth) - radiance_of(world, view, plain)
     assert redder[40, 60:200, 0].min() > 0.05
     np.testing.assert_allclose(redder[45:80, 60:200], 0.0, atol=1e-5)

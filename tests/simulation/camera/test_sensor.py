@@ -1,4 +1,4 @@
-"""From radiance to bytes."""
+"""Image sensor: radiance to bytes."""
 
 from dataclasses import replace
 

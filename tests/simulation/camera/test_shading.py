@@ -18,7 +18,7 @@ from sightline.simulation.camera.shading import (
     sun_visibility,
 )
 from sightline.simulation.rays.raycast import Raycaster
-from sightline.simulation.rays.surfaces import surfaces_met
+from sightline.simulation.rays.surfaces import surfaces_at_hits
 from sightline.simulation.scene import Material
 from tests.reference import shading as reference
 from tests.simulation.camera.scenes import (
@@ -35,14 +35,14 @@ from tests.simulation.camera.scenes import (
 
 
 class Observed:
-    """A scene as the small camera sees it."""
+    """Render a scene with the small camera."""
 
     def __init__(self, scene, size=IMAGE_SIZE):
         self.size = size
         self.world = lit_world(scene, Raycaster(scene.mesh))
         self.view = camera_view(small_calibration(), scene.ego, KITTI_LIDAR_HEIGHT_M)
         self.samples = pixel_samples(self.world, self.view, size, (0.0, 0.0))
-        self.found = surfaces_met(
+        self.found = surfaces_at_hits(
             self.world.mesh, self.samples.rays, self.samples.hits, self.view.pixel_angle
         )
         self.faces = self.samples.hits.faces.reshape(size)
@@ -130,9 +130,9 @@ def test_a_mirror_shows_the_coloured_wall_behind_it():
     seen = Observed(scene_of([pond, wall], light=EVEN))
     radiance = seen.radiance()
     on_pond = (seen.faces == 0) | (seen.faces == 1)
-    # Where a ray met nothing its position is not set.
-    met = (seen.faces >= 0)[..., None]
-    places = np.where(met, seen.found.positions.reshape(*IMAGE_SIZE, 3), 0.0)
+    # Without a hit, the position is not set.
+    is_hit = (seen.faces >= 0)[..., None]
+    places = np.where(is_hit, seen.found.positions.reshape(*IMAGE_SIZE, 3), 0.0)
     ways = seen.found.directions.reshape(*IMAGE_SIZE, 3).astype(float)
     # From a place on the ground the mirrored ray rises as steeply as the first one fell.
     height_at_wall = (30 - places[..., 0]) / ways[..., 0] * -ways[..., 2]
@@ -181,7 +181,7 @@ def test_a_white_room_under_an_even_sky_never_outshines_it():
 
 
 def test_ambient_light_has_no_speckle_and_falls_towards_a_corner():
-    """The prototype's fault: here neighbouring pixels of a surface differ by next to nothing."""
+    """Noise of the prototype: here neighbouring pixels of a surface hardly differ."""
     wall = rectangle((12, 40, 0), (0, -80, 0), (0, 0, 9), Material.RETRO_REFLECTOR, (0.1, 0.1, 0.1))
     seen = Observed(scene_of([ground(color=(0.1, 0.1, 0.1)), wall], light=EVEN))
     ambient = seen.ambient()[..., 1]

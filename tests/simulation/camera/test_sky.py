@@ -1,4 +1,4 @@
-"""The sky as a picture and as a lamp."""
+"""Radiance of the sky, and its light on surfaces."""
 
 from dataclasses import replace
 

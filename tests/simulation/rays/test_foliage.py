@@ -1,4 +1,4 @@
-"""Rays pass between the leaves of cards of foliage."""
+"""Gaps of foliage, through which rays pass."""
 
 import numpy as np
 import pytest

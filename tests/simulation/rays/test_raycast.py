@@ -1,4 +1,4 @@
-"""Embree's hits against those of a slow reference, and what it refuses."""
+"""Embree's hits against a slow reference, and refused arguments."""
 
 import copy
 import ctypes.util
@@ -27,7 +27,7 @@ def random_triangles(rng, count):
 
 
 def random_rays(rng, count):
-    """Some are far from unit length; distances are in units of their directions."""
+    """Draw rays, some far from unit length; distances are in units of their directions."""
     directions = rng.normal(size=(count, 3)) * rng.uniform(0.2, 5, (count, 1))
     return rng.uniform(-3, 3, (count, 3)).astype(np.float32), directions.astype(np.float32)
 
@@ -104,7 +104,7 @@ def test_one_face_as_a_broadcast_view_is_a_face():
 def test_rays_without_a_direction_each_are_refused():
     origins, one = np.zeros((16, 3), np.float32), np.ones((1, 3), np.float32)
     scene = Raycaster(wall())._scene
-    # the shape checks of the tests would speak first
+    # the shape checks of the tests would fail first
     intersect = inspect.unwrap(EmbreeScene.intersect)
     occluded = inspect.unwrap(EmbreeScene.occluded)
     with pytest.raises(ValueError, match=r"got arrays of \(16, 3\) and \(1, 3\)"):

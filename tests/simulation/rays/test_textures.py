@@ -37,11 +37,11 @@ materials = st.sampled_from(list(Material))
 
 @given(material=materials, color=colors, spot=spots)
 def test_a_texture_stays_between_black_and_white_and_repeats(material, color, spot):
-    look = textured(int(material), color, spot)
-    assert all(0.0 <= value <= 1.0 for value in look.color)
-    assert abs(look.tilt_u) < 2.0
-    assert abs(look.tilt_v) < 2.0
-    assert textured(int(material), color, spot) == look
+    surface = textured(int(material), color, spot)
+    assert all(0.0 <= value <= 1.0 for value in surface.color)
+    assert abs(surface.tilt_u) < 2.0
+    assert abs(surface.tilt_v) < 2.0
+    assert textured(int(material), color, spot) == surface
 
 
 def looks(material, color, width, count=600, seed=3):

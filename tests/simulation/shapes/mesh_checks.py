@@ -1,4 +1,4 @@
-"""What any mesh of a road user must fulfil."""
+"""Requirements of every road user mesh."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from sightline.simulation.scene import SURFACES
 
 
 def assert_sound(mesh):
-    """Finite, with unit normals, valid indices, materials and colours, and no empty faces."""
+    """Assert finite values, unit normals, valid indices, materials, colours, no empty faces."""
     for values in (mesh.vertices, mesh.normals, mesh.uvs, mesh.colors):
         assert np.isfinite(values).all()
     lengths = np.linalg.norm(mesh.normals, axis=1)
@@ -25,7 +25,7 @@ def assert_sound(mesh):
 
 
 def share_of_front_faces(mesh, num_rays=3000):
-    """Of rays from a wide circle around at eye level and above, how many meet an outer side first.
+    """Share of rays, from a wide circle at eye level and above, that hit an outer side first.
 
     A face's outer side is the one from which its corners run counter-clockwise; the shading
     normal must be on that side too.
@@ -39,14 +39,14 @@ def share_of_front_faces(mesh, num_rays=3000):
     directions = low + rng.random((num_rays, 3)) * (high - low) - origins
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     hits = Raycaster(mesh).cast(origins.astype(np.float32), directions.astype(np.float32))
-    met = hits.faces >= 0
-    assert met.mean() > 0.1
-    faces = mesh.faces[hits.faces[met]]
+    is_hit = hits.faces >= 0
+    assert is_hit.mean() > 0.1
+    faces = mesh.faces[hits.faces[is_hit]]
     a, b, c = np.moveaxis(mesh.vertices[faces], 1, 0)
     outward = np.cross(b - a, c - a)
-    second, third = hits.barycentric[met].T
+    second, third = hits.barycentric[is_hit].T
     weights = np.stack((1 - second - third, second, third), axis=1)
     shading = np.einsum("rc,rci->ri", weights, mesh.normals[faces])
-    in_front = np.einsum("ri,ri->r", outward, directions[met]) < 0
+    in_front = np.einsum("ri,ri->r", outward, directions[is_hit]) < 0
     agrees = np.einsum("ri,ri->r", outward, shading) > 0
     return (in_front & agrees).mean()

@@ -43,7 +43,7 @@ def volume(mesh):
 
 
 def open_edges(mesh):
-    """How many edges of triangles have no partner that runs the other way (by position)."""
+    """Number of triangle edges without a partner of opposite direction (by position)."""
     keys = np.unique(np.round(mesh.vertices, 4) + 0.0, axis=0, return_inverse=True)[1].ravel()
     balance = {}
     for a, b, c in keys[mesh.faces].tolist():

@@ -1,4 +1,4 @@
-"""Streets full of what is easily taken for people and cars, and their people and cars."""
+"""Streets with many hard negatives, and their road users."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.street import make_street
 from sightline.simulation.streets.dressing import dress, set_out_hard_negatives
-from sightline.simulation.streets.free_ground import Occupancy, Things
+from sightline.simulation.streets.free_ground import Occupancy, StreetObjects
 from sightline.simulation.streets.layout import StreetKind
 from sightline.simulation.streets.layout_drawing import draw_layout
 from sightline.simulation.surroundings.furniture import _TABLES, Item, item_footprint
@@ -56,10 +56,10 @@ def test_nothing_is_set_out_on_ground_that_is_taken():
 
 @pytest.fixture(scope="module")
 def set_out():
-    """What stands where in 60 streets without traffic: item, road, station, offset, reach."""
+    """Objects of 60 streets without traffic: item, road, station, offset, reach."""
     stood = []
 
-    class Recorder(Things):
+    class Recorder(StreetObjects):
         def put(self, item, road, stations, offset, level, turn, *, scale):
             kept = super().put(item, road, stations, offset, level, turn, scale=scale)
             reach = scale[0] * float(np.hypot(*item_footprint(item))) / 2

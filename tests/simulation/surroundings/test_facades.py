@@ -1,4 +1,4 @@
-"""Walls of buildings are closed, however they are looked at."""
+"""Closed walls of buildings, from all directions."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ def front(**options):
     )
 
 
-def depths_met(rng, wall):
-    """Where along y, into the building, rays end that would cross the wall at y = 0."""
+def hit_depths(rng, wall):
+    """y of the hits, into the building, of rays that would cross the wall at y = 0."""
     batch = QuadBatch()
     build_front(rng, batch, wall, draw_look(rng, 0.3))
     count = 3000
@@ -51,4 +51,4 @@ def test_no_ray_gets_past_panes_into_a_building(facade, is_far, has_shop):
     rng = np.random.default_rng(4)
     for _ in range(4):
         wall = front(facade=facade, is_far=is_far, has_shop=has_shop)
-        assert depths_met(rng, wall).max() < (0.0 if is_far else DEEPEST_RECESS_M) + 0.001
+        assert hit_depths(rng, wall).max() < (0.0 if is_far else DEEPEST_RECESS_M) + 0.001

@@ -1,4 +1,4 @@
-"""Motions: what stands on wheels tilts with the ground, a body on springs leans."""
+"""Motions: wheeled vehicles tilt with the ground, a body on springs leans."""
 
 from dataclasses import replace
 
@@ -83,7 +83,7 @@ def test_the_wheels_of_a_tilted_vehicle_are_on_the_ground():
 
 
 def _nearest(line, place):
-    """Station and offset of a place, by looking along the line."""
+    """Station and offset of a place, by a search along the line."""
     stations = np.arange(-20.0, 60.0, 0.01)
     points = line.place(stations, np.zeros(len(stations)))
     row = int(np.argmin(np.hypot(*(points - place).T)))

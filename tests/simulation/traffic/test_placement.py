@@ -1,4 +1,4 @@
-"""Road users: where they are at all times, and how many of them one sees."""
+"""Road users: positions over time, and counts of visible ones."""
 
 from collections import Counter
 from dataclasses import astuple
@@ -44,7 +44,7 @@ def _corners(pose, length, width):
 
 
 def _separated(first, second):
-    """Whether some edge of two convex polygons parts them: the plain separating axis test."""
+    """Test two convex polygons for a separating edge: the plain separating axis test."""
     for polygon in (first, second):
         for row in range(len(polygon)):
             edge = polygon[(row + 1) % len(polygon)] - polygon[row]
@@ -135,11 +135,11 @@ def test_turning_lines_begin_in_the_middle_of_one_lane_and_end_in_that_of_anothe
                 on_main, on_cross = ends if is_from_main else ends[::-1]
                 np.testing.assert_allclose(on_main[1], main_lane.offset, atol=0.02)
                 np.testing.assert_allclose(-on_cross[0], cross_lane.offset, atol=0.02)
-                wanted = (
+                headings = (
                     (0.0 if main_lane.direction > 0 else np.pi),
                     cross_lane.direction * np.pi / 2,
                 )
-                for (_, _, yaw), heading in zip((on_main, on_cross), wanted, strict=True):
+                for (_, _, yaw), heading in zip((on_main, on_cross), headings, strict=True):
                     assert np.cos(yaw - heading) == pytest.approx(1.0, abs=1e-4)
                 num_lines += 1
     assert num_lines > 100
@@ -234,7 +234,7 @@ def seen_in_frames():
     [("Car", 0.35), ("Van", 0.5), ("Pedestrian", 0.6), ("Cyclist", 0.6)],
 )
 def test_counts_and_distances_are_near_kittis(seen_in_frames, class_name, tolerance):
-    """Tolerances allow for the spread of 200 frames, and for a coarse camera that sees less."""
+    """Tolerances allow for the spread of 200 frames, and for the low recall of a coarse camera."""
     labels_per_frame, mean_distance_m = KITTI_COUNTS[class_name]
     found = [item for frame in seen_in_frames for item in frame if item.class_name == class_name]
     per_frame = len(found) / len(seen_in_frames)

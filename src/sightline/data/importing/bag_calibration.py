@@ -231,7 +231,7 @@ def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) ->
     for vehicle in _LEVEL_FRAMES:
         vehicle_from_lidar = find_transform(transforms, vehicle, lidar)
         if vehicle_from_lidar is not None:
-            tilt = Tilt.of_up(vehicle_from_lidar[2, :3])
+            tilt = Tilt.from_up(vehicle_from_lidar[2, :3])
             return tilt if _LEAST_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG else None
     return None
 

@@ -212,7 +212,7 @@ def turned(calibration: RecordingCalibration, new_from_old: Rigid) -> RecordingC
     )
     tilt = calibration.lidar_tilt
     if tilt is not None:
-        tilt = Tilt.of_up(new_from_old[:3, :3] @ tilt.up)
+        tilt = Tilt.from_up(new_from_old[:3, :3] @ tilt.up)
     return replace(calibration, matrices=matrices, lidar_tilt=tilt)
 
 

@@ -302,29 +302,29 @@ def _smooth_step(values: Shaped) -> Shaped:
 
 
 _ROOF_ROWS = np.array([0.965, 0.86, 0.6, 0.3, 0.0])  # from the roof's edge to its middle
-_WAYS_BETWEEN = (0.0, 0.3, 0.6, 0.94, 1.03, 1.5, 2.5, 3.05, 3.85, 3.96, 4.07, 4.4, 4.7, 5.0)
-_FRONT_PILLAR = (1.925, 2.06)  # ways of the black pillar between the doors
-_LAMP = (3.96, 4.12)  # ways of a tail light beside the rear window
+_COLUMN_POSITIONS = (0.0, 0.3, 0.6, 0.94, 1.03, 1.5, 2.5, 3.05, 3.85, 3.96, 4.07, 4.4, 4.7, 5.0)
+_FRONT_PILLAR = (1.925, 2.06)  # positions of the black pillar between the doors
+_LAMP = (3.96, 4.12)  # positions of a tail light beside the rear window
 _SILL_LEVEL, _FRAME_LEVEL = 0.115, 0.075
 _HEADER = 0.045  # height of the black frame above the windows, as a share of the cabin's height
 
 
 class _Window(NamedTuple):
-    start: float  # way of the start
+    start: float  # position of the start
     end: float
-    frame: float  # width of the black frame on either side, in units of way
+    frame: float  # width of the black frame on either side, in the same units
     is_glazed: bool
 
 
 def cabin(body: Body) -> Mesh:
     """Build windows, pillars and roof."""
-    ways, sides = _columns(body.form)
-    walls = _wall_points(body, ways, sides)
+    positions, sides = _columns(body.form)
+    walls = _wall_points(body, positions, sides)
     points = np.concatenate((walls, _roof_points(body, walls[-1])))
     skin = grid(points, body.roof, closed=True)
     rows = np.concatenate((_levels(body.form), 2 - _ROOF_ROWS))
     level = (rows[1:] + rows[:-1])[:, None] / 2
-    cells = _cells(body.form, level, (ways + np.roll(ways, -1)) / 2)
+    cells = _cells(body.form, level, (positions + np.roll(positions, -1)) / 2)
     palette = (body.roof, TINTED_GLASS, BLACK_PLASTIC, TAIL_LIGHT)
     return without_slivers(painted(skin, cells, palette))
 
@@ -347,7 +347,7 @@ def _levels(form: BodyForm) -> Float64[np.ndarray, " rows"]:
 
 
 def _columns(form: BodyForm) -> tuple[Columns, Columns]:
-    """Compute columns' way and side (1 left, -1 right), from the front's middle over the left."""
+    """Compute each column's position and side (1 left, -1 right): from the front, left first."""
     edges = [
         edge
         for window in _windows(form)
@@ -359,13 +359,15 @@ def _columns(form: BodyForm) -> tuple[Columns, Columns]:
         )
         if 0 < edge < 5
     ]
-    left = np.unique(np.array([*edges, *_WAYS_BETWEEN]))
+    left = np.unique(np.array([*edges, *_COLUMN_POSITIONS]))
     right = left[-2:0:-1]
     sides = np.repeat((1.0, -1.0), (len(left), len(right)))
     return np.concatenate((left, right)), sides
 
 
-def _wall_points(body: Body, way: Columns, side: Columns) -> Float64[np.ndarray, "rows columns 3"]:
+def _wall_points(
+    body: Body, position: Columns, side: Columns
+) -> Float64[np.ndarray, "rows columns 3"]:
     """Compute the rings from the sill to the edge of the roof."""
     form, half = body.form, body.length / 2
     level = _levels(form)[:, None]
@@ -374,10 +376,10 @@ def _wall_points(body: Body, way: Columns, side: Columns) -> Float64[np.ndarray,
     end = (form.rear_base + level * (form.rear_top - form.rear_base)) * half - bulge
     first, second = form.pillars[0] * half, form.pillars[1] * half
     knots = np.broadcast_arrays(corner, first, np.maximum(second, end + 0.02), end)
-    x = _along_side(np.concatenate(knots, axis=1), way)
-    to_middle = np.where(way < 1, way, np.where(way > 4, 5 - way, 1.0))
-    x += np.where(way < 1, form.screen_bow_m * (1 - 0.35 * level) * (1 - to_middle**2), 0)
-    x -= np.where(way > 4, form.rear_bow_m * (1 - to_middle**3), 0)
+    x = _along_side(np.concatenate(knots, axis=1), position)
+    to_middle = np.where(position < 1, position, np.where(position > 4, 5 - position, 1.0))
+    x += np.where(position < 1, form.screen_bow_m * (1 - 0.35 * level) * (1 - to_middle**2), 0)
+    x -= np.where(position > 4, form.rear_bow_m * (1 - to_middle**3), 0)
     ahead = np.clip((x - first) / (corner - first), 0, 1.2)
     behind = np.clip((first - x) / (first - end), 0, 1.2)
     narrowing = 1 - 0.05 * ahead**2 - 0.07 * behind**2.5
@@ -388,10 +390,10 @@ def _wall_points(body: Body, way: Columns, side: Columns) -> Float64[np.ndarray,
 
 
 def _along_side(
-    knots: Float64[np.ndarray, "rows 4"], way: Columns
+    knots: Float64[np.ndarray, "rows 4"], position: Columns
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Compute x of each column: `knots` are the places at ways 1, 2, 3 and 4."""
-    along = np.clip(way - 1, 0, 3)
+    """Compute x of each column: `knots` are the places at positions 1, 2, 3 and 4."""
+    along = np.clip(position - 1, 0, 3)
     index = np.minimum(along.astype(np.int64), 2)
     return np.asarray(knots[:, index] + (along - index) * (knots[:, index + 1] - knots[:, index]))
 
@@ -423,21 +425,21 @@ def _roof_height(
 
 
 def _cells(
-    form: BodyForm, level: Float64[np.ndarray, "cell_rows 1"], way: Columns
+    form: BodyForm, level: Float64[np.ndarray, "cell_rows 1"], position: Columns
 ) -> Int[np.ndarray, "cell_rows columns"]:
     """Choose the finish of each cell: paint, glass or plastic."""
-    cells = np.zeros((len(level), len(way)), dtype=np.int64)
+    cells = np.zeros((len(level), len(position)), dtype=np.int64)
     glass_rows = within(level, _SILL_LEVEL, form.window_top)
     frame_rows = within(level, _FRAME_LEVEL, form.window_top + _HEADER)
     for window in _windows(form):
         if window.is_glazed:
-            framed = within(way, window.start - window.frame, window.end + window.frame)
+            framed = within(position, window.start - window.frame, window.end + window.frame)
             cells[frame_rows & framed] = 2
-            cells[glass_rows & within(way, window.start, window.end)] = 1
+            cells[glass_rows & within(position, window.start, window.end)] = 1
     if form.glazed[0]:
-        cells[frame_rows & within(way, *_FRONT_PILLAR)] = 2
+        cells[frame_rows & within(position, *_FRONT_PILLAR)] = 2
     if form.pillar_lamps:
-        cells[within(level, _SILL_LEVEL, form.window_top) & within(way, *_LAMP)] = 3
-    below_screen = (level < _SILL_LEVEL) & (way < 0.875)
+        cells[within(level, _SILL_LEVEL, form.window_top) & within(position, *_LAMP)] = 3
+    below_screen = (level < _SILL_LEVEL) & (position < 0.875)
     cells[below_screen] = 2
     return cells

@@ -68,9 +68,9 @@ def plate(rng: np.random.Generator, x: float, z: float, facing: int) -> list[Mes
     """Build a number plate with letters in the middle of the front (`facing` 1) or rear (-1)."""
     outside = x + 0.012 * facing
     starts = np.array([-0.19, -0.14, -0.06, -0.01, 0.07, 0.12, 0.17, 0.215])
-    shown = starts[np.arange(8) < rng.integers(6, 9)]
-    half_widths = rng.uniform(0.013, 0.019, len(shown))
-    centers = [(outside, (start + 0.016) * facing, z) for start in shown]
+    letter_starts = starts[np.arange(8) < rng.integers(6, 9)]
+    half_widths = rng.uniform(0.013, 0.019, len(letter_starts))
+    centers = [(outside, (start + 0.016) * facing, z) for start in letter_starts]
     halves = [(0.002, half_width, 0.036) for half_width in half_widths]
     return [
         box((x, 0, z), (0.012, 0.26, 0.056), _PLATE),

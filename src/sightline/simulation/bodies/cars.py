@@ -25,7 +25,7 @@ from sightline.simulation.bodies.models import (
     KITTI_SIZES,
     ActorModel,
     Kind,
-    LateShape,
+    LazyShape,
     Size,
     draw_kind,
 )
@@ -144,13 +144,13 @@ class VehicleDesign:
         paint = _WHITE if rng.random() < self._style.white else draw_paint(rng)
         make = partial(self._one, size, paint, int(rng.integers(2**32)))
         return ActorModel(
-            class_name=self._family.class_name, size_lwh=size, shape=LateShape(make=make)
+            class_name=self._family.class_name, size_lwh=size, shape=LazyShape(make=make)
         )
 
-    def _draw_size(self, rng: np.random.Generator, wanted: int | None) -> tuple[int, Size]:
+    def _draw_size(self, rng: np.random.Generator, target: int | None) -> tuple[int, Size]:
         kinds = [style.kind for style in self._family.styles.values()]
         statistics = KITTI_SIZES[self._family.class_name]
-        kind, size = draw_kind(rng, statistics, kinds, self._family.spread, wanted)
+        kind, size = draw_kind(rng, statistics, kinds, self._family.spread, target)
         return kind, Size(size.length + UNSEEN_M, size.width, size.height)
 
     def _one(self, size: Size, paint: Finish, seed: int) -> Mesh:
@@ -236,13 +236,13 @@ def proportioned(
     """
     spans = np.diff(knots)  # rear overhang, rear wheel, cabin, screen, front wheel, front overhang
     follows = 1 + 0.3 * (length / spans.sum() - 1) + rng.normal(0.0, 1.0, 6) * _FREEDOM
-    wanted = spans * np.clip(follows, 0.65, 1.45)
-    wanted[[1, 4]] = spans[[1, 4]] * height_ratio
-    left = length - wanted.sum() + wanted[2]
-    wanted[2] = np.clip(left, 0.65 * spans[2], 1.5 * spans[2])
+    target = spans * np.clip(follows, 0.65, 1.45)
+    target[[1, 4]] = spans[[1, 4]] * height_ratio
+    left = length - target.sum() + target[2]
+    target[2] = np.clip(left, 0.65 * spans[2], 1.5 * spans[2])
     free = [0, 2, 3, 5]
-    wanted[free] *= 1 + (length - wanted.sum()) / wanted[free].sum()
-    return np.asarray(np.cumsum([-length / 2, *wanted]))
+    target[free] *= 1 + (length - target.sum()) / target[free].sum()
+    return np.asarray(np.cumsum([-length / 2, *target]))
 
 
 def varied(rng: np.random.Generator, style: CarStyle, half_length: float) -> BodyForm:

@@ -39,7 +39,7 @@ class RigidShape:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LateShape:
+class LazyShape:
     """Constant shape, built when it is first needed: many models are never used."""
 
     make: Callable[[], Mesh]
@@ -95,24 +95,24 @@ def draw_kind(
     statistics: SizeStatistics,
     kinds: Sequence[Kind],
     spread: Size,
-    wanted: int | None = None,
+    target: int | None = None,
 ) -> tuple[int, Size]:
     """Draw a size from the class, and a kind by its likelihood of that size.
 
     The class thus keeps its statistics for any kinds (Bayes' rule; within a kind sizes are normal
-    with the standard deviations `spread` [m]). For a `wanted` kind (an index), one of many sizes of
+    with the standard deviations `spread` [m]). For a `target` kind (an index), one of many sizes of
     the class is drawn by its likelihood.
     """
-    sizes = statistics.draw(rng, 1 if wanted is None else 64)
+    sizes = statistics.draw(rng, 1 if target is None else 64)
     means = np.array([kind.mean_size for kind in kinds])
     misfit = np.square((sizes[:, None] - means) / np.array(spread)).sum(axis=2)
     shares = np.array([kind.share for kind in kinds])
     suits = np.exp(-0.5 * (misfit - misfit.min(axis=1, keepdims=True))) * shares
     suits /= suits.sum(axis=1, keepdims=True)
-    if wanted is None:
+    if target is None:
         return int(rng.choice(len(kinds), p=suits[0])), Size(*sizes[0].tolist())
-    chosen = int(rng.choice(len(sizes), p=suits[:, wanted] / suits[:, wanted].sum()))
-    return wanted, Size(*sizes[chosen].tolist())
+    chosen = int(rng.choice(len(sizes), p=suits[:, target] / suits[:, target].sum()))
+    return target, Size(*sizes[chosen].tolist())
 
 
 KITTI_SIZES: dict[str, SizeStatistics] = {

@@ -16,9 +16,9 @@ from sightline.simulation.camera.radiance import pixel_radiance
 from sightline.simulation.camera.samples import (
     Samples,
     View,
+    add_edge_samples,
     camera_view,
     pixel_samples,
-    with_edge_samples,
 )
 from sightline.simulation.camera.shading import LitWorld, lit_world
 from sightline.simulation.rays.raycast import Raycaster
@@ -143,7 +143,7 @@ def _tone_curve(gamma: float) -> UInt8[np.ndarray, " levels"]:
 SKY: Final = -2  # owner of a pixel that shows no surface
 STREET: Final = -1  # owner of a pixel that shows a surface of no actor
 
-_OFFSETS_OF_FOUR: Final = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
+_SUBPIXEL_OFFSETS: Final = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
 _BRIGHTEST: Final = 3.0
 """Share of a photosite at which a sample is clipped, so that no glint outweighs its pixel."""
 
@@ -201,22 +201,22 @@ def render_camera(
     if not config.picture:
         return truth
     if config.samples_per_pixel == 1:
-        samples = with_edge_samples(world, view, centers, scene.owners)
+        samples = add_edge_samples(world, view, centers, scene.owners)
         radiance = _radiance(world, samples, view, scene.light, config)
     else:
         radiance = np.zeros((*image_size, 3), np.float32)
-        for offset in _OFFSETS_OF_FOUR:
+        for offset in _SUBPIXEL_OFFSETS:
             samples = pixel_samples(world, view, image_size, offset)
             radiance += _radiance(world, samples, view, scene.light, config)
-        radiance /= np.float32(len(_OFFSETS_OF_FOUR))
+        radiance /= np.float32(len(_SUBPIXEL_OFFSETS))
     image = sensor_image(radiance, scene.light.exposure, rng=rng, config=config.sensor)
     return replace(truth, image=image)
 
 
-def _truth(centers: Samples, owners_of_faces: Int32[np.ndarray, " num_faces"]) -> CameraFrame:
+def _truth(centers: Samples, face_owners: Int32[np.ndarray, " num_faces"]) -> CameraFrame:
     found = centers.hits.faces >= 0
     owners = np.full(len(found), SKY, np.int32)
-    owners[found] = owners_of_faces[centers.hits.faces[found]]
+    owners[found] = face_owners[centers.hits.faces[found]]
     depth_m = np.where(found, centers.hits.distances, np.float32(0))
     size = centers.image_size
     return CameraFrame(image=None, depth_m=depth_m.reshape(size), owners=owners.reshape(size))

@@ -26,7 +26,7 @@ from sightline.simulation.rays.surfaces import (
     MaterialTables,
     Rays,
     SurfaceHits,
-    surfaces_met,
+    surfaces_at_hits,
 )
 from sightline.simulation.scene import Material
 
@@ -135,10 +135,10 @@ def _add_behind_glass(
     """Add the view through one pane into a car and through a second pane out of it."""
     panes = np.flatnonzero(found.materials == _GLASS).astype(np.int32)
     rays = _rays_through(found, panes)
-    inside, met = shaded_directly(world, rays, pixel_angle, _INSIDE_AMBIENT)
-    far_panes = np.flatnonzero(met.materials == _GLASS).astype(np.int32)
+    inside, inside_hits = shaded_directly(world, rays, pixel_angle, _INSIDE_AMBIENT)
+    far_panes = np.flatnonzero(inside_hits.materials == _GLASS).astype(np.int32)
     outside, _ = shaded_directly(
-        world, _rays_through(met, far_panes), pixel_angle, _OUTSIDE_AMBIENT
+        world, _rays_through(inside_hits, far_panes), pixel_angle, _OUTSIDE_AMBIENT
     )
     inside[far_panes] = outside * np.float32(_GLASS_TINT)
     radiance[panes] += inside * np.float32(_GLASS_TINT)
@@ -172,7 +172,7 @@ def pixel_radiance(
     brightest: float,
 ) -> Float32[np.ndarray, "height width 3"]:
     """Compute each pixel's linear RGB radiance: mean of its samples, clipped at `brightest`."""
-    found = surfaces_met(world.mesh, samples.rays, samples.hits, pixel_angle)
+    found = surfaces_at_hits(world.mesh, samples.rays, samples.hits, pixel_angle)
     sun_visible = _soft_sun(world, found, samples)
     grid = gathered_ambient(
         world, found, samples.image_size, stride=ambient_stride, rays_per_point=ambient_rays
@@ -186,7 +186,7 @@ def pixel_radiance(
     np.minimum(radiance, np.float32(brightest), out=radiance)
     height, width = samples.image_size
     pixels = radiance[: height * width].copy()
-    _blend_edges(radiance, samples.edges, samples.shown, pixels)
+    _blend_edges(radiance, samples.edges, samples.sample_rows, pixels)
     return pixels.reshape(height, width, 3)
 
 
@@ -271,15 +271,15 @@ def _same_surface(found: SurfaceHits, pixel: int, other: int) -> bool:
 def _blend_edges(
     radiance: RayVectors,
     edges: Int32[np.ndarray, " num_edges"],
-    shown: Int32[np.ndarray, "num_offsets num_edges"],
+    sample_rows: Int32[np.ndarray, "num_offsets num_edges"],
     pixels: Float32[np.ndarray, "num_pixels 3"],
 ) -> None:
     """Replace the radiance of edge pixels by the mean over all their samples."""
-    share = 1.0 / (1 + shown.shape[0])
+    share = 1.0 / (1 + sample_rows.shape[0])
     for edge in range(edges.shape[0]):
         pixel = edges[edge]
         for channel in range(3):
             total = np.float64(radiance[pixel, channel])
-            for offset in range(shown.shape[0]):
-                total += radiance[shown[offset, edge], channel]
+            for offset in range(sample_rows.shape[0]):
+                total += radiance[sample_rows[offset, edge], channel]
             pixels[pixel, channel] = share * total

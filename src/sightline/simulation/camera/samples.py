@@ -182,7 +182,7 @@ class Samples(NamedTuple):
     strata: RayRows
     """Part of the sun's disc sampled by each ray's first shadow ray."""
     edges: Int32[np.ndarray, " num_edges"]  # flat indices of the pixels at edges
-    shown: Int32[np.ndarray, "num_offsets num_edges"]
+    sample_rows: Int32[np.ndarray, "num_offsets num_edges"]
     """Row of the ray that gives an edge pixel its radiance at each of EDGE_OFFSETS."""
 
 
@@ -229,11 +229,11 @@ def pixel_samples(
         rows=rows,
         strata=(x % 2 + 2 * (y % 2)).astype(np.int32),
         edges=np.zeros(0, np.int32),
-        shown=np.zeros((0, 0), np.int32),
+        sample_rows=np.zeros((0, 0), np.int32),
     )
 
 
-def with_edge_samples(
+def add_edge_samples(
     world: LitWorld, view: View, samples: Samples, owners: Int32[np.ndarray, " num_faces"]
 ) -> Samples:
     """Add samples at edges between neighbouring pixels."""
@@ -246,9 +246,9 @@ def with_edge_samples(
     columns, rows = samples.columns[pixels] + shifts[:, 0], samples.rows[pixels] + shifts[:, 1]
     rays = view.rays(columns, rows)
     hits = cast_through_foliage(world.raycaster, world.mesh, rays)
-    shown = lenders(world.mesh, owners, faces, rays, hits, pixels)
-    own = np.flatnonzero(shown < 0)
-    shown[own] = len(samples.columns) + np.arange(len(own))
+    sample_rows = lenders(world.mesh, owners, faces, rays, hits, pixels)
+    own = np.flatnonzero(sample_rows < 0)
+    sample_rows[own] = len(samples.columns) + np.arange(len(own))
     return Samples(
         image_size=samples.image_size,
         rays=Rays(*(np.concatenate((a, b[own])) for a, b in zip(samples.rays, rays, strict=True))),
@@ -257,5 +257,5 @@ def with_edge_samples(
         rows=np.concatenate((samples.rows, rows[own])),
         strata=np.concatenate((samples.strata, own.astype(np.int32) % np.int32(SUN_QUARTERS))),
         edges=edges,
-        shown=shown.reshape(len(EDGE_OFFSETS), len(edges)),
+        sample_rows=sample_rows.reshape(len(EDGE_OFFSETS), len(edges)),
     )

@@ -29,7 +29,7 @@ from sightline.simulation.rays.surfaces import (
     SurfaceHits,
     material_tables,
     mesh_tables,
-    surfaces_met,
+    surfaces_at_hits,
 )
 from sightline.simulation.scene import Light, Material, Scene
 
@@ -399,7 +399,7 @@ def shaded_directly(
 ) -> tuple[RayVectors, SurfaceHits]:
     """Compute radiance and surfaces along rays: sun and estimated ambient light, no mirrors."""
     hits = world.raycaster.cast(rays.origins, rays.directions)
-    found = surfaces_met(world.mesh, rays, hits, pixel_angle)
+    found = surfaces_at_hits(world.mesh, rays, hits, pixel_angle)
     rows = np.arange(len(hits.faces), dtype=np.int32)
     sun_visible = sun_visibility(world, found, rows, rows % np.int32(SUN_STRATA))
     ambient = _guessed(world.light, found, ambient_share)

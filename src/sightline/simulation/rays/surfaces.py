@@ -96,7 +96,7 @@ def material_tables() -> MaterialTables:
     )
 
 
-def surfaces_met(mesh: MeshTables, rays: Rays, hits: Hits, pixel_angle: float) -> SurfaceHits:
+def surfaces_at_hits(mesh: MeshTables, rays: Rays, hits: Hits, pixel_angle: float) -> SurfaceHits:
     """Compute the surface at each hit; `pixel_angle` [rad] is the spread of rays, for textures."""
     count = len(rays.directions)
     found = SurfaceHits(
@@ -179,12 +179,12 @@ def _fill_surface(
         v = v0 + b * change_v[0] + c * change_v[1]
     width_u = abs(dot(along_u, side)) + abs(dot(along_u, rise))
     width_v = abs(dot(along_v, side)) + abs(dot(along_v, rise))
-    look = textured(material, color, Spot(u, v, width_u, width_v, _seed_of(mesh, face)))
-    tilt = plus(scaled(along_u, look.tilt_u), scaled(along_v, look.tilt_v))
+    texture = textured(material, color, Spot(u, v, width_u, width_v, _seed_of(mesh, face)))
+    tilt = plus(scaled(along_u, texture.tilt_u), scaled(along_v, texture.tilt_v))
     store_row(found.flat_normals, ray, flat)
     store_row(found.normals, ray, normal)
     store_row(found.tilted_normals, ray, normalized(minus(normal, tilt), normal))
-    store_row(found.albedos, ray, look.color)
+    store_row(found.albedos, ray, texture.color)
 
 
 @compiled
@@ -218,7 +218,7 @@ def face_normal(mesh: MeshTables, face: int) -> Vector:
     return normalized(cross(edge_a, edge_b), (0.0, 0.0, 1.0))
 
 
-_MOST_CARDS: Final = 3  # maximum number of cards that a ray can pass; the next one stops it
+_MAX_CARDS: Final = 3  # maximum number of cards that a ray can pass; the next one stops it
 _PASSED_M: Final = 0.002
 _LARGEST_CARD_M: Final = 6.0
 """Maximum diagonal of a card of leaves; anything larger is a distant wood."""
@@ -233,14 +233,14 @@ def cast_through_foliage(raycaster: Raycaster, mesh: MeshTables, rays: Rays) -> 
     """
     hits = raycaster.cast(rays.origins, rays.directions, coherent=True)
     passing = np.arange(len(hits.faces), dtype=np.int32)
-    for _ in range(_MOST_CARDS):
+    for _ in range(_MAX_CARDS):
         passing = passing[_in_gap(mesh, hits, passing)]
         if len(passing) == 0:
             break
         lengths = np.linalg.norm(rays.directions[passing], axis=1)
         passed = hits.distances[passing] + np.float32(_PASSED_M) / lengths
-        ways = rays.directions[passing]
-        beyond = raycaster.cast(rays.origins[passing] + passed[:, None] * ways, ways)
+        directions = rays.directions[passing]
+        beyond = raycaster.cast(rays.origins[passing] + passed[:, None] * directions, directions)
         hits.faces[passing] = beyond.faces
         hits.distances[passing] = beyond.distances + passed
         hits.barycentric[passing] = beyond.barycentric

@@ -68,26 +68,26 @@ class Textured(NamedTuple):
 def textured(material: int, color: Vector, spot: Spot) -> Textured:
     """Compute the texture of a material at a spot, from the face's linear albedo."""
     if material == _ASPHALT:
-        look = _asphalt(color, spot)
+        surface = _asphalt(color, spot)
     elif material == _GRASS:
-        look = _grass(color, spot)
+        surface = _grass(color, spot)
     elif material == _LEAF:
-        look = _leaf(color, spot)
+        surface = _leaf(color, spot)
     elif material == _PLASTER:
-        look = _plaster(color, spot)
+        surface = _plaster(color, spot)
     elif material in (_PAVEMENT, _KERB, _SOIL, _GRAVEL, _COBBLES):
-        look = _other_ground(material, color, spot)
+        surface = _paving_or_soil(material, color, spot)
     elif material in (_BRICK, _ROOF_TILE, _CONCRETE, _WOOD, _WINDOW):
-        look = _other_building(material, color, spot)
+        surface = _building_surface(material, color, spot)
     else:
-        look = _thing(material, color, spot)
-    red, green, blue = look.color
+        surface = _object_surface(material, color, spot)
+    red, green, blue = surface.color
     bounded = (_bounded(red), _bounded(green), _bounded(blue))
-    return Textured(bounded, look.tilt_u, look.tilt_v)
+    return Textured(bounded, surface.tilt_u, surface.tilt_v)
 
 
 @compiled
-def _other_ground(material: int, color: Vector, spot: Spot) -> Textured:
+def _paving_or_soil(material: int, color: Vector, spot: Spot) -> Textured:
     if material == _PAVEMENT:
         return _paving(color, spot)
     if material == _KERB:
@@ -98,7 +98,7 @@ def _other_ground(material: int, color: Vector, spot: Spot) -> Textured:
 
 
 @compiled
-def _other_building(material: int, color: Vector, spot: Spot) -> Textured:
+def _building_surface(material: int, color: Vector, spot: Spot) -> Textured:
     if material == _BRICK:
         return _brick(color, spot)
     if material == _ROOF_TILE:
@@ -111,7 +111,7 @@ def _other_building(material: int, color: Vector, spot: Spot) -> Textured:
 
 
 @compiled
-def _thing(material: int, color: Vector, spot: Spot) -> Textured:
+def _object_surface(material: int, color: Vector, spot: Spot) -> Textured:
     if material == _BARK:
         return _bark(color, spot)
     if material == _CLOTH:

@@ -11,7 +11,7 @@ from sightline.simulation.arrays import AnyValues, Points
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import QuadBatch
 from sightline.simulation.shapes.primitives import Finish
-from sightline.simulation.streets.free_ground import Occupancy, Things
+from sightline.simulation.streets.free_ground import Occupancy, StreetObjects
 from sightline.simulation.streets.layout import (
     Ground,
     Layout,
@@ -54,14 +54,14 @@ _GARDEN_M: Final = 0.7  # distance behind the last band, beyond hedges and fence
 def set_out_hard_negatives(
     rng: np.random.Generator,
     layout: Layout,
-    things: Things,
+    objects: StreetObjects,
     trunks: Sequence[Float64[np.ndarray, "_ 3"]],
 ) -> None:
     """Add hard negatives to a street with furniture; none overlaps a road user or a house.
 
-    The objects extend `things`; `trunks`, places of the trees in rows, get bushes around them.
+    They extend `objects`; `trunks`, places of the trees in rows, get bushes around them.
     """
-    planter = _Planter(rng, layout, things)
+    planter = _Planter(rng, layout, objects)
     for road in layout.roads:
         for side in road.sides:
             planter.line_kerb(road, side)
@@ -77,10 +77,10 @@ def set_out_hard_negatives(
 class _Planter:
     """Placer of hard negatives in one street."""
 
-    def __init__(self, rng: np.random.Generator, layout: Layout, things: Things) -> None:
+    def __init__(self, rng: np.random.Generator, layout: Layout, objects: StreetObjects) -> None:
         self._rng = rng
         self._layout = layout
-        self._things = things
+        self._objects = objects
 
     def line_kerb(self, road: Road, side: Side) -> None:
         """Place signs, masts, bins and similar objects at the edge of the carriageway."""
@@ -125,22 +125,22 @@ class _Planter:
         """Place bushes as slender as people and as large as cars, beyond the last band."""
         for mean, heights, spreads in _SHRUBS:
             stations = self._stations(road, int(self._rng.poisson(mean)))
-            for station in self._things.free_stations(road, side, stations, 1.0):
+            for station in self._objects.free_stations(road, side, stations, 1.0):
                 height, spread = self._rng.uniform(*heights), self._rng.uniform(*spreads)
                 wide = _BUSH_WIDTH * height * spread
                 distance = side.outer + _GARDEN_M + wide / 2 + self._rng.uniform(0.0, 2.5)
-                place = self._things.on_surface(road, np.array([station]), side.sign * distance)
+                place = self._objects.on_surface(road, np.array([station]), side.sign * distance)
                 row = np.concatenate((place, np.zeros((1, 1))), axis=1)
-                if self._things.settle(row, wide, wide).all():
+                if self._objects.settle(row, wide, wide).all():
                     plants = Plants(places=place, heights=np.array([height]), spread=float(spread))
-                    self._things.plant(Species.BUSH, plants)
+                    self._objects.plant(Species.BUSH, plants)
 
     def bushes(self, places: Points) -> None:
         """Place bushes around trunks, or shoots from their feet."""
         heights = self._rng.uniform(*_FOOT_HEIGHTS_M, len(places))
         spread = float(self._rng.uniform(*_FOOT_SPREADS))
         plants = Plants(places=places, heights=heights, spread=spread)
-        self._things.plant(Species.BUSH, plants)
+        self._objects.plant(Species.BUSH, plants)
 
     def _drawn(self, items: Sequence[Item], mean: float = _NUM_KINDS) -> list[Item]:
         """Draw some of the items, without repetition."""
@@ -164,9 +164,9 @@ class _Planter:
     ) -> None:
         """Place objects at stations, all stretched alike, on the carriageway or the pavement."""
         wide, high = self._rng.uniform(0.8, _WIDEST), self._rng.uniform(0.85, 1.2)
-        free = self._things.free_stations(road, side, stations, 1.0)
+        free = self._objects.free_stations(road, side, stations, 1.0)
         offset = side.sign * distance
-        self._things.put(item, road, free, offset, None, turn, scale=(wide, wide, high))
+        self._objects.put(item, road, free, offset, None, turn, scale=(wide, wide, high))
 
 
 def _reach(item: Item) -> float:
@@ -199,14 +199,14 @@ def dress(
                 dresser.country_side(road, side)
             else:
                 dresser.lamps(road, side)
-                dresser.small_things(road, side)
+                dresser.small_objects(road, side)
     if layout.kind is StreetKind.SQUARE:
         dresser.square()
     dresser.signs()
     if rng.random() < _SITE_SHARE:
         dresser.building_site(layout.main.left if rng.random() < 0.5 else layout.main.right)
     if hard_negatives:
-        set_out_hard_negatives(rng, layout, dresser.things, dresser.trunks)
+        set_out_hard_negatives(rng, layout, dresser.objects, dresser.trunks)
     return dresser.meshes()
 
 
@@ -216,7 +216,7 @@ class _Dresser:
     def __init__(self, rng: np.random.Generator, layout: Layout, taken: Occupancy) -> None:
         self._rng = rng
         self._layout = layout
-        self.things = Things(rng, layout, taken)
+        self.objects = StreetObjects(rng, layout, taken)
         self.trunks: list[Float64[np.ndarray, "_ 3"]] = []
         """Places of the trees in rows."""
         self._batch = QuadBatch()
@@ -225,7 +225,7 @@ class _Dresser:
 
     def meshes(self) -> list[Mesh]:
         """Make the meshes of everything placed so far."""
-        return [*self.things.meshes(), self._batch.mesh()]
+        return [*self.objects.meshes(), self._batch.mesh()]
 
     def trees(self, road: Road, side: Side) -> None:
         """Place a row of equal trees on the verge or at the pavement's edge."""
@@ -241,18 +241,18 @@ class _Dresser:
             distance = side.edge + 0.9
         pitch = float(rng.uniform(6.5, 12.0))
         first = road.first + float(rng.uniform(0, pitch))
-        stations = self.things.free_stations(road, side, np.arange(first, road.last, pitch), 1.0)
+        stations = self.objects.free_stations(road, side, np.arange(first, road.last, pitch), 1.0)
         stations = stations[rng.random(len(stations)) < 0.9]
         stations = stations + rng.uniform(-0.6, 0.6, len(stations))
         places = ground_places(self._layout, road, stations, side.sign * distance, side.level)
         rows = np.concatenate((places, np.zeros((len(places), 1))), axis=1)
-        places = places[self.things.settle(rows, _TRUNK_M, _TRUNK_M)]
+        places = places[self.objects.settle(rows, _TRUNK_M, _TRUNK_M)]
         usual = {Species.CHERRY: 5.5, Species.BIRCH: 10.0, Species.POPLAR: 14.0}.get(
             self._tree, 11.5
         )
         heights = usual * rng.uniform(0.8, 1.15) * rng.uniform(0.88, 1.1, len(places))
         self.trunks.append(places)
-        self.things.plant(self._tree, Plants(places=places, heights=heights, spread=1.0))
+        self.objects.plant(self._tree, Plants(places=places, heights=heights, spread=1.0))
 
     def lamps(self, road: Road, side: Side) -> None:
         """Place lamps along the kerb, on both sides or one."""
@@ -262,12 +262,12 @@ class _Dresser:
             return
         pitch = 22.0 if self._lamp is Item.POST_LAMP else 31.0
         first = road.first + float(rng.uniform(0, pitch))
-        stations = self.things.free_stations(road, side, np.arange(first, road.last, pitch), 0.5)
+        stations = self.objects.free_stations(road, side, np.arange(first, road.last, pitch), 0.5)
         distance = side.edge + _KERB_CLEARANCE
         turn = -side.sign * np.pi / 2
-        self.things.put(self._lamp, road, stations, side.sign * distance, side.level, turn)
+        self.objects.put(self._lamp, road, stations, side.sign * distance, side.level, turn)
 
-    def small_things(self, road: Road, side: Side) -> None:
+    def small_objects(self, road: Road, side: Side) -> None:
         """Place bollards, bins, boards and similar items at the kerb or beside the plots."""
         rng = self._rng
         at_kerb = (
@@ -283,8 +283,8 @@ class _Dresser:
         )  # fmt: skip
         if self._layout.kind in (StreetKind.CITY, StreetKind.SQUARE):
             at_plots = (*at_plots, (Item.PLANTER, 0.5), (Item.SANDWICH_BOARD, 0.4))
-        for things, is_at_kerb in ((at_kerb, True), (at_plots, False)):
-            for item, chance in things:
+        for objects, is_at_kerb in ((at_kerb, True), (at_plots, False)):
+            for item, chance in objects:
                 if rng.random() >= chance:
                     continue
                 stations = rng.uniform(-10.0, 70.0, int(rng.integers(1, 4)))
@@ -297,8 +297,8 @@ class _Dresser:
                     turn = 0.0 if side.sign > 0 else np.pi
                 deep = item_footprint(item)[1 if item in _ALONG else 0] / 2
                 distance = side.edge + 0.4 + deep if is_at_kerb else side.outer - 0.15 - deep
-                free = self.things.free_stations(road, side, stations, 1.0)
-                kept = self.things.put(item, road, free, side.sign * distance, side.level, turn)
+                free = self.objects.free_stations(road, side, stations, 1.0)
+                kept = self.objects.put(item, road, free, side.sign * distance, side.level, turn)
                 if item is Item.BICYCLE_STAND:
                     self._bicycles(road, side, kept, distance)
 
@@ -310,7 +310,7 @@ class _Dresser:
         turns = np.where(self._rng.random(len(hoops)) < 0.5, 0.5, -0.5) * np.pi
         turns += road.line.yaw(hoops) + self._rng.normal(0, 0.06, len(hoops))
         rows = np.concatenate((places, turns[:, None]), axis=1)
-        self.things.add(Item.BICYCLE, rows)
+        self.objects.add(Item.BICYCLE, rows)
 
     def building_site(self, side: Side) -> None:
         """Place barriers and cones along the kerb, with a building site behind them."""
@@ -321,8 +321,8 @@ class _Dresser:
 
         def set_out(item: Item, stations: AnyValues, distance: float) -> None:
             level = side.level if distance > side.edge else 0.0
-            free = self.things.free_stations(main, side, stations, 1.0)
-            self.things.put(item, main, free, side.sign * distance, level, facing)
+            free = self.objects.free_stations(main, side, stations, 1.0)
+            self.objects.put(item, main, free, side.sign * distance, level, facing)
 
         middle = np.array([(start + stop) / 2 + rng.uniform(-2.0, 2.0)])
         if side.plots in (Plots.BLOCKS, Plots.TERRACES) and side.setback < 2.0:
@@ -339,17 +339,17 @@ class _Dresser:
         rng = self._rng
         distance = side.edge + 0.6
         stations = np.arange(road.first + 6.0, road.last, 25.0 if rng.random() < 0.5 else 50.0)
-        free = self.things.free_stations(road, side, stations, 2.0)
-        self.things.put(Item.DELINEATOR, road, free, side.sign * distance, side.level, 0.0)
+        free = self.objects.free_stations(road, side, stations, 2.0)
+        self.objects.put(Item.DELINEATOR, road, free, side.sign * distance, side.level, 0.0)
         if rng.random() < 0.3 and road is self._layout.main:
             for start, stop in side.stretches(max(road.first, -40.0), road.last, 6.0):
                 self._guard_rail(road, side, np.arange(start, stop, 4.0))
         if rng.random() < 0.25:
-            poles = self.things.free_stations(
+            poles = self.objects.free_stations(
                 road, side, np.arange(road.first, road.last, 38.0), 3.0
             )
             far = side.sign * (side.outer + 3.5)
-            self.things.put(Item.WIRE_POLE, road, poles, far, -0.1, 0.0)
+            self.objects.put(Item.WIRE_POLE, road, poles, far, -0.1, 0.0)
 
     def _guard_rail(self, road: Road, side: Side, stations: AnyValues) -> None:
         if len(stations) < 2:
@@ -377,7 +377,7 @@ class _Dresser:
                     stations = np.arange(rng.uniform(-5, 8), 70.0, rng.uniform(9.0, 18.0))
                     turn = -side.sign * np.pi / 2
                     distance = side.edge + (2.4 if item is Item.PARASOL else 0.6)
-                    kept = self.things.put(item, main, stations, side.sign * distance, 0.0, turn)
+                    kept = self.objects.put(item, main, stations, side.sign * distance, 0.0, turn)
                     if item is Item.BICYCLE_STAND:
                         self._bicycles(main, side, kept, distance)
 
@@ -389,25 +389,25 @@ class _Dresser:
         common = (Item.SPEED_SIGN, Item.PRIORITY_SIGN, Item.NO_PARKING_SIGN, Item.PATH_SIGN)
         for side in main.sides:
             count = int(rng.integers(1, 4))
-            stations = self.things.free_stations(main, side, rng.uniform(2.0, 100.0, count), 1.0)
+            stations = self.objects.free_stations(main, side, rng.uniform(2.0, 100.0, count), 1.0)
             turn = 0.0 if side.sign > 0 else np.pi
             for station in stations:
                 item = common[int(rng.integers(len(common)))]
                 distance = side.sign * (side.edge + 0.65)
-                self.things.put(item, main, np.array([station]), distance, side.level, turn)
+                self.objects.put(item, main, np.array([station]), distance, side.level, turn)
         is_wide = self._layout.kind in (StreetKind.AVENUE, StreetKind.COUNTRY)
         if is_wide and rng.random() < 0.35:
             side = main.right
             if side.plots is not Plots.BLOCKS:
-                spot = self.things.free_stations(main, side, rng.uniform(20.0, 80.0, 1), 3.0)
+                spot = self.objects.free_stations(main, side, rng.uniform(20.0, 80.0, 1), 3.0)
                 distance = -(side.edge + 2.2)
-                self.things.put(Item.DIRECTION_SIGN, main, spot, distance, side.level, np.pi)
+                self.objects.put(Item.DIRECTION_SIGN, main, spot, distance, side.level, np.pi)
         for side in main.sides:
             if side.setback > 3.5 and rng.random() < 0.12:
-                spot = self.things.free_stations(main, side, rng.uniform(15.0, 80.0, 1), 3.0)
+                spot = self.objects.free_stations(main, side, rng.uniform(15.0, 80.0, 1), 3.0)
                 distance = side.sign * (side.outer + 2.4)
                 turn = np.pi + side.sign * float(rng.uniform(0.1, 0.7))
-                self.things.put(Item.BILLBOARD, main, spot, distance, side.level, turn)
+                self.objects.put(Item.BILLBOARD, main, spot, distance, side.level, turn)
 
     def junction(self) -> None:
         """Place lights or priority signs at each stop line, and a street name at a corner."""
@@ -420,11 +420,11 @@ class _Dresser:
                 distance = side.sign * (side.edge + 0.5)
                 spot = np.array([station])
                 if junction.has_lights:
-                    self.things.put(Item.TRAFFIC_LIGHT, road, spot, distance, side.level, turn)
+                    self.objects.put(Item.TRAFFIC_LIGHT, road, spot, distance, side.level, turn)
                 elif road is junction.cross:
                     item = Item.YIELD_SIGN if self._rng.random() < 0.75 else Item.STOP_SIGN
-                    self.things.put(item, road, spot, distance, side.level, turn)
+                    self.objects.put(item, road, spot, distance, side.level, turn)
                 if layout.kind is not StreetKind.COUNTRY:
                     corner = side.sign * (side.edge + 1.2)
                     ahead = np.array([station + direction * 1.5])
-                    self.things.put(Item.NAME_SIGN, road, ahead, corner, side.level, np.pi / 2)
+                    self.objects.put(Item.NAME_SIGN, road, ahead, corner, side.level, np.pi / 2)

@@ -97,7 +97,7 @@ _TINTS: Final = ((0.3, 0.3, 0.3), (1.7, 1.7, 1.7))  # range of the colour factor
 Rows = Float64[np.ndarray, "count 4"]  # x, y, z, yaw of objects
 
 
-class Things:
+class StreetObjects:
     """Collector of object places in a street that makes their meshes at the end."""
 
     def __init__(self, rng: np.random.Generator, layout: Layout, taken: Occupancy) -> None:

@@ -72,8 +72,8 @@ def curved_line(
     zero = int(np.argmin(np.abs(stations)))
     yaws -= yaws[zero]
     middle = 0.5 * (yaws[1:] + yaws[:-1])
-    ways = _STEP * np.stack((np.cos(middle), np.sin(middle)), axis=1)
-    points = np.concatenate((np.zeros((1, 2)), np.cumsum(ways, axis=0)))
+    offsets = _STEP * np.stack((np.cos(middle), np.sin(middle)), axis=1)
+    points = np.concatenate((np.zeros((1, 2)), np.cumsum(offsets, axis=0)))
     points -= points[zero] + np.array([0.0, origin_offset])
     return CenterLine(first_station=float(stations[0]), points=points, yaws=yaws)
 

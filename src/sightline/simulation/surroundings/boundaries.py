@@ -61,7 +61,7 @@ def enclose(rng: np.random.Generator, batch: QuadBatch, layout: Layout, lot: Lot
     if lot.building is not None:
         middle = lot.building[0] + lot.building[1] / 2
         gaps.append((middle - 0.7, middle + 0.7))
-    stretches = _without(lot.start, min(lot.stop, lot.road.last), sorted(gaps))
+    stretches = _subtract_gaps(lot.start, min(lot.stop, lot.road.last), sorted(gaps))
     lines = []
     for start, stop in stretches:
         stations = np.linspace(start, stop, 2 + int((stop - start) / 4.0))
@@ -139,7 +139,7 @@ def _garage(
     add_boxes_along(batch, door, leaf, half_width=0.04, heights=(0.0, 2.1))
 
 
-def _without(
+def _subtract_gaps(
     start: float, stop: float, gaps: Sequence[tuple[float, float]]
 ) -> list[tuple[float, float]]:
     stretches = []

@@ -204,8 +204,8 @@ def _fronts(site: BuildingSite, form: BuildingForm) -> list[Front]:
     )
     fronts = []
     for row, start in enumerate(starts):
-        is_shown = row in (1, 3) and site.is_free[0 if row == 1 else 1]
-        sides_open = is_shown and not site.is_far
+        is_visible = row in (1, 3) and site.is_free[0 if row == 1 else 1]
+        sides_open = is_visible and not site.is_far
         facade = Facade.STREET if row == 0 else Facade.SIDE if sides_open else Facade.BLIND
         fronts.append(
             Front(

@@ -19,8 +19,8 @@ Detail = Enum("Detail", "CLOSE NEAR MIDDLE FAR")  # level of detail of a plant, 
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Habit:
-    """Habit of a species; lengths are shares of its height."""
+class _PlantForm:
+    """Form of a species; lengths are shares of its height."""
 
     height: float  # height of the model [m]
     crown_base: float
@@ -34,8 +34,8 @@ class _Habit:
     bark: Color
 
 
-_HABITS: Final = {
-    Species[name]: _Habit(**row) for name, row in read_table(__file__, "plants").items()
+_PLANT_FORMS: Final = {
+    Species[name]: _PlantForm(**row) for name, row in read_table(__file__, "plants").items()
 }
 
 _CARDS: Final = {Detail.CLOSE: 3600, Detail.NEAR: 1000, Detail.MIDDLE: 340, Detail.FAR: 110}
@@ -59,15 +59,15 @@ class Plants(NamedTuple):
 def tree_model(species: Species, detail: Detail, variant: int) -> Mesh:
     """Build a plant at the origin, of its species' usual height; cached."""
     rng = np.random.default_rng([list(Species).index(species), variant])
-    habit = _HABITS[species]
-    clumps, radii = _clumps(rng, habit)
-    share = _BUSH_SHARE if species is Species.BUSH else 0.5 + 0.05 * habit.height
-    foliage = _foliage(rng, habit, clumps, radii, int(share * _CARDS[detail]))
+    form = _PLANT_FORMS[species]
+    clumps, radii = _clumps(rng, form)
+    share = _BUSH_SHARE if species is Species.BUSH else 0.5 + 0.05 * form.height
+    foliage = _foliage(rng, form, clumps, radii, int(share * _CARDS[detail]))
     if species is Species.BUSH:
         return foliage
-    parts = [_trunk(rng, habit, detail), foliage]
+    parts = [_trunk(rng, form, detail), foliage]
     if detail is not Detail.FAR:
-        parts += _boughs(rng, habit, clumps, 4 if detail is Detail.MIDDLE else 12)
+        parts += _boughs(rng, form, clumps, 4 if detail is Detail.MIDDLE else 12)
     wood = Mesh.joined([part for part in parts if part is not foliage])
     if species is Species.BIRCH:
         wood = _birch_bark(wood)
@@ -88,7 +88,7 @@ def set_out(rng: np.random.Generator, species: Species, plants: Plants) -> list[
     detail = np.digitize(distance, _DETAIL_LIMITS_M)
     variant = rng.integers(0, _VARIANTS, count)
     yaws = rng.uniform(0, 2 * np.pi, count)
-    stretch = plants.heights / _HABITS[species].height
+    stretch = plants.heights / _PLANT_FORMS[species].height
     widths = stretch * plants.spread * rng.uniform(0.88, 1.15, count)
     scales = np.stack((widths, widths * rng.uniform(0.9, 1.1, count), stretch), axis=1)
     warmth = rng.uniform(0.8, 1.25, count)
@@ -112,51 +112,53 @@ def set_out(rng: np.random.Generator, species: Species, plants: Plants) -> list[
     return parts
 
 
-def _clumps(rng: np.random.Generator, habit: _Habit) -> tuple[Points, Values]:
+def _clumps(rng: np.random.Generator, form: _PlantForm) -> tuple[Points, Values]:
     """Draw centres and radii [m] of the balls of foliage in a crown."""
-    count = habit.clumps
+    count = form.clumps
     rise = (np.arange(count) + rng.uniform(0.1, 0.9, count)) / count
-    widths = np.interp(rise, np.linspace(0, 1, len(habit.profile)), habit.profile)
-    radius = habit.crown_radius * habit.height
+    widths = np.interp(rise, np.linspace(0, 1, len(form.profile)), form.profile)
+    radius = form.crown_radius * form.height
     angles = np.arange(count) * 2.39996 + rng.uniform(-0.5, 0.5, count)  # the golden angle
     out = radius * widths * rng.uniform(0.35, 0.85, count)
-    base = habit.crown_base * habit.height
-    crown = habit.height - base
-    radii = habit.clump_radius * radius * (0.45 + 0.55 * widths) * rng.uniform(0.7, 1.2, count)
+    base = form.crown_base * form.height
+    crown = form.height - base
+    radii = form.clump_radius * radius * (0.45 + 0.55 * widths) * rng.uniform(0.7, 1.2, count)
     z = base + rise * crown
-    z = np.clip(z, base * 0.9 + 0.5 * radii, habit.height - 0.8 * radii)
+    z = np.clip(z, base * 0.9 + 0.5 * radii, form.height - 0.8 * radii)
     return np.stack((out * np.cos(angles), out * np.sin(angles), z), axis=1), radii
 
 
 def _foliage(
-    rng: np.random.Generator, habit: _Habit, clumps: Points, radii: Values, num_cards: int
+    rng: np.random.Generator, form: _PlantForm, clumps: Points, radii: Values, num_cards: int
 ) -> Mesh:
     """Build cards of leaves on the clumps; fewer cards are larger."""
     weights = radii**2
     owner = rng.choice(len(clumps), num_cards, p=weights / weights.sum())
-    ways = rng.normal(size=(num_cards, 3))
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    ways[:, 2] = np.where(rng.random(num_cards) < habit.droop, -np.abs(ways[:, 2]), ways[:, 2])
+    directions = rng.normal(size=(num_cards, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions[:, 2] = np.where(
+        rng.random(num_cards) < form.droop, -np.abs(directions[:, 2]), directions[:, 2]
+    )
     reach = radii[owner] * rng.uniform(0.45, 1.05, num_cards)
-    squash = np.array([1.0, 1.0, 0.8 + 0.6 * habit.droop])
-    centers = clumps[owner] + reach[:, None] * ways * squash
-    centers[:, 2] = np.maximum(centers[:, 2], 0.02 * habit.height)
+    squash = np.array([1.0, 1.0, 0.8 + 0.6 * form.droop])
+    centers = clumps[owner] + reach[:, None] * directions * squash
+    centers[:, 2] = np.maximum(centers[:, 2], 0.02 * form.height)
     covered = np.sqrt(4 * np.pi * weights.sum() / num_cards)
     size = covered * rng.uniform(0.42, 0.85, num_cards)[:, None]
-    first = np.cross(ways, rng.normal(size=(num_cards, 3)))
+    first = np.cross(directions, rng.normal(size=(num_cards, 3)))
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(first, ways + 0.9 * rng.normal(size=(num_cards, 3)))
+    second = np.cross(first, directions + 0.9 * rng.normal(size=(num_cards, 3)))
     second /= np.linalg.norm(second, axis=1, keepdims=True)
     corners = np.stack(
         (centers - first * size, centers - 0.62 * second * size, centers + first * size,
          centers + 0.62 * second * size),
         axis=1,
     )  # fmt: skip
-    middle = np.array([0.0, 0.0, (0.35 + 0.65 * habit.crown_base) * habit.height])
+    middle = np.array([0.0, 0.0, (0.35 + 0.65 * form.crown_base) * form.height])
     outward = centers - middle
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    normals = 0.6 * outward + 0.6 * ways + [0.0, 0.0, 0.25]
-    return _card_mesh(rng, corners, normals, habit.leaf)
+    normals = 0.6 * outward + 0.6 * directions + [0.0, 0.0, 0.25]
+    return _card_mesh(rng, corners, normals, form.leaf)
 
 
 def _card_mesh(
@@ -184,28 +186,28 @@ def _card_mesh(
     )
 
 
-def _trunk(rng: np.random.Generator, habit: _Habit, detail: Detail) -> Mesh:
-    top = habit.height * (0.45 + 0.45 * habit.crown_base + 0.1)
-    bend = rng.normal(0, 0.012 * habit.height, (4, 2))
+def _trunk(rng: np.random.Generator, form: _PlantForm, detail: Detail) -> Mesh:
+    top = form.height * (0.45 + 0.45 * form.crown_base + 0.1)
+    bend = rng.normal(0, 0.012 * form.height, (4, 2))
     bend[0] = 0
-    heights = np.array([-0.3, 0.06 * habit.height, 0.5 * top, top])
+    heights = np.array([-0.3, 0.06 * form.height, 0.5 * top, top])
     path = np.concatenate((np.cumsum(bend * [[0], [0.2], [1], [1]], axis=0), heights[:, None]), 1)
-    thick = habit.trunk_radius * habit.height
+    thick = form.trunk_radius * form.height
     radii = (1.55 * thick, 1.05 * thick, 0.75 * thick, 0.2 * thick)
     sides = {Detail.MIDDLE: 6, Detail.FAR: 4}.get(detail, 9)
-    return tube(path, radii, Finish(Material.BARK, habit.bark), num_sides=sides, capped=False)
+    return tube(path, radii, Finish(Material.BARK, form.bark), num_sides=sides, capped=False)
 
 
-def _boughs(rng: np.random.Generator, habit: _Habit, clumps: Points, count: int) -> list[Mesh]:
+def _boughs(rng: np.random.Generator, form: _PlantForm, clumps: Points, count: int) -> list[Mesh]:
     """Build branches from the trunk into some of the clumps."""
     boughs = []
-    thick = habit.trunk_radius * habit.height
-    finish = Finish(Material.BARK, habit.bark)
+    thick = form.trunk_radius * form.height
+    finish = Finish(Material.BARK, form.bark)
     for row in rng.permutation(len(clumps))[:count]:
         tip = clumps[row]
         out = float(np.hypot(tip[0], tip[1]))
-        low = max(tip[2] - 1.1 * out, 0.6 * habit.crown_base * habit.height, 0.1)
-        root = np.array([0.0, 0.0, min(low, 0.75 * habit.height)])
+        low = max(tip[2] - 1.1 * out, 0.6 * form.crown_base * form.height, 0.1)
+        root = np.array([0.0, 0.0, min(low, 0.75 * form.height)])
         elbow = 0.5 * (root + tip) + [0, 0, 0.12 * out]
         radii = (0.42 * thick, 0.28 * thick, 0.10 * thick)
         boughs.append(tube([root, elbow, tip], radii, finish, num_sides=5, capped=False))
@@ -234,12 +236,12 @@ def hedge_model(variant: int, is_fine: bool) -> Mesh:  # noqa: FBT001 - a key of
     )
     side = rng.choice(3, count, p=(0.36, 0.36, 0.28))
     x = rng.uniform(-_HEDGE_PIECE / 2, _HEDGE_PIECE / 2, count)
-    ways = np.array([[0, -1.0, 0], [0, 1.0, 0], [0, 0, 1.0]])[side]
-    y = np.where(side == 2, rng.uniform(-0.33, 0.33, count), ways[:, 1] * 0.31)
+    directions = np.array([[0, -1.0, 0], [0, 1.0, 0], [0, 0, 1.0]])[side]
+    y = np.where(side == 2, rng.uniform(-0.33, 0.33, count), directions[:, 1] * 0.31)
     z = np.where(side == 2, 0.96, rng.uniform(0.03, 0.97, count))
     centers = np.stack((x, y, z), axis=1) + rng.normal(0, 0.025, (count, 3))
     size = np.sqrt(4.6 / count) * rng.uniform(0.5, 0.9, count)[:, None]
-    tilted = ways + 0.45 * rng.normal(size=(count, 3))
+    tilted = directions + 0.45 * rng.normal(size=(count, 3))
     tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
     first = np.cross(tilted, rng.normal(size=(count, 3)))
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -249,7 +251,7 @@ def hedge_model(variant: int, is_fine: bool) -> Mesh:  # noqa: FBT001 - a key of
          centers + 0.7 * second * size),
         axis=1,
     )  # fmt: skip
-    cards = _card_mesh(rng, corners, ways + 0.3 * tilted + [0, 0, 0.2], (0.06, 0.11, 0.03))
+    cards = _card_mesh(rng, corners, directions + 0.3 * tilted + [0, 0, 0.2], (0.06, 0.11, 0.03))
     # The bottom of the core is never visible.
     return Mesh.joined((kept(core, core.normals[core.faces[:, 0], 2] > -0.5), cards))
 

@@ -25,10 +25,10 @@ _MAKERS: Final = {
     "Misc": make_misc,
     "Person_sitting": make_sitting_person,
 }
-_MOST_MODELS: Final = 4
+_MAX_MODELS: Final = 4
 """Maximum models of a class such as Truck or Tram; making one takes longer than copying one."""
 _FAMILIES: Final = {family.class_name: family for family in (CARS, VANS)}
-_MOST_DESIGNS: Final = 16  # maximum designs of a street's cars or vans
+_MAX_DESIGNS: Final = 16  # maximum designs of a street's cars or vans
 
 
 @runtime_checkable
@@ -54,12 +54,12 @@ class Fleet:
             return make_cyclist(rng, speed_mps)
         if class_name in _FAMILIES:
             designs = self._designs.setdefault(class_name, [])
-            if len(designs) < _MOST_DESIGNS:
+            if len(designs) < _MAX_DESIGNS:
                 designs.append(VehicleDesign(rng, _FAMILIES[class_name]))
                 return designs[-1].model(rng)
             return designs[int(rng.integers(len(designs)))].model(rng)
         made = self._made.setdefault(class_name, [])
-        if len(made) < _MOST_MODELS:
+        if len(made) < _MAX_MODELS:
             made.append(_MAKERS[class_name](rng))
             return made[-1]
         return made[int(rng.integers(len(made)))]
@@ -71,7 +71,7 @@ BACK_M: Final = -45.0
 AHEAD_M: Final = 125.0  # range of stations with road users
 _MOMENT_S: Final = 0.25  # interval between the moments at which overlaps are checked
 _EGO_ROOM_M: Final = 1.4  # free space in front of the ego and behind it
-_WHEELS_OF_EGO_LW: Final = (2.7, 1.55)
+_EGO_WHEELS_LW: Final = (2.7, 1.55)
 _WHEELS: Final = {
     **dict.fromkeys(("Car", "Van", "Truck", "Misc"), (0.6, 0.85)),
     "Tram": (0.7, 0.6),
@@ -91,7 +91,7 @@ _HARD_RARITY: Final = 0.4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Customs:
+class TrafficRates:
     """Traffic rates for a kind of street."""
 
     vehicles_per_km: float  # moving vehicles per lane; the mean over streets, which differ widely
@@ -106,8 +106,9 @@ class Customs:
     cyclists: float  # mean number of cyclists
 
 
-CUSTOMS: Final = {
-    StreetKind[name]: Customs(**row) for name, row in read_table(__file__, "customs").items()
+TRAFFIC_RATES: Final = {
+    StreetKind[name]: TrafficRates(**row)
+    for name, row in read_table(__file__, "traffic_rates").items()
 }
 
 
@@ -126,12 +127,12 @@ class Crowd:
         self.rng = rng
         self.layout = layout
         self.models = models
-        self.customs = CUSTOMS[layout.kind]
+        self.rates = TRAFFIC_RATES[layout.kind]
         self.times = np.arange(0.0, duration_s + _MOMENT_S, _MOMENT_S)
         self.hard = hard
         self.busyness = float(rng.gamma(2.0) / 2.0) * (_HARD_BUSYNESS if hard else 1.0)
-        self.is_jammed = bool(rng.random() < self.customs.jam_share * self.busyness)
-        mean = self.customs.parked_share
+        self.is_jammed = bool(rng.random() < self.rates.jam_share * self.busyness)
+        mean = self.rates.parked_share
         self.fullness = float(rng.beta(_SPREAD * mean, _SPREAD * (1 - mean))) if mean > 0 else 0.0
         if hard:
             self.fullness = self.fullness**0.5
@@ -144,7 +145,7 @@ class Crowd:
             offset=layout.ego_lane.offset,
             direction=1,
             travel=self.ego_travel,
-            wheels_lw=_WHEELS_OF_EGO_LW,
+            wheels_lw=_EGO_WHEELS_LW,
         )
         self.taken = Occupancy(len(self.times))
         length, width = EGO_SIZE_LW
@@ -184,7 +185,7 @@ class Crowd:
         """Draw a usual speed for this kind of street, or 0 with some probability."""
         if self.rng.random() < standing_share:
             return STANDING
-        speed = float(self.rng.uniform(*(_JAM_MPS if self.is_jammed else self.customs.speed_mps)))
+        speed = float(self.rng.uniform(*(_JAM_MPS if self.is_jammed else self.rates.speed_mps)))
         sway = float(self.rng.uniform(0.0, min(0.12 * speed, FASTEST_EGO_MPS - speed)))
         phase = float(self.rng.uniform(0, 2 * np.pi))
         return Travel(speed_mps=speed, sway_mps=sway, phase=phase)

@@ -68,7 +68,7 @@ def turn(crowd: Crowd) -> None:
         station = float(rng.uniform(-8.0, 8.0))
         travel = STANDING if rng.random() < 0.2 else Travel(speed_mps=speed)
         track = crowd.along(road, station, 0.0, 1, travel)
-        crowd.add(crowd.draw_vehicle(crowd.customs.heavy_share, 0.07), track, 0.3)
+        crowd.add(crowd.draw_vehicle(crowd.rates.heavy_share, 0.07), track, 0.3)
 
 
 def turning_line(
@@ -79,11 +79,11 @@ def turning_line(
     assert junction is not None, "one turns at junctions only"
     main, cross = layout.main.line, junction.cross.line
     station = np.array(junction.station - cross_lane.offset)
-    ways = [
+    headings = [
         _heading(float(line.yaw(at)), lane.direction)
         for line, at, lane in ((main, station, main_lane), (cross, np.zeros(()), cross_lane))
     ]
-    entry, leave = ways if is_from_main else ways[::-1]
+    entry, leave = headings if is_from_main else headings[::-1]
     side = 1.0 if entry[0] * leave[1] - entry[1] * leave[0] > 0 else -1.0
     corner = main.place(station, np.array(main_lane.offset))
     middle = corner + radius_m * (1 - np.sqrt(0.5)) * (leave - entry)
@@ -142,7 +142,7 @@ def _fill_lane(
         _drive_tram(crowd, road, lane, first, last)
         return
     gap = 2.0 if travel is STANDING else stopping_distance_m(travel.speed_mps)
-    density = crowd.customs.vehicles_per_km / 1000 * crowd.busyness * float(rng.gamma(2.0) / 2)
+    density = crowd.rates.vehicles_per_km / 1000 * crowd.busyness * float(rng.gamma(2.0) / 2)
     density *= 3.0 if waits else _ONCOMING_FACTOR if lane.direction < 0 else 1.0
     queues = waits or (crowd.is_jammed and goes and rng.random() < _JAMMED_LANES)
     closed_up = float(rng.uniform(0.35, 0.97)) if queues else 0.0
@@ -152,7 +152,7 @@ def _fill_lane(
     position = last if lane.direction > 0 else first
     position -= lane.direction * (2.0 if waits else float(rng.exponential(1 / density)))
     while first < position < last:
-        model = crowd.draw_vehicle(crowd.customs.heavy_share, crowd.customs.van_share)
+        model = crowd.draw_vehicle(crowd.rates.heavy_share, crowd.rates.van_share)
         length = model.size_lwh[0]
         station = position - lane.direction * length / 2
         offset = lane.offset + float(rng.normal(0, 0.12))

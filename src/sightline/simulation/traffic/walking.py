@@ -20,7 +20,7 @@ _HARD_FACTOR: Final = 1.5
 def cycle(crowd: Crowd) -> None:
     """Place cyclists on cycle paths, at the edge of the lanes, or anywhere on squares."""
     rng, main = crowd.rng, crowd.layout.main
-    rate = crowd.customs.cyclists / (1 + _PAIRS) * (_HARD_FACTOR if crowd.hard else 1.0)
+    rate = crowd.rates.cyclists / (1 + _PAIRS) * (_HARD_FACTOR if crowd.hard else 1.0)
     for _ in range(int(rng.poisson(rate * rng.gamma(0.6) / 0.6))):
         side = main.left if rng.random() < 0.5 else main.right
         path = side.band(Ground.CYCLE_PATH) or (
@@ -66,7 +66,7 @@ def _move_along(
 def walk(crowd: Crowd) -> None:
     """Place pedestrians, alone and in groups: on pavements, at the kerb, crossing the road."""
     rng = crowd.rng
-    chance, mean = crowd.customs.walkers
+    chance, mean = crowd.rates.walkers
     if rng.random() > chance * (_HARD_FACTOR if crowd.hard else 1.0):
         return
     left = 1 + int(rng.poisson(max(mean - 1.0, 0.0) * rng.gamma(0.7) / 0.7))
