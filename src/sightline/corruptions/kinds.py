@@ -136,7 +136,7 @@ def unknown(
     holding = [each for each in names if name and name in each]
     close = difflib.get_close_matches(name, names, n=2, cutoff=_MIN_SIMILARITY) or holding[:2]
     meant = f"perhaps {' or '.join(close)} is meant; " if close else ""
-    return f"{problem} '{shortened(name)}'; {meant}name one of {', '.join(listed or known)}"
+    return f"{problem} '{shortened(name)}'; {meant}name one of {', '.join(listed or names)}"
 
 
 def _unit(quantity: str) -> str:
