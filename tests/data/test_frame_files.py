@@ -14,7 +14,7 @@ def test_results_in_the_folder_data_are_found_and_named(tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "000000.txt").write_text("")
     assert refusal(tmp_path).endswith(
-        f"they are in {tmp_path / 'data'}, as KITTI's own program lays them out; name that folder"
+        f"they are in {tmp_path / 'data'}, as KITTI's own program writes them; name that folder"
     )
     (tmp_path / "data" / "000000.txt").unlink()
     assert refusal(tmp_path).endswith(": write them")

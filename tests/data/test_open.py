@@ -91,7 +91,7 @@ def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
     assert listed.sample_ids == ("000002", "000000")
     listed = open_dataset(tmp_path / "depth", sample_list=["0000000005"], parts=("points",))
     assert (len(listed), listed[0].sample_id) == (1, "0000000005")
-    with pytest.raises(ValueError, match=r"lacks 1 of the frames asked for, x: there are 1, from"):
+    with pytest.raises(ValueError, match=r"lacks 1 of the requested frames, x: there are 1, from"):
         open_dataset(tmp_path / "depth", sample_list=["x"], parts=("points",))
 
 

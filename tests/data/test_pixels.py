@@ -67,7 +67,7 @@ def test_a_sweep_falls_where_the_project_s_own_projection_says(
 def test_the_camera_sees_what_kittis_reduced_sweeps_keep(
     points: np.ndarray, config: SimulationConfig
 ):
-    seen = pixels.seen_by_camera(points, calibration_of(config), config.image_size)
+    seen = pixels.crop_to_view(points, calibration_of(config), config.image_size)
     sample = CameraLidarSample(
         sample_id="seen",
         calibration=as_tensors(config),

@@ -320,7 +320,7 @@ def test_ctrl_c_ends_a_parallel_job_in_one_line_without_half_written_files(tmp_p
     assert write(data, out) == JobResult(written=24 - len(written), skipped=len(written))
 
 
-@pytest.mark.filterwarnings("ignore:.*of the frames looked at")
+@pytest.mark.filterwarnings("ignore:.*in the checked frames")
 def test_a_sweep_without_points_gives_a_map_without_depths(data, tmp_path):
     write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
     for method in ("nearest", "linear", "classical", "adaptive"):

@@ -16,9 +16,9 @@ from sightline.geometry.mount import (
     stretch_doubt,
 )
 
-_MAX_SKEW: Final = 0.01
+_MAX_SKEW_SHARE: Final = 0.01
 """Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
-_LEAST_MIDDLE: Final = (0.3, 0.2)
+_MIN_CENTRE_SHARES: Final = (0.3, 0.2)
 """Smallest shares of width and height from an edge to the principal point; KITTI's have 0.48 and
 0.46, nuScenes' 0.48 and 0.42, KITTI's depth benchmark, cropped at the top, 0.49 and 0.42."""
 _REMEDY = "correct it or extract the calibration archive again"
@@ -39,7 +39,7 @@ def check_matrices(
     doubts = []
     if offset_m > MAX_OFFSET_M:
         doubts.append(
-            f"puts the camera {offset_m:.4g} m from the rectified origin, expected up to "
+            f"has a camera {offset_m:.4g} m from the rectified origin, expected at most "
             f"{MAX_OFFSET_M:.0f} m"
         )
     mount = mount_doubt(matrices.camera_from_lidar)
@@ -62,17 +62,17 @@ def check_intrinsics(
     if doubt:
         doubts.append(doubt)
     skews_px = intrinsics[(0, 1), (1, 0)]
-    if (np.abs(skews_px) > _MAX_SKEW * np.abs(focal_px)).any():
+    if (np.abs(skews_px) > _MAX_SKEW_SHARE * np.abs(focal_px)).any():
         doubts.append(
-            f"has skewed pixel axes ({skews_px[0]:.6g} and {skews_px[1]:.6g} px), expected 0 of a "
+            f"has skewed pixel axes ({skews_px[0]:.6g} and {skews_px[1]:.6g} px), expected 0 for a "
             "rectified camera"
         )
     if size is not None:
         width_height = np.array(size[::-1])
         if (np.abs(focal_px) > 100 * width_height).any() or (100 * focal_px < width_height).any():
             doubts.append(
-                f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, which do not go "
-                f"with an image of {size[0]}x{size[1]} (height x width)"
+                f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, which do not "
+                f"fit an image of {size[0]}x{size[1]} (height x width)"
             )
         # The principal point of a cropped camera stays within a few image sizes.
         if (np.abs(principal_px - width_height / 2) > 3 * width_height).any():
@@ -81,12 +81,12 @@ def check_intrinsics(
                 f"from an image of {size[0]}x{size[1]} (height x width)"
             )
         shares = principal_px / width_height
-        is_aside = (np.minimum(shares, 1 - shares) < _LEAST_MIDDLE).any()
-        if is_aside and resolution_doubt(intrinsics, size) is None:
+        is_off_centre = (np.minimum(shares, 1 - shares) < _MIN_CENTRE_SHARES).any()
+        if is_off_centre and resolution_doubt(intrinsics, size) is None:
             doubts.append(
                 f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), away "
-                f"from the middle of an image of {size[0]}x{size[1]} (height x width), as where "
-                "images are resized or cropped without it"
+                f"from the centre of an image of {size[0]}x{size[1]} (height x width), probably "
+                "because images were resized or cropped without it"
             )
     return _problems(doubts[:1], path)
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from sightline.files.plain_text import shortened
 
-_LOOKED_AT = 50  # largest number of searched folders and frames
+_MAX_SEARCHED = 50  # largest number of searched folders and frames
 _SUFFIX = ".txt"
 _RECORD_SUFFIX = ".json"
-_NAMED = 4  # suffixes in a description
+_MAX_LISTED = 4  # suffixes in a description
 
 
 def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
@@ -25,18 +25,18 @@ def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: s
         ValueError: There is no such folder, or frames have no file in it; contains their number.
     """
     if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder; give the one that holds the {kind} files")
+        raise ValueError(f"{folder} is no folder; give the folder of the {kind} files")
     present = {path.name for path in folder.iterdir()}
     missing = [name for name in names if f"{name}{_SUFFIX}" not in present]
     if missing:
-        elsewhere = where_frame_files_are(folder, names) if len(missing) == len(names) else None
+        elsewhere = locate_frame_files(folder, names) if len(missing) == len(names) else None
         raise ValueError(
             f"{folder} has no {kind} file for {len(missing):,} of {len(names):,} frames, the first "
-            f"of them {shortened(missing[0])}{_SUFFIX}: {elsewhere or remedy}"
+            f"is {shortened(missing[0])}{_SUFFIX}: {elsewhere or remedy}"
         )
 
 
-def hold_the_same(first: Path, second: Path, names: Sequence[str]) -> bool:
+def have_equal_files(first: Path, second: Path, names: Sequence[str]) -> bool:
     """Whether two folders have identical files for each frame, or both have none."""
     if first.resolve() == second.resolve():
         return True
@@ -59,13 +59,13 @@ def describe_left_out(folder: Path) -> str | None:
         each for each in entries if each.is_file() and each.suffix not in (_SUFFIX, _RECORD_SUFFIX)
     ]
     parts = []
-    for ending, count in Counter(each.suffix for each in files).most_common(_NAMED):
+    for ending, count in Counter(each.suffix for each in files).most_common(_MAX_LISTED):
         first = next(each.name for each in files if each.suffix == ending)
         named = f"{shortened(ending, 12)} " if ending else ""
         kind = f"{named}file{'' if count == 1 else 's'}"
         parts.append(f"{count:,} {kind} (the first is {shortened(first)})")
     if folders:
-        below = sum(1 for each in folders[:_LOOKED_AT] for _ in each.glob(f"*{_SUFFIX}"))
+        below = sum(1 for each in folders[:_MAX_SEARCHED] for _ in each.glob(f"*{_SUFFIX}"))
         kind = "folder" if len(folders) == 1 else "folders"
         first = shortened(folders[0].name)
         parts.append(
@@ -74,18 +74,18 @@ def describe_left_out(folder: Path) -> str | None:
     return ", ".join(parts) or None
 
 
-def where_frame_files_are(folder: Path, names: Sequence[str]) -> str | None:
+def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
     """Remedy for a folder without files of the frames: their folder, or the names found."""
     entries = sorted(folder.iterdir())
-    for below in [each for each in entries if each.is_dir()][:_LOOKED_AT]:
-        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_LOOKED_AT]):
-            return f"they are in {below}, as KITTI's own program lays them out; name that folder"
+    for below in [each for each in entries if each.is_dir()][:_MAX_SEARCHED]:
+        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
+            return f"they are in {below}, as KITTI's own program writes them; name that folder"
     files = [each for each in entries if each.is_file() and not each.name.startswith(".")]
     others = [each for each in files if each.suffix == _SUFFIX]
     if others:
         return (
-            f"it holds {len(others):,} of other frames, such as {shortened(others[0].name)}; name "
-            "a list of those, or the folder of these"
+            f"it holds {len(others):,} files of other frames, such as {shortened(others[0].name)}; "
+            "name a list of those frames, or another folder"
         )
     if files:
         return (

@@ -90,7 +90,7 @@ def _matrices(calibration: Calibration) -> CalibrationMatrices:
     if calibration.image_from_camera.ndim != 2:
         raise ValueError(
             f"a calibration file holds one calibration, got a batch of shape "
-            f"{tuple(calibration.image_from_camera.shape[:-2])}; write each on its own"
+            f"{tuple(calibration.image_from_camera.shape[:-2])}; write each to its own file"
         )
     return CalibrationMatrices(
         image_from_camera=calibration.image_from_camera.numpy(force=True),

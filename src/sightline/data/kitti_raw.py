@@ -59,7 +59,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
                 "folder of one drive"
             )
         if not allow_gaps:
-            _check_whole(self.folder, files)
+            _check_complete(self.folder, files)
         self.frames = files.frames
         self.calibration_folder = files.calibration
         self.matrices = read_raw_matrices(files.calibration)
@@ -69,9 +69,9 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         warn_of_mount(self._pose, self.folder)
         self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
         self._times = drive_times(files)
-        late = None if self._times is None else drive_times_doubt(files, self._times)
-        if late is not None:
-            warnings.warn(str(late), stacklevel=2)
+        doubt = None if self._times is None else drive_times_doubt(files, self._times)
+        if doubt is not None:
+            warnings.warn(str(doubt), stacklevel=2)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]
         self.image_size = (
@@ -119,7 +119,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         )
 
 
-def _check_whole(folder: Path, files: DriveFiles) -> None:
+def _check_complete(folder: Path, files: DriveFiles) -> None:
     for part, name in (("image", "image_02"), ("points", "velodyne_points")):
         absent = [frame.sample_id for frame in files.frames if getattr(frame, part) is None]
         if absent:

@@ -10,7 +10,7 @@ from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.files.plain_text import shortened
 
 CORRUPTED: Final = "corruption"
-"""The folder, in a split, of what was done to each frame of it; sound trees have none."""
+"""Folder of a split with a record of each frame's corruption; clean trees have none."""
 Velodyne = Literal["velodyne", "velodyne_reduced"]
 Part = Literal["image", "points", "calibration", "objects", "depth"]
 """Part of a sample. Only simulated trees have `depth`: dense true depth as 16-bit PNGs."""
@@ -23,8 +23,8 @@ PART_SUFFIXES: Final[dict[Part, tuple[str, ...]]] = {
     "depth": (".png",),
 }
 """Suffixes of each part's files, in lower case; other files are ignored."""
-_COMPARED = 10_000  # largest number of frames compared with a misspelt name
-_NAMED = 5  # frames listed in an error
+_MAX_COMPARED = 10_000  # largest number of frames compared with a misspelt name
+_MAX_LISTED = 5  # frames listed in an error
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -117,8 +117,8 @@ def find_file(folder: Path, name: str) -> Path | None:
 
 def describe_absent(frame_ids: Sequence[str]) -> str:
     """List the first few frames, and the number of the others."""
-    named = ", ".join(map(shortened, frame_ids[:_NAMED]))
-    more = len(frame_ids) - _NAMED
+    named = ", ".join(map(shortened, frame_ids[:_MAX_LISTED]))
+    more = len(frame_ids) - _MAX_LISTED
     return f"{named} and {more} more" if more > 0 else named
 
 
@@ -130,6 +130,7 @@ def suggest_frames(frame_id: str, known: Sequence[str]) -> str:
         for each in known
         if number is not None and each.isascii() and each.isdecimal() and int(each) == number
     ]
-    close = same or difflib.get_close_matches(frame_id, known[:_COMPARED], n=3)
-    meant = f"perhaps {' or '.join(map(shortened, close))} is meant; " if close else ""
-    return f"{meant}there are {len(known):,}, from {shortened(known[0])} to {shortened(known[-1])}"
+    close = same or difflib.get_close_matches(frame_id, known[:_MAX_COMPARED], n=3)
+    suggestion = f"perhaps {' or '.join(map(shortened, close))} is meant; " if close else ""
+    first, last = shortened(known[0]), shortened(known[-1])
+    return f"{suggestion}there are {len(known):,}, from {first} to {last}"

@@ -15,8 +15,8 @@ def resized_and_cropped(
     calibration: CalibrationMatrices, scale: float, x_min: int, y_min: int
 ) -> CalibrationMatrices:
     """Adapt a calibration to a resized image, cropped so that (x_min, y_min) becomes (0, 0)."""
-    middle = (scale - 1) / 2  # pixels are squares around their centres
-    resize = np.array([[scale, 0.0, middle], [0.0, scale, middle], [0.0, 0.0, 1.0]])
+    offset_px = (scale - 1) / 2  # pixels are squares around their centres
+    resize = np.array([[scale, 0.0, offset_px], [0.0, scale, offset_px], [0.0, 0.0, 1.0]])
     crop = np.array([[1.0, 0.0, -x_min], [0.0, 1.0, -y_min], [0.0, 0.0, 1.0]])
     return CalibrationMatrices(
         image_from_camera=crop @ (resize @ calibration.image_from_camera),
@@ -55,16 +55,16 @@ def in_image(
     return inside
 
 
-def seen_by_camera(
+def crop_to_view(
     points: Float32[np.ndarray, "num_points 4"],
     calibration: CalibrationMatrices,
     image_size: tuple[int, int],
-) -> Float32[np.ndarray, "num_seen 4"]:
+) -> Float32[np.ndarray, "num_left 4"]:
     """Crop a sweep to KITTI's "reduced" sweep: the points in `is_in_view`."""
-    seen: Float32[np.ndarray, "num_seen 4"] = points[
+    cropped: Float32[np.ndarray, "num_left 4"] = points[
         is_in_view(points, image_from_lidar(calibration), image_size)
     ]
-    return seen
+    return cropped
 
 
 def unproject_pixels(
@@ -77,8 +77,8 @@ def unproject_pixels(
     offset = calibration.image_from_camera[:, 3]
     in_camera = np.linalg.solve(calibration.image_from_camera[:, :3], (scaled - offset).T).T
     rotation = calibration.camera_from_lidar[:3, :3]
-    lidar_at = -(rotation.T @ calibration.camera_from_lidar[:3, 3])
-    points: Float64[np.ndarray, "num_points 3"] = in_camera @ rotation + lidar_at
+    lidar_position = -(rotation.T @ calibration.camera_from_lidar[:3, 3])
+    points: Float64[np.ndarray, "num_points 3"] = in_camera @ rotation + lidar_position
     return points
 
 

@@ -11,7 +11,7 @@ from sightline.data.object_tree import describe_absent
 from sightline.files.plain_text import parse_numbers, read_text, shortened
 from sightline.files.problem import FileError, Problem
 
-_FORM: Final = "write lines like `000001 0.1`"
+_REMEDY: Final = "write lines like `000001 0.1`"
 
 
 def read_times(path: Path) -> dict[str, Decimal]:
@@ -27,17 +27,17 @@ def read_times(path: Path) -> dict[str, Decimal]:
         if not line.strip(" \t"):
             continue
         if not line.replace("\t", " ").isprintable():
-            said = f"line {number} holds characters that are not to be seen: {shortened(line, 40)}"
-            raise FileError(path, said, f"{_FORM}, each ended by a line feed")
+            problem = f"line {number} holds invisible characters: {shortened(line, 40)}"
+            raise FileError(path, problem, f"{_REMEDY}, each ended by a line feed")
         words = line.rsplit(maxsplit=1)
         if len(words) < 2:
-            problem = f"line {number} is no frame's name and a time in seconds"
-            raise FileError(path, problem, _FORM)
+            problem = f"line {number} has no frame name and time in seconds"
+            raise FileError(path, problem, _REMEDY)
         name, seconds = words[0].strip(), words[1]
         parse_numbers([seconds], path, f"line {number}:")
         if name in times:
-            said = f"line {number} gives frame {shortened(name)} a second time, line {lines[name]}"
-            raise FileError(path, f"{said} the first", "keep one line a frame")
+            problem = f"line {number} repeats frame {shortened(name)} of line {lines[name]}"
+            raise FileError(path, problem, "keep one line per frame")
         times[name], lines[name] = Decimal(seconds), number
     return times
 
@@ -58,30 +58,33 @@ def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]
         frames: Names of all frames of the recording, in order.
     """
     known = set(frames)
-    strange = [name for name in times if name not in known]
+    unknown = [name for name in times if name not in known]
     timed = [name for name in frames if name in times]
-    bare = [name for name in frames if name not in times]
-    said: list[tuple[str, str]] = []
+    untimed = [name for name in frames if name not in times]
+    faults: list[tuple[str, str]] = []
     if not timed:
         found = f"frames are called {shortened(frames[0])} .." if frames else "there are no frames"
-        names = f"it has {describe_absent(strange)}" if strange else "it is empty"
-        said.append((f"has a time of no frame: {names}, {found}", "give each frame a line"))
-        strange, bare = [], []
-    if strange:
-        which = f"{len(strange)} of {len(times)} lines name no frame ({describe_absent(strange)})"
-        said.append((which, "correct their names, or take them out"))
-    if bare:
-        which = f"lacks a time of {len(bare)} of {len(frames)} frames ({describe_absent(bare)})"
-        said.append((which, "give each frame a line"))
-    late = [after for before, after in pairwise(timed) if times[after] <= times[before]]
-    if late:
-        same = sum(times[after] == times[before] for before, after in pairwise(timed))
-        said.append(
+        names = f"it has {describe_absent(unknown)}" if unknown else "it is empty"
+        faults.append((f"has no time of any frame: {names}, {found}", "give each frame a line"))
+        unknown, untimed = [], []
+    if unknown:
+        problem = f"{len(unknown)} of {len(times)} lines name no frame ({describe_absent(unknown)})"
+        faults.append((problem, "correct their names, or remove them"))
+    if untimed:
+        problem = (
+            f"lacks a time of {len(untimed)} of {len(frames)} frames ({describe_absent(untimed)})"
+        )
+        faults.append((problem, "give each frame a line"))
+    not_rising = [after for before, after in pairwise(timed) if times[after] <= times[before]]
+    if not_rising:
+        num_equal = sum(times[after] == times[before] for before, after in pairwise(timed))
+        faults.append(
             (
-                f"has times that do not rise from frame to frame: {len(late)} of {len(timed)} fall "
-                f"or stay ({same}), {shortened(late[0])} for one",
+                f"has times that do not rise from frame to frame: {len(not_rising)} of "
+                f"{len(timed)}, {num_equal} of them equal, such as that of "
+                f"{shortened(not_rising[0])}",
                 "correct them, or number the frames in the order in which they were taken, with "
                 "leading zeros",
             )
         )
-    return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in said]
+    return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]

@@ -34,19 +34,19 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         if not isinstance(sample_list, Iterable):
             raise wrong_type("sample_list", sample_list, "the frames' names; give a list of text")
         frames, source = tuple(sample_list), "the list of frames"
-        other = next((frame for frame in frames if not isinstance(frame, str)), None)
-        if other is not None:
+        invalid = next((frame for frame in frames if not isinstance(frame, str)), None)
+        if invalid is not None:
             raise ValueError(
-                f"{source} holds {other!r}, expected names such as '000001'; give text"
+                f"{source} holds {invalid!r}, expected text such as '000001'; give names as text"
             )
     if not frames:
-        raise ValueError(f"{source} names no frames, expected one a line; name another list")
+        raise ValueError(f"{source} names no frames, expected one per line; name another list")
     for number, frame in enumerate(frames, start=1):
         relative_parts(frame, source, f"frame {number}")  # becomes part of files' names
     if len(set(frames)) < len(frames):
-        twice = next(frame for frame, count in Counter(frames).items() if count > 1)
+        repeated = next(frame for frame, count in Counter(frames).items() if count > 1)
         raise ValueError(
-            f"{source} names frame '{shortened(twice)}' twice; remove one of the lines"
+            f"{source} names frame '{shortened(repeated)}' twice; remove one of the lines"
         )
     return frames
 
@@ -63,6 +63,6 @@ def _find(sample_list: str | Path, root: Path) -> Path:
     known = sorted(path.stem for path in _PACKAGED.glob("*.txt"))
     known += sorted(path.stem for path in (root / "ImageSets").glob("*.txt"))
     raise ValueError(
-        f"there is no list {str(sample_list)!r}; give the path of a file with one frame a line, or "
-        f"one of {', '.join(known)}"
+        f"there is no list {str(sample_list)!r}; give the path of a file with one frame per line, "
+        f"or one of {', '.join(known)}"
     )

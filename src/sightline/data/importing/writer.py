@@ -24,7 +24,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     describe_recording,
     examine_recording_frame,
-    first_whole,
+    first_complete_frame,
     view_of_recording,
 )
 from sightline.data.recording_tree import (
@@ -138,7 +138,7 @@ def counted_cloud(
     Raises:
         FileError: See `checked_cloud`.
     """
-    points = checked_cloud(read.copy(), max_intensity, source, are_losses_told=False)
+    points = checked_cloud(read.copy(), max_intensity, source, warn_losses=False)
     return points, CloudTally.of(name, read, points)
 
 
@@ -254,6 +254,6 @@ def names_present(out: Path, *folders: str) -> set[str]:
 def describe_view(out: Path) -> tuple[str, ...]:
     """Lines on the fit of the written calibration, with a warning if necessary."""
     frames = list_recording(out).frames
-    view = view_of_recording(first_whole(frames))
+    view = view_of_recording(first_complete_frame(frames))
     doubt = None if view is None else view.doubt
     return (*describe_recording(frames), *(() if doubt is None else (f"warning: {doubt}",)))
