@@ -8,7 +8,7 @@ import pytest
 
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
-from sightline.data.object_tree import CORRUPTED
+from sightline.data.kitti_trees import CORRUPTED
 from sightline.data.open import open_dataset
 from tests.data.recordings import write_recording
 from tests.data.trees import picture, write_drive, write_object_tree, write_selection

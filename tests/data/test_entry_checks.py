@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from sightline.data.check import check_tree
-from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import parse_objects
+from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
-from sightline.data.object_tree import ObjectFrame
 from sightline.data.open import open_dataset
 from sightline.data.tree_checks import find_trees
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sightline.data.calibration_text import CalibrationMatrices, read_object_matrices
+from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
 from sightline.data.kitti_labels import parse_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.tree_checks import find_trees

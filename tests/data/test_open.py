@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sightline.data.depth_png import write_depth_png
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from tests.data.trees import IMAGE_SIZE, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree

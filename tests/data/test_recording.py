@@ -11,10 +11,10 @@ import torch
 import yaml
 from scipy.spatial.transform import Rotation
 
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
+from sightline.data.kitti_calibration import CalibrationMatrices
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_calibration import (

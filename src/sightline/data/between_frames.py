@@ -9,19 +9,23 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from sightline.data.calibration_text import read_object_matrices
-from sightline.data.depth_tree import DepthFrame
-from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import is_blank, read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import read_object_matrices
 from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_trees import (
+    CORRUPTED,
+    DepthFrame,
+    DriveFrame,
+    ObjectFrame,
+    describe_absent,
+)
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
 from sightline.data.label_fit import visible_objects
-from sightline.data.object_tree import CORRUPTED, ObjectFrame, describe_absent
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import read_recording_calibration
-from sightline.data.recording_tree import CALIBRATION_SUFFIXES
+from sightline.data.recording_files import CALIBRATION_SUFFIXES
 from sightline.data.velodyne import read_sweep
 from sightline.files.problem import Problem
 

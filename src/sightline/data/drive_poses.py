@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.calibration_text import read_rigid_transform
-from sightline.data.drive_tree import DriveFiles
+from sightline.data.kitti_calibration import read_rigid_transform
+from sightline.data.kitti_trees import DriveFiles
 from sightline.files.plain_text import REMEDY, parse_numbers, read_text, shortened
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.rotations import rotation_fault

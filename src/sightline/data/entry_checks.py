@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from sightline.data.between_frames import check_repeats
-from sightline.data.depth_tree import DepthFrame
-from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
-from sightline.data.object_tree import CORRUPTED, ObjectFrame, Part
+from sightline.data.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame, Part
 from sightline.data.unread_files import PartFolder, find_name_clashes, find_unread
 from sightline.files.problem import FileError, Problem
 from sightline.jobs.output_dirs import KITTI_SPLITS

@@ -9,23 +9,22 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float, Float32, Float64, UInt8
 
-from sightline.data.calibration_checks import check_intrinsics, check_matrices
-from sightline.data.calibration_text import (
+from sightline.data.image_file import read_rgb
+from sightline.data.kitti_calibration import (
     CalibrationMatrices,
+    check_intrinsics,
+    check_matrices,
     read_intrinsics,
     read_object_matrices,
     read_rectified_intrinsics,
 )
-from sightline.data.depth_png import read_depth_png
-from sightline.data.depth_tree import DepthFrame
-from sightline.data.drive_tree import DriveFrame
-from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_trees import DepthFrame, DriveFrame, ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
-from sightline.data.object_tree import ObjectFrame
+from sightline.data.map_png import read_depth_png
+from sightline.data.pixels import is_in_view
 from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt
-from sightline.data.view import is_in_view
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.mount import MAX_RANGE_M, is_hardly_shown
 from sightline.geometry.mount_axes import axes_doubt

@@ -9,17 +9,17 @@ from jaxtyping import Float32
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from sightline.data.calibration_text import read_intrinsics, read_rectified_intrinsics
-from sightline.data.depth_tree import (
+from sightline.data.kitti_calibration import read_intrinsics, read_rectified_intrinsics
+from sightline.data.kitti_files import read_depth, read_image
+from sightline.data.kitti_trees import (
     Camera,
     DepthFrame,
     DriveSplit,
     SelectedSplit,
+    describe_absent,
     list_drive_frames,
     list_selected_frames,
 )
-from sightline.data.kitti_files import read_depth, read_image
-from sightline.data.object_tree import describe_absent
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration

@@ -6,11 +6,12 @@ from typing import Literal
 
 from torch.utils.data import Dataset
 
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth, read_image, read_object_calibration, read_points
 from sightline.data.kitti_labels import read_labels
-from sightline.data.object_labels import labels_from_kitti
-from sightline.data.object_tree import (
+from sightline.data.kitti_trees import (
     ObjectFrame,
     Part,
     Velodyne,
@@ -19,8 +20,7 @@ from sightline.data.object_tree import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.sample_list import read_sample_list
-from sightline.data.tree_mount import pose_of_tree, warn_of_mount
+from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size

@@ -6,13 +6,12 @@ from pathlib import Path
 import torch
 from torch.utils.data import Dataset
 
-from sightline.data.calibration_text import read_raw_matrices
 from sightline.data.drive_poses import drive_times, drive_times_doubt, read_oxts_poses, read_poses
-from sightline.data.drive_tree import DriveFiles, list_drive
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
-from sightline.data.object_tree import describe_absent
-from sightline.data.tree_mount import pose_of_tree, warn_of_mount
+from sightline.data.kitti_trees import DriveFiles, describe_absent, list_drive
+from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size

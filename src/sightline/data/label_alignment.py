@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
+from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_fit import heights_in_column, visible_objects
-from sightline.data.object_tree import ObjectFrame
 from sightline.files.problem import Problem
 
 _MAX_FRAMES: Final = 30  # spread over all; they have about a hundred objects

@@ -7,36 +7,34 @@ from typing import Protocol, get_args, runtime_checkable
 
 from torch.utils.data import Dataset
 
-from sightline.data.calibration_checks import check_matrices
-from sightline.data.depth_tree import (
-    DepthFrame,
-    DriveSplit,
-    SelectedSplit,
-    list_drive_frames,
-    list_selected_frames,
-)
-from sightline.data.drive_tree import list_drive
 from sightline.data.entry_checks import check_sample_frames, warn_of_unread_files
 from sightline.data.frame_checks import (
     examine_depth_frame,
     examine_drive_frame,
     examine_object_frame,
 )
+from sightline.data.frame_lists import read_sample_list
+from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.object_tree import (
+from sightline.data.kitti_trees import (
+    DepthFrame,
+    DriveSplit,
     Part,
+    SelectedSplit,
     Velodyne,
     describe_absent,
     find_velodyne,
+    list_drive,
+    list_drive_frames,
     list_object_frames,
+    list_selected_frames,
     suggest_frames,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
 from sightline.data.recording import RecordingDataset
-from sightline.data.recording_tree import is_recording
-from sightline.data.sample_list import read_sample_list
+from sightline.data.recording_files import is_recording
 from sightline.data.unread_files import (
     depth_folders,
     drive_folders,

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sightline.data.recording_tree import lacks_calibration
+from sightline.data.recording_files import lacks_calibration
 from sightline.data.unread_files import (
     drive_folders,
     find_unread,

@@ -14,12 +14,14 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from sightline.data.frame_checks import Findings, read_or_note
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth
 from sightline.data.kitti_labels import read_labels
-from sightline.data.object_labels import labels_from_kitti
-from sightline.data.object_tree import ObjectFrame, Part, describe_absent, suggest_frames
+from sightline.data.kitti_trees import ObjectFrame, Part, describe_absent, suggest_frames
+from sightline.data.lidar_mount import has_points, mount_doubts_of_recording, pose_of_recording
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -29,16 +31,11 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     examine_recording_frame,
     first_complete_frame,
-    has_points,
-    mount_doubts_of_recording,
-    pose_of_recording,
     reference_images,
     size_mismatch,
     view_of_recording,
 )
-from sightline.data.recording_times import read_times, times_doubts
-from sightline.data.recording_tree import list_recording, unpaired
-from sightline.data.sample_list import read_sample_list
+from sightline.data.recording_files import list_recording, read_times, times_doubts, unpaired
 from sightline.data.undistortion import undistort
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index

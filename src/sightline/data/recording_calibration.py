@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 from jaxtyping import Float64
 
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import MAX_PIXELS
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, lens_fault
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml

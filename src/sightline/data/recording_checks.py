@@ -9,22 +9,28 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.calibration_checks import check_matrices
-from sightline.data.calibration_text import CalibrationMatrices
-from sightline.data.depth_png import read_depth_png
 from sightline.data.frame_checks import Findings, check_depth_scale, examine_image, read_or_note
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_labels import KittiObjects, read_labels
+from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
-from sightline.data.object_tree import ObjectFrame
+from sightline.data.lidar_mount import (
+    describe_mount,
+    frames_with_clouds,
+    has_points,
+    mount_doubts_of_recording,
+    pose_of_recording,
+)
+from sightline.data.map_png import read_depth_png
+from sightline.data.pixels import is_in_view
 from sightline.data.point_files import cloud_rows, read_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     require_usable,
 )
-from sightline.data.view import is_in_view
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import hollow_doubt, is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
@@ -32,17 +38,14 @@ from sightline.geometry.mount import (
     is_hardly_shown,
     mount_doubt,
     resolution_doubt,
-    turn_ahead,
 )
 from sightline.geometry.mount_axes import axes_doubt
-from sightline.geometry.road_height import LidarPose, describe_lowness, lidar_pose, mount_doubts
-from sightline.geometry.tilt import Tilt
+from sightline.geometry.road_height import describe_lowness
 
 _REMEDY = (
     "correct the calibration file, or both clouds and calibration if both have another "
     "convention; see docs/recordings.md"
 )
-_NUM_ROAD_CLOUDS = 5  # clouds for the pose over the road, spread over a recording
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -135,70 +138,9 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     return tuple(described)
 
 
-def describe_mount(
-    matrices: CalibrationMatrices, tilt: Tilt | None, source: str = "by the road in its clouds"
-) -> tuple[str, ...]:
-    """Describe a LiDAR's rotation and tilt, in a clause each; empty: none.
-
-    Args:
-        matrices: Calibration of the LiDAR.
-        tilt: Tilt of the LiDAR; None: level.
-        source: Source of the tilt.
-    """
-    level = np.eye(4) if tilt is None else tilt.level_from_lidar
-    turn = describe_rotation(turn_ahead(matrices.camera_from_lidar @ level.T)[1])
-    if tilt is None:
-        return turn
-    return *turn, f"{source} the LiDAR is tilted, {tilt}: detectors get levelled clouds"
-
-
-def describe_rotation(angle_deg: float, subject: str = "detectors get clouds") -> tuple[str, ...]:
-    """Describe the rotation of clouds in a clause; empty: 0 degrees."""
-    if not angle_deg:
-        return ()
-    return (
-        f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x axis: "
-        f"{subject} rotated, so that x points in the camera's direction",
-    )
-
-
-def pose_of_recording(
-    frames: Sequence[ObjectFrame], calibration: RecordingCalibration | None = None
-) -> LidarPose:
-    """Estimate the LiDAR's pose over the road from some clouds of a recording.
-
-    Args:
-        frames: All frames of the recording, so that any selection has the same pose.
-        calibration: Calibration; its tilt is used if given.
-    """
-    return lidar_pose(_some_clouds(frames), None if calibration is None else calibration.lidar_tilt)
-
-
-def mount_doubts_of_recording(
-    frames: Sequence[ObjectFrame], calibration: RecordingCalibration
-) -> tuple[str, ...]:
-    """Describe differences between a calibration's mounting and the road in some clouds.
-
-    Args:
-        frames: All frames of the recording.
-        calibration: Calibration of the recording.
-    """
-    if calibration.lidar_tilt is None and calibration.lidar_height_m is None:
-        return ()
-    return mount_doubts(_some_clouds(frames), calibration.lidar_height_m, calibration.lidar_tilt)
-
-
-def has_points(frames: Sequence[ObjectFrame]) -> bool:
-    """Whether some clouds of a recording are readable and contain points.
-
-    If not, this is the problem to report, instead of a small share of visible points.
-    """
-    return any(len(cloud) for cloud in _some_clouds(frames))
-
-
 def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     """Describe the points without an echo in some clouds, in a clause; empty: none."""
-    read = [read_or_note(cloud_rows, frame.points, []) for frame in _some_frames(frames)]
+    read = [read_or_note(cloud_rows, frame.points, []) for frame in frames_with_clouds(frames)]
     clouds = [cloud for cloud in read if cloud is not None and len(cloud)]
     if not clouds:
         return ()
@@ -212,29 +154,6 @@ def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
         f"left out: {num_non_finite} with non-finite x, y, z, {num_lost - num_non_finite} at "
         "0, 0, 0",
     )
-
-
-def _some_clouds(
-    frames: Sequence[ObjectFrame],
-) -> list[Float32[np.ndarray, "_num_points 4"]]:
-    return [_cloud_or_empty(frame) for frame in _some_frames(frames)]
-
-
-def _some_frames(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
-    """Select frames with a cloud and a calibration, spread over all."""
-    complete = [frame for frame in frames if frame.points and frame.calibration]
-    step = max(len(complete) // _NUM_ROAD_CLOUDS, 1)
-    return complete[::step][:_NUM_ROAD_CLOUDS]
-
-
-def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
-    assert frame.points is not None, "frames without a cloud are left out"
-    assert frame.calibration is not None, "frames without a calibration are left out"
-    try:
-        calibration = read_recording_calibration(frame.calibration)
-        return read_cloud(frame.points, calibration.max_intensity)
-    except FileError:
-        return np.zeros((0, 4), np.float32)  # the reader of the frame reports it
 
 
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:

@@ -5,7 +5,7 @@ import warnings
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-from sightline.data.frame_files import describe_left_out, require_frame_files
+from sightline.data.frame_lists import describe_left_out, read_sample_list, require_frame_files
 from sightline.data.kitti_labels import (
     CLASS_NAMES,
     MAX_LABEL_BYTES,
@@ -13,7 +13,6 @@ from sightline.data.kitti_labels import (
     parse_objects,
 )
 from sightline.data.result_checks import doubts_about_results
-from sightline.data.sample_list import read_sample_list
 from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened

@@ -12,22 +12,7 @@ from sightline.data.between_frames import (
     check_object_frames,
     check_recording_frames,
 )
-from sightline.data.calibration_checks import check_matrices
-from sightline.data.calibration_text import (
-    CalibrationMatrices,
-    read_object_matrices,
-    read_raw_matrices,
-)
-from sightline.data.depth_tree import (
-    DepthFrame,
-    DriveSplit,
-    SelectedSplit,
-    list_drive_frames,
-    list_selected_frames,
-    selection_folder,
-)
 from sightline.data.drive_poses import check_drive_times
-from sightline.data.drive_tree import DriveFrame, list_drive
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -35,35 +20,48 @@ from sightline.data.frame_checks import (
     examine_object_frame,
     read_or_note,
 )
-from sightline.data.object_tree import (
+from sightline.data.kitti_calibration import (
+    CalibrationMatrices,
+    check_matrices,
+    read_object_matrices,
+    read_raw_matrices,
+)
+from sightline.data.kitti_trees import (
     CORRUPTED,
+    DepthFrame,
+    DriveFrame,
+    DriveSplit,
     ObjectFrame,
     Part,
+    SelectedSplit,
     find_velodyne,
+    list_drive,
+    list_drive_frames,
     list_object_frames,
+    list_selected_frames,
     part_folder,
+    selection_folder,
 )
+from sightline.data.lidar_mount import describe_height, describe_mount, pose_of_tree
 from sightline.data.other_layouts import refuse_other_layouts
 from sightline.data.recording_checks import (
     check_recording_calibration,
-    describe_mount,
     describe_recording,
     examine_recording_frame,
     reference_images,
 )
-from sightline.data.recording_times import check_times
-from sightline.data.recording_tree import (
+from sightline.data.recording_files import (
     CALIBRATIONS,
     DEPTH,
     IMAGES,
     LABELS,
     POINTS,
     RecordingFiles,
+    check_times,
     is_recording,
     list_recording,
     unpaired,
 )
-from sightline.data.tree_mount import describe_height, pose_of_tree
 from sightline.data.unread_files import (
     PartFolder,
     depth_folders,

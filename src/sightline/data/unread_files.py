@@ -7,12 +7,21 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sightline.data.depth_tree import DriveSplit, SelectedSplit, drive_bases, selection_folder
-from sightline.data.drive_tree import list_drive
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.object_tree import PART_SUFFIXES, Part, Velodyne, list_files, part_folder
+from sightline.data.kitti_trees import (
+    PART_SUFFIXES,
+    DriveSplit,
+    Part,
+    SelectedSplit,
+    Velodyne,
+    drive_bases,
+    list_drive,
+    list_files,
+    part_folder,
+    selection_folder,
+)
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.recording_tree import (
+from sightline.data.recording_files import (
     CALIBRATION_SUFFIXES,
     CALIBRATIONS,
     DEPTH,

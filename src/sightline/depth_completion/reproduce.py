@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.depth_completion.predictor import (
     Completer,

@@ -8,9 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sightline.data.frame_files import have_equal_files, locate_frame_files, require_frame_files
+from sightline.data.frame_lists import (
+    have_equal_files,
+    locate_frame_files,
+    read_sample_list,
+    require_frame_files,
+)
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
-from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
 from sightline.evaluation.kitti_object_distance import check_edges, score_by_distance
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs

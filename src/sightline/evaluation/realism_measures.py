@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
-from sightline.data.calibration_text import CalibrationMatrices, read_object_matrices
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_boxes import box_corners, project_box
+from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects, read_labels
-from sightline.data.object_tree import (
+from sightline.data.kitti_trees import (
     ObjectFrame,
     Part,
     find_velodyne,

@@ -64,7 +64,7 @@ def _rings_from_below(
 ) -> Int64[np.ndarray, " num_points"] | None:
     """Number rings by elevation; None for points possibly ring by ring that show no other rings."""
     try:
-        return -rings_by_elevation(points, _MOST_DOUBTFUL, leaning=False)
+        return -rings_by_elevation(points, _MOST_DOUBTFUL, try_leaning=False)
     except ValueError:
         return _groups_by_elevation(elevation_deg) if is_scattered else None
 

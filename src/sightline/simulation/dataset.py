@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from sightline.data.object_labels import labels_from_kitti
+from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.pixels import crop_to_view
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration

@@ -37,13 +37,13 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
+from sightline.data.lidar_mount import describe_rotation
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     recording_calibration_text,
 )
-from sightline.data.recording_checks import describe_rotation
-from sightline.data.recording_tree import IMAGES, POINTS
+from sightline.data.recording_files import IMAGES, POINTS
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.geometry.cloud_checks import cloud_fault, echoes

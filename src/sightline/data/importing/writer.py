@@ -11,10 +11,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.calibration_checks import check_intrinsics
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
+from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
 from sightline.data.point_files import checked_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -27,7 +26,7 @@ from sightline.data.recording_checks import (
     first_complete_frame,
     view_of_recording,
 )
-from sightline.data.recording_tree import (
+from sightline.data.recording_files import (
     CALIBRATIONS,
     IMAGES,
     LABELS,

@@ -13,10 +13,10 @@ from typing import Final, get_args
 
 from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Part, Velodyne, part_folder
+from sightline.data.kitti_trees import Part, Velodyne, part_folder
 from sightline.data.open import open_dataset
-from sightline.data.sample_list import read_sample_list
 from sightline.detection2d.answers import write_results
 from sightline.detection2d.config import Fusion
 from sightline.detection2d.dgfn.gates import (

@@ -1,5 +1,3 @@
-"""LiDARs of KITTI's object trees and raw drives that are mounted tilted, turned or upside down."""
-
 import math
 import warnings
 
@@ -13,9 +11,9 @@ from sightline.data.kitti_files import (
     write_points,
     write_raw_calibration,
 )
-from sightline.data.object_tree import list_object_frames
+from sightline.data.kitti_trees import list_object_frames
+from sightline.data.lidar_mount import pose_of_tree
 from sightline.data.open import open_dataset
-from sightline.data.tree_mount import pose_of_tree
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.tilt import Tilt
 from sightline.simulation.packaged import PACKAGED_FRAMES

@@ -2,7 +2,7 @@ import pytest
 
 from sightline.data.check import check_tree
 from sightline.data.open import open_dataset
-from sightline.data.recording_times import read_times
+from sightline.data.recording_files import read_times
 from sightline.files.problem import FileError
 from tests.data.recordings import write_recording
 
