@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from sightline.corruptions.optics import CameraJpeg
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.health import camera_checks, lidar_checks
 from sightline.health.fitting import fit_on_samples

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.calibration_text import CalibrationMatrices
-from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import write_objects
+from sightline.data.map_png import write_depth_png
 from sightline.data.recording_calibration import RecordingCalibration, recording_calibration_text
 from sightline.files.atomic import atomic_write_bytes, atomic_write_text
 from sightline.simulation.camera.camera import CameraConfig, render_camera

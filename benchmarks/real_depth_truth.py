@@ -19,10 +19,10 @@ import numpy as np
 import torch
 
 from benchmarks.record import print_record
-from sightline.data.calibration_text import read_intrinsics
-from sightline.data.depth_png import read_depth_png
 from sightline.data.image_file import read_rgb
+from sightline.data.kitti_calibration import read_intrinsics
 from sightline.data.kitti_files import read_object_calibration
+from sightline.data.map_png import read_depth_png
 from sightline.data.rings import NUM_RINGS, ring_numbers
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth

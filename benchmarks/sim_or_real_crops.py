@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.projection import project_points
 from sightline.structures.sample import CameraLidarSample

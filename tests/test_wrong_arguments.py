@@ -26,7 +26,7 @@ _CASES = {
     'given == sightline.open_dataset(PACKAGED_FRAMES)[1]': "False",
     'len({given, sightline.open_dataset(PACKAGED_FRAMES)[0]})': "1",
     'list(sightline.check_tree(5))': "check_tree: root is of type int, expected Path or str",
-    'sightline.open_dataset(PACKAGED_FRAMES, sample_list=[1])': "holds 1, expected names such as",
+    'sightline.open_dataset(PACKAGED_FRAMES, sample_list=[1])': "holds 1, expected text such as",
 }  # fmt: skip
 _PROGRAM = """
 import json, sys

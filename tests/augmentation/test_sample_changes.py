@@ -101,7 +101,7 @@ def test_a_first_ring_that_is_not_below_the_step_is_refused(keep_every, first):
 
 def test_points_out_of_order_cannot_be_thinned_and_the_error_names_the_sample():
     points = sample_of(num_points=3000).points
-    with pytest.raises(ValueError, match=r"sample random 0: .*order of KITTI's own files"):
+    with pytest.raises(ValueError, match=r"sample random 0: .*order of KITTI's files"):
         thin_rings(wide_sample(points=points), keep_every=2)
 
 

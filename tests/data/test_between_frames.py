@@ -8,7 +8,7 @@ import pytest
 
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
-from sightline.data.object_tree import CORRUPTED
+from sightline.data.kitti_trees import CORRUPTED
 from sightline.data.open import open_dataset
 from tests.data.recordings import write_recording
 from tests.data.trees import picture, write_drive, write_object_tree, write_selection
@@ -43,7 +43,7 @@ def test_files_that_are_equal_between_frames_are_told_by_check_and_on_opening(
         shutil.copy(tree / folder / f"{NAMES[0]}{suffix}", tree / folder / f"{name}{suffix}")
     ((path, said),) = problems(tree.parent)
     assert path == tree / folder / f"{NAMES[0]}{suffix}"
-    assert f"is the same {what}, byte for byte, as of 2 other frames (000002, 000003)" in said
+    assert f"is the same {what}, byte for byte, as that of 2 other frames (000002, 000003)" in said
     (warned,) = told_on_opening(tree)
     assert said in warned
 
@@ -72,8 +72,8 @@ def test_sensors_that_delivered_nothing_and_corrupted_trees_have_no_repeats(tree
     for name in NAMES:
         write_rgb(tree / "image_2" / f"{name}.png", np.zeros((12, 40, 3), np.uint8))
         (tree / "velodyne" / f"{name}.bin").write_bytes(b"")
-    told = [each for each in problems(tree.parent) if "of one colour" not in each[1]]
-    assert told == [(tree / "velodyne", "holds 3 clouds, and no point in any of them")]
+    told = [each for each in problems(tree.parent) if "single colour" not in each[1]]
+    assert told == [(tree / "velodyne", "holds 3 clouds, all without a point")]
     (tree / CORRUPTED).mkdir()
     assert problems(tree.parent) == []
 
@@ -152,7 +152,7 @@ def test_of_two_images_with_two_sizes_none_is_blamed(tree):
     write_rgb(tree / "image_2" / f"{NAMES[1]}.png", picture(1, (12, 44)))
     ((path, said),) = problems(tree.parent)
     assert path == tree / "image_2"
-    assert f"no size is the usual one: {NAMES[0]}.png of 12x40, {NAMES[1]}.png of 12x44" in said
+    assert f"none is the most frequent: {NAMES[0]}.png of 12x40, {NAMES[1]}.png of 12x44" in said
 
 
 def test_images_of_other_sizes_have_their_own_calibrations(tree):

@@ -8,10 +8,10 @@ import torch
 
 from sightline.data import tree_checks
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.depth_png import write_depth_png
 from sightline.data.frame_checks import Findings
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_files import write_points
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError, Problem
 from tests.data.recordings import POINTS, write_cloud_file, write_recording

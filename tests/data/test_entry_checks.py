@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from sightline.data.check import check_tree
-from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -75,7 +75,7 @@ def test_an_inverted_calibration_is_a_warning_for_all_frames_together(tree):
     assert (
         "000001.txt: holds a transform from LiDAR to camera that is probably inverted" in inverted
     )
-    assert "(3 like it in 3 frames looked at)" in inverted
+    assert "(3 like it in 3 checked frames)" in inverted
     assert "points falls into the image" in view
 
 
@@ -110,8 +110,8 @@ def test_depth_in_millimetres_is_doubted_by_check_and_on_entry(tmp_path):
     for path in tmp_path.rglob("velodyne_raw/*.png"):
         write_depth_png(path, np.full((12, 40), 0.05))
     (doubt,) = doubts(tmp_path)
-    assert "has depths of up to 0.05" in doubt
-    assert any("in millimetres, or another unit" in each.problem for each in check_tree(tmp_path))
+    assert "has a 99th percentile of depths of 0.05" in doubt
+    assert any("in millimetres or another unit" in each.problem for each in check_tree(tmp_path))
 
 
 def test_depth_is_compared_with_the_points_that_it_shows(tree):
@@ -122,7 +122,7 @@ def test_depth_is_compared_with_the_points_that_it_shows(tree):
     for number in (1, 2, 3):
         write_depth_png(tree / "depth" / f"00000{number}.png", np.full((12, 40), 90.0))
     (doubt,) = doubts(tree, parts=("image", "points", "depth"))
-    assert "times as deep as the points that it shows" in doubt
+    assert "times the depths of the points" in doubt
 
 
 @pytest.mark.parametrize("bad", [".bmp", ".tif", ".ppm", ""])
@@ -130,7 +130,7 @@ def test_pictures_that_nobody_reads_are_refused_where_none_is_left(tree, bad):
     for path in list((tree / "image_2").iterdir()):
         path.rename(path.with_suffix(bad))
     with pytest.raises(
-        FileError, match=r"holds 3 files that nobody reads .*expected \.png"
+        FileError, match=r"holds 3 files that are not read .*expected \.png"
     ) as told:
         open_dataset(tree.parent)
     assert told.value.problem.path == tree / "image_2"
@@ -151,7 +151,7 @@ def test_files_that_nobody_reads_are_told_in_every_layout(tmp_path, write, folde
     paths = sorted((tmp_path / folder).iterdir())
     for path in paths:
         path.rename(path.with_suffix(".laz"))
-    with pytest.raises(FileError, match=r"files that nobody reads \(. \.laz\)"):
+    with pytest.raises(FileError, match=r"files that are not read \(. \.laz\)"):
         open_dataset(tmp_path)
     problems = [each for each in check_tree(tmp_path) if each.path == tmp_path / folder]
     assert [each.problem[:6] for each in problems] == ["holds "]
@@ -162,14 +162,14 @@ def test_some_files_that_nobody_reads_are_counted_beside_those_that_are(tree):
     path.rename(path.with_suffix(".bmp"))
     (tree / "image_2" / "notes.txt").write_text("taken in May")
     (doubt,) = doubts(tree)
-    assert "holds 1 files that nobody reads (1 .bmp) beside 2 that are" in doubt
+    assert "holds 1 files that are not read (1 .bmp), beside 2 that are" in doubt
 
 
 def test_files_in_folders_below_are_told(tree):
     (tree / "image_2" / "left").mkdir()
     for path in list((tree / "image_2").glob("*.png")):
         path.rename(tree / "image_2" / "left" / path.name)
-    with pytest.raises(FileError, match="holds no file but 1 folders, such as left, into which"):
+    with pytest.raises(FileError, match="holds no files, only 1 folders such as left"):
         open_dataset(tree)
 
 
@@ -208,7 +208,7 @@ def test_clouds_that_stand_on_their_head_are_doubted_in_kittis_tree_before_anyth
 )
 def test_a_sensors_folder_of_another_name_is_called_so_in_kittis_tree(tree, own, other):
     (tree / own).rename(tree / other)
-    with pytest.raises(FileError, match=f"{other}.* holds 3 files that nobody reads.*{own}"):
+    with pytest.raises(FileError, match=f"{other}.* holds 3 files that are not read.*{own}"):
         open_dataset(tree)
     assert any(other in str(problem) for problem in check_tree(tree))
 
@@ -222,7 +222,7 @@ def test_a_sensors_folder_of_another_name_is_called_so_in_recordings(tmp_path, o
     if other == "camera_front":  # perhaps another camera
         assert open_dataset(tmp_path)[0].image is None
         return
-    with pytest.raises(FileError, match=f"{other}.* holds 1 files that nobody reads.*{own}"):
+    with pytest.raises(FileError, match=f"{other}.* holds 1 files that are not read.*{own}"):
         open_dataset(tmp_path)
 
 
@@ -230,7 +230,9 @@ def test_files_that_hide_each_other_are_told_by_check_and_on_opening(tree, recwa
     shutil.copy(tree / "image_2" / "000001.png", tree / "image_2" / "000001.PNG")
     assert [problem.path.name for problem in check_tree(tree)] == ["000001.PNG"]
     open_dataset(tree)
-    assert any("is not read, as 000001.png has its name" in str(each.message) for each in recwarn)
+    assert any(
+        "is not read, because 000001.png has the same name" in str(each.message) for each in recwarn
+    )
 
 
 @pytest.mark.parametrize(("name", "other"), [("a", "A"), ("\u00e9", "e\u0301"), ("\u00df", "ss")])
@@ -238,7 +240,7 @@ def test_frames_that_some_disks_take_for_one_are_told(tmp_path, name, other):
     write_recording(tmp_path, (name, other))
     if len(list((tmp_path / "images").iterdir())) < 2:
         pytest.skip("this disk is one of them")
-    with pytest.warns(UserWarning, match="but for capitals or accents' form"):
+    with pytest.warns(UserWarning, match="only in case or in the encoding of accents"):
         open_dataset(tmp_path)
     assert {problem.path.parent.name for problem in check_tree(tmp_path)} == {"images", "points"}
 

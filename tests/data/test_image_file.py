@@ -91,7 +91,7 @@ def test_grey_pictures_become_three_equal_channels_and_opacity_goes(tmp_path):
 
 def test_a_depth_map_is_no_picture(tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), (depth_map() * 256).astype(np.uint16))
-    with pytest.raises(ValueError, match=r"0\.png: has 16 bits .* perhaps a depth map"):
+    with pytest.raises(ValueError, match=r"0\.png: has 16 bits .* probably a depth map"):
         read_rgb(tmp_path / "0.png")
 
 

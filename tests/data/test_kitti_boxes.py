@@ -4,9 +4,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data.calibration_text import read_object_matrices
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_boxes import box_corners, project_box
+from sightline.data.kitti_calibration import read_object_matrices
 from sightline.data.kitti_labels import read_labels
 from sightline.geometry.image_boxes import kitti_corners, project_boxes
 from sightline.simulation.settings import SimulationConfig

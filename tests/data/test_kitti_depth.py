@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_depth import KittiDepthDataset, points_from_depth_map
+from sightline.data.map_png import write_depth_png
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
 from tests.data.trees import (

@@ -96,7 +96,7 @@ def test_columns_cannot_be_written_to():
             "line 1 has 17 fields: frame and track number come before the class, as in KITTI track"
             "ing, .*; write a file for each frame and remove its first two fields",
         ),
-        (b"2 0.5 0.5 0.1 0.2", "line 1 has 5 numbers, as YOLO's labels have .*; convert them to"),
+        (b"2 0.5 0.5 0.1 0.2", "line 1 has 5 numbers, as YOLO labels have .*; convert them to"),
         ("Car 0".encode("utf-16"), "is text in UTF-16, expected UTF-8; save it as plain text in U"),
         ("Car 0".encode("utf-16-le"), "holds a NUL byte at position 1: .* UTF-16"),
         (RESULT + b" 7", "line 1 has 17 fields, but a label has 15; remove what follows rotat"),
@@ -166,9 +166,12 @@ def test_scores_keep_all_digits_and_other_fields_as_many_as_asked_for(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"class_names": ("a car",)}, "line 1: class is 'a car', but it is one word: rename it"),
-        ({"class_names": ("",)}, "line 1: class is '', but it is one word"),
-        ({"class_names": ("c" * 65,)}, "line 1: class is longer than 64 characters: name it"),
+        ({"class_names": ("a car",)}, "line 1: class is 'a car', expected one word: rename it"),
+        ({"class_names": ("",)}, "line 1: class is '', expected one word"),
+        (
+            {"class_names": ("c" * 65,)},
+            "line 1: class is longer than 64 characters: write a shorter",
+        ),
         ({"alpha": np.array([math.nan])}, "line 1: alpha is nan, not finite"),
         ({"occlusion": np.array([0.5])}, "line 1: occlusion is 0.5, not a whole number"),
     ],

@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from sightline.data.depth_png import write_depth_png
 from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.map_png import write_depth_png
 from tests.data.trees import (
     IMAGE_SIZE,
     calibration,

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import parse_objects
+from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
-from sightline.data.object_tree import ObjectFrame
 from sightline.data.open import open_dataset
 from sightline.data.tree_checks import find_trees
 
@@ -97,13 +97,13 @@ def test_sound_frames_raise_no_doubt(tmp_path):
         (move(2, -0.6), "off by +0.6 m along the LiDAR's z axis (up)"),
         (move(1, 0.8), " m along the LiDAR's y axis (left)"),
         (move(0, -1.4), " m along the LiDAR's x axis (forward)"),
-        (np.diag([0.3048, 0.3048, 0.3048, 1.0]), "in another unit than metres (factor 3.281)"),
+        (np.diag([0.3048, 0.3048, 0.3048, 1.0]), "clouds not in metres (factor 3.281)"),
         (MIRROR, "of mirrored clouds"),
     ],
 )
 def test_a_change_to_all_clouds_is_told_with_its_remedy(tmp_path, change, said):
     (problem,) = told(tmp_path, 12, change=change)
-    assert "seem to be " in problem
+    assert "are probably " in problem
     assert said in problem
 
 
@@ -112,7 +112,7 @@ def test_at_the_limit_of_the_search_more_is_said_to_be_possible(tmp_path, degree
     frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)
     frames = [replace(frame, sample_id=str(number)) for number in range(5)]
     (problem,) = found(frames, change=turn(degrees))
-    assert ("it may be more" in problem.remedy) == is_limit
+    assert ("the fault may be larger" in problem.remedy) == is_limit
 
 
 def test_other_changes_that_explain_it_as_well_are_named(tmp_path):

@@ -73,7 +73,7 @@ def test_a_name_in_another_case_says_how_evaluation_counts_it():
     (doubt,) = doubts(CAR.replace("Car", "car"))
     assert "leave them out, evaluation, which reads names in any case, takes them for Car" in doubt
     (doubt,) = doubts(CAR.replace("Car", "Zebra"))
-    assert "detectors, training and evaluation leave them out" in doubt
+    assert "detectors, training and evaluation ignore them" in doubt
 
 
 def test_the_labels_of_kitti_raise_no_doubt(kitti_root):

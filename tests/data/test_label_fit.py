@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sightline.data.calibration_text import CalibrationMatrices, read_object_matrices
+from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
 from sightline.data.kitti_labels import parse_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.tree_checks import find_trees
@@ -53,7 +53,7 @@ def test_sound_labels_raise_no_doubt(labels, points):
 
 def test_another_cameras_focal_length_is_doubted(labels, points):
     (doubt,) = doubts(labels, points=points, focal=0.5)
-    assert "3D boxes that the calibration shows elsewhere than its 2D boxes" in doubt
+    assert "3D boxes whose projections do not fit its 2D boxes" in doubt
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_another_cameras_focal_length_is_doubted(labels, points):
 )
 def test_places_of_another_convention_are_doubted(labels, column, change):
     (doubt,) = doubts(changed(labels, column, change))
-    assert "elsewhere than its 2D boxes" in doubt
+    assert "do not fit its 2D boxes" in doubt
 
 
 def test_cloud_of_another_frame_or_unit_is_doubted(labels, points):

@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sightline.data.depth_png import write_depth_png
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from tests.data.trees import IMAGE_SIZE, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree
@@ -91,7 +91,7 @@ def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
     assert listed.sample_ids == ("000002", "000000")
     listed = open_dataset(tmp_path / "depth", sample_list=["0000000005"], parts=("points",))
     assert (len(listed), listed[0].sample_id) == (1, "0000000005")
-    with pytest.raises(ValueError, match=r"lacks 1 of the frames asked for, x: there are 1, from"):
+    with pytest.raises(ValueError, match=r"lacks 1 of the requested frames, x: there are 1, from"):
         open_dataset(tmp_path / "depth", sample_list=["x"], parts=("points",))
 
 

@@ -35,8 +35,8 @@ def test_a_sequence_of_odometry_is_called_so_with_what_to_do(tmp_path):
 def test_tracking_is_called_so(tmp_path):
     for folder in ("image_02/0000", "label_02", "calib", "velodyne/0000"):
         (tmp_path / "training" / folder).mkdir(parents=True)
-    assert "is of KITTI tracking" in told(tmp_path)
-    assert "is of KITTI tracking" in told(tmp_path / "training")
+    assert "is a split of KITTI tracking" in told(tmp_path)
+    assert "is a split of KITTI tracking" in told(tmp_path / "training")
 
 
 def test_a_folder_above_a_data_set_names_it(tmp_path):
@@ -49,7 +49,9 @@ def test_a_folder_above_a_data_set_names_it(tmp_path):
 def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):
     for part in ("image_2", "velodyne"):
         (tmp_path / f"data_object_{part}" / "training" / part).mkdir(parents=True)
-    assert "holds KITTI's archives unpacked apart (data_object_image_2, data_o" in told(tmp_path)
+    assert "holds KITTI's archives unpacked into separate folders (data_object_image_2" in told(
+        tmp_path
+    )
     (tmp_path / "zips").mkdir()
     (tmp_path / "zips" / "data_object_calib.zip").write_bytes(b"PK")
     assert "archives that are not unpacked, such as data_object_calib.zip" in told(
@@ -61,13 +63,13 @@ def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):
 def test_what_an_import_takes_is_told_to_be_imported(tmp_path, name):
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_bytes(b"")
-    assert "make a recording of it: sightline import" in told(tmp_path)
+    assert "convert it to a recording: sightline import" in told(tmp_path)
 
 
 def test_a_sensor_alone_in_another_format_is_named(tmp_path):
     (tmp_path / "training" / "image_2").mkdir(parents=True)
     (tmp_path / "training" / "image_2" / "000000.bmp").write_bytes(b"BM")
-    assert "image_2: holds 1 files that nobody reads (1 .bmp)" in told(tmp_path)
+    assert "image_2: holds 1 files that are not read (1 .bmp)" in told(tmp_path)
 
 
 def test_labels_of_a_raw_drive_are_said_not_to_be_read(tmp_path):

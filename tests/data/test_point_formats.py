@@ -141,9 +141,9 @@ def test_text_in_a_field_that_nobody_needs_costs_nothing(path):
         (ASCII, ("WIDTH", "POINTS"), {}, "has neither POINTS nor WIDTH"),
         (ASCII, (), {"DATA": "zipped"}, "holds DATA 'zipped', expected ascii"),
         (ASCII, (), {"FIELDS": "a b c d"}, "has the fields a, b, c, d, and lacks x, y, z"),
-        (ASCII, (), {"COUNT": "1 1 1 2"}, r"has 4 values in point 0 \(from 0\), where .* has 5"),
-        (ASCII.replace("3.0", "three"), (), {}, "points that are no numbers: .*three"),
-        (ASCII[:-8], (), {}, r"has 2 values in point 2 \(from 0\), where its header has 4"),
+        (ASCII, (), {"COUNT": "1 1 1 2"}, r"has 4 values in point 0 \(from 0\), but .* defines 5"),
+        (ASCII.replace("3.0", "three"), (), {}, "points that are not numbers: .*three"),
+        (ASCII[:-8], (), {}, r"has 2 values in point 2 \(from 0\), but its header defines 4"),
         (ASCII.replace("3.0", "3.0 7 7"), (), {}, r"has 6 values in point 1 \(from 0\)"),
         (ASCII, (), {"VIEWPOINT": "0 0 0 1"}, "has VIEWPOINT '0 0 0 1' in its header, expected tx"),
         (ASCII, (), {"VIEWPOINT": "0 0 a 1 0 0 0"}, "has VIEWPOINT '0 0 a 1 0 0 0'"),
@@ -162,7 +162,7 @@ def test_text_in_a_field_that_nobody_needs_costs_nothing(path):
             struct.pack("<II", 9, 32) + bytes(9),
             (),
             {"DATA": "binary_compressed"},
-            "announces 3 points, which 32 unpacked bytes do not fit",
+            "declares 3 points, which do not fit 32 unpacked bytes",
         ),
     ],
 )
@@ -176,7 +176,7 @@ def test_what_is_wrong_with_a_pcd_is_said_as_it_is(path, body, without, changes,
 @pytest.mark.parametrize("data", ["ascii", "binary"])
 def test_points_beyond_those_that_are_announced_are_counted(path, data):
     pcd(path, ASCII if data == "ascii" else BINARY, POINTS="1", DATA=data)
-    with pytest.warns(UserWarning, match="holds 2 points more than the 1 that it announces"):
+    with pytest.warns(UserWarning, match="holds 2 points more than the 1 declared"):
         np.testing.assert_array_equal(read_cloud(path), PLACES[:1])
 
 
@@ -292,13 +292,13 @@ def test_vertices_of_a_ply_are_the_points_in_each_of_its_formats(tmp_path, name)
 def test_vertices_beyond_those_that_a_ply_announces_are_counted(tmp_path, form, after):
     more = ASCII + "1 2 3 0\n" if form == "ascii" else BINARY + bytes(16)
     path = ply(tmp_path / "cloud.ply", form, more, after=after)
-    with pytest.warns(UserWarning, match="holds 1 points more than the 3 that it announces"):
+    with pytest.warns(UserWarning, match="holds 1 points more than the 3 declared"):
         np.testing.assert_array_equal(read_cloud(path), PLACES)
 
 
 def test_vertices_and_faces_beyond_those_that_are_announced_are_counted(tmp_path):
     path = ply(tmp_path / "cloud.ply", "ascii", ASCII + "1 2 3 0\n3 0 1 2\n", after=FACES)
-    with pytest.warns(UserWarning, match="holds 1 points more than the 3 that it announces"):
+    with pytest.warns(UserWarning, match="holds 1 points more than the 3 declared"):
         np.testing.assert_array_equal(read_cloud(path), PLACES)
 
 

@@ -9,20 +9,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sightline.data.calibration_text import (
+from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
+from sightline.data.frame_lists import read_sample_list
+from sightline.data.image_file import read_rgb
+from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import (
     read_intrinsics,
     read_object_matrices,
     read_raw_matrices,
     read_rectified_intrinsics,
     read_rigid_transform,
 )
-from sightline.data.depth_png import read_depth_png
-from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
-from sightline.data.image_file import read_rgb
-from sightline.data.image_header import read_image_size
 from sightline.data.kitti_files import read_object_calibration
 from sightline.data.kitti_labels import read_labels
-from sightline.data.sample_list import read_sample_list
+from sightline.data.map_png import read_depth_png
 from sightline.data.velodyne import read_sweep
 from tests.data.test_image_file import png
 from tests.data.trees import depth_map, picture

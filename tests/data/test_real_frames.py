@@ -6,6 +6,7 @@ import torch
 
 from sightline.data.check import check_tree
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_conversion import kitti_from_labels, labels_from_kitti
 from sightline.data.kitti_files import (
     read_object_calibration,
     read_points,
@@ -16,7 +17,6 @@ from sightline.data.kitti_files import (
 from sightline.data.kitti_labels import read_labels, write_objects
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.object_labels import kitti_from_labels, labels_from_kitti
 from sightline.geometry.projection import project_points
 
 

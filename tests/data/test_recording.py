@@ -11,10 +11,10 @@ import torch
 import yaml
 from scipy.spatial.transform import Rotation
 
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import write_rgb
+from sightline.data.kitti_calibration import CalibrationMatrices
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_calibration import (
@@ -64,7 +64,7 @@ def test_a_recording_of_any_formats_is_the_simulated_frame(tmp_path, cloud, pict
     (summary,) = summarize_tree(tmp_path)
     assert "2 frames (images 2, points 2, calibration 2, labels 0, depth 0); " in str(summary)
     assert "% of the points of frame a fall into the image" in str(summary)
-    assert "by the road that it sees the LiDAR is 1.7" in str(summary)
+    assert "by the road in its clouds the LiDAR is 1.7" in str(summary)
 
 
 def test_points_without_an_echo_are_counted_in_the_summary(tmp_path):
@@ -73,11 +73,11 @@ def test_points_without_an_echo_are_counted_in_the_summary(tmp_path):
     cloud[:30, 1], cloud[30:37, :3] = np.nan, 0
     write_cloud_file(tmp_path / "points/b.pcd", cloud)
     (summary,) = summarize_tree(tmp_path)
-    said = f"of {2 * len(POINTS)} points in 2 clouds looked at 37 are left out"
-    assert f"{said}, where no echo came back: 30 whose x, y, z are not finite, 7 at" in str(summary)
+    losses = f"of {2 * len(POINTS)} points in 2 checked clouds 37 have no echo and are left out"
+    assert f"{losses}: 30 with non-finite x, y, z, 7 at" in str(summary)
 
 
-@pytest.mark.filterwarnings("ignore:.*times as deep as the points")
+@pytest.mark.filterwarnings("ignore:.*times the depths of the points")
 def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
     write_recording(tmp_path, ("a", "b"))
     (tmp_path / "calibration.yaml").unlink()
@@ -134,7 +134,7 @@ def test_a_recording_of_one_sensor_is_opened_and_has_no_problems(tmp_path, folde
 def test_a_lens_is_made_good_for_only_where_that_is_asked_for(tmp_path):
     lens = {"model": "plumb_bob", "coefficients": [-0.2, 0.05, 0, 0]}
     write_recording(tmp_path, ("a",), picture=".png", lens=lens)
-    with pytest.raises(FileError, match=r"lens distorts, .* write `undistort: true`"):
+    with pytest.raises(FileError, match=r"lens has distortion, .* write `undistort: true`"):
         open_dataset(tmp_path)[0]
     rewrite_calibration(tmp_path, lens=lens | {"undistort": True})
     straight = open_dataset(tmp_path)[0].image.permute(1, 2, 0).numpy()
@@ -214,13 +214,16 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"camera_matrix": [[1, 0], [0, 1]]}, "camera_matrix is no matrix of 3x3 or 3x4 numbers"),
+        (
+            {"camera_matrix": [[1, 0], [0, 1]]},
+            "camera_matrix is invalid, expected a matrix of 3x3 or 3x4 numbers",
+        ),
         ({"camera_matrix": CAMERA_MATRIX.T.tolist()}, "expected 0 0 1: it is probably transposed"),
         ({"camera_matrix": (-CAMERA_MATRIX).tolist()}, "third row"),
         ({"camera_from_lidar": CAMERA_FROM_LIDAR.T.tolist()}, "0 0 0 1: it is probably transposed"),
         ({"camera_from_lidar": [[float("nan")] * 4] * 3}, "holds NaN, infinite or absurdly large"),
         ({"camera_from_lidar": [[0] * 4] * 3}, "holds no rotation"),
-        ({"max_intensity": "bright"}, "max_intensity is no positive number"),
+        ({"max_intensity": "bright"}, "max_intensity is invalid, expected a positive number"),
         ({"lidar_height_m": 173}, "lidar_height_m is 173, expected the LiDAR's height above"),
         ({"lidar_height_m": 10**400}, "lidar_height_m is 1000"),
         ({"lidar_tilt_deg": 3}, "lidar_tilt_deg is 3, expected {roll: .., pitch: ..}"),
@@ -232,12 +235,18 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"camera_matrix": [["700", 0, 5]] * 3}, "camera_matrix holds '700', expected numbers"),
         ({"camera_matrix": [[True, 0, 5]] * 3}, "camera_matrix holds True, expected numbers"),
         ({"camera_matrix": [[None, 0, 5]] * 3}, "camera_matrix holds None, expected numbers"),
-        ({"camera_matrix": [[0] * 9]}, "camera_matrix is no matrix of 3x3 or 3x4 numbers"),
-        ({"camera_matrix": np.zeros((3, 3)).tolist()}, "zeros alone: the camera was not"),
-        ({"image_size": [375, 1242]}, "image_size is no {width: .., height: ..}"),
-        ({"image_size": {"width": 0, "height": 1}}, "no width and height in whole pixels"),
-        ({"image_size": {"width": True, "height": True}}, "no width and height in whole pixels"),
-        ({"lens": [0.1]}, "lens is no"),
+        (
+            {"camera_matrix": [[0] * 9]},
+            "camera_matrix is invalid, expected a matrix of 3x3 or 3x4 numbers",
+        ),
+        ({"camera_matrix": np.zeros((3, 3)).tolist()}, "only zeros: the camera is not"),
+        ({"image_size": [375, 1242]}, "image_size is invalid, expected {width: .., height: ..}"),
+        ({"image_size": {"width": 0, "height": 1}}, "expected width and height in whole pixels"),
+        (
+            {"image_size": {"width": True, "height": True}},
+            "expected width and height in whole pixels",
+        ),
+        ({"lens": [0.1]}, "lens is invalid, expected"),
         ({"camera_matrix": [[7e-1, 0, 5], [0, 7e-1, 5], [0, 0, 1]]}, "are probably in millimetres"),
         ({"camera_matrix": [[7e3, 0, 5], [0, 7, 5], [0, 0, 1]]}, "expected both alike"),
         ({"image_size": {"width": 60000, "height": 60000}}, "image_size is 60000x60000, more than"),
@@ -248,7 +257,7 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
             },
             "lens folds the picture of 375x1242 over itself",
         ),
-        ({"lens": {"coefficients": "1234"}}, "lens has coefficients that are no list of numbers"),
+        ({"lens": {"coefficients": "1234"}}, "lens has invalid coefficients, expected a list"),
         ({"lens": {"coefficients": [10**400] * 4}}, "expected 4 or 5 finite numbers"),
         ({"lens": {"coefficients": ["0.1"] * 4}}, "lens: coefficients holds '0.1', expected"),
         (
@@ -308,7 +317,7 @@ def test_frames_are_chosen_by_name_and_absent_ones_named(tmp_path):
 def test_a_line_of_times_that_is_none_is_named(tmp_path):
     write_recording(tmp_path, ("a",))
     (tmp_path / "times.txt").write_text("a 1\n12\n")
-    with pytest.raises(FileError, match=r"times.txt: line 2 is no frame's name and a time"):
+    with pytest.raises(FileError, match=r"times.txt: line 2 has no frame name and time"):
         open_dataset(tmp_path)
 
 
@@ -349,7 +358,7 @@ def test_a_file_that_another_of_its_name_hides_is_told_by_check_and_on_opening(t
     problems = list(check_tree(tmp_path))
     hidden = ["1.jpeg", "2.JPG", "2.pcd", "calibration.json"]
     assert [problem.path.name for problem in problems] == hidden
-    assert problems[2].problem == "is not read, as 2.bin has its name, too"
+    assert problems[2].problem == "is not read, because 2.bin has the same name"
     open_dataset(tmp_path)
     said = "\n".join(str(warning.message) for warning in recwarn)
     assert f"{problems[0]} (2 like it)" in said
@@ -417,7 +426,7 @@ def test_an_image_of_another_size_is_told_beside_labels_that_do_not_fit_it(tmp_p
 def test_images_that_lie_on_their_side_are_told_to_be_turned(tmp_path):
     write_recording(tmp_path, ("a",), image_size={"width": 375, "height": 1242})
     (problem,) = check_tree(tmp_path)
-    assert problem.remedy.startswith("turn it as it was when the camera was calibrated")
+    assert problem.remedy.startswith("rotate it as when the camera was calibrated")
 
 
 def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_path):
@@ -435,11 +444,11 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
     rewrite_calibration(tmp_path)
     for place, name in enumerate("abc"):
         write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[: 25 + place])
-    with pytest.warns(UserWarning, match=r"too little of the road .*: KITTI's 1.73 m is assumed"):
+    with pytest.warns(UserWarning, match=r"too little of the road .*: KITTI's 1.73 m is"):
         assert open_dataset(tmp_path)[0].lidar_height_m is None
     (summary,) = summarize_tree(tmp_path)
     assert "warning: its clouds show too little of the road" in str(summary)
-    assert "1.73 m, as KITTI's, is assumed" in str(summary)
+    assert "KITTI's 1.73 m is assumed" in str(summary)
 
 
 def test_the_height_is_not_spoken_of_where_no_cloud_can_be_read(tmp_path):
@@ -484,13 +493,13 @@ def write_tilted_recording(folder, tilt, **changes):
 def test_a_tilted_lidar_is_found_by_the_road_said_and_levelled(tmp_path, roll_deg, pitch_deg):
     tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
     write_tilted_recording(tmp_path, tilt)
-    with pytest.warns(UserWarning, match="by the road in its clouds the LiDAR is tilted, "):
+    with pytest.warns(UserWarning, match="the road in its clouds shows that the LiDAR is tilted, "):
         dataset = open_dataset(tmp_path)
     found = dataset[0].level_from_lidar.numpy()
     assert found[2, :3] @ tilt.up > math.cos(math.radians(1.0))
     assert dataset[0].lidar_height_m == pytest.approx(1.73, abs=0.1)
     (summary,) = summarize_tree(tmp_path)
-    assert "by the road that it sees the LiDAR is tilted, " in str(summary)
+    assert "by the road in its clouds the LiDAR is tilted, " in str(summary)
     assert list(check_tree(tmp_path)) == []
 
 

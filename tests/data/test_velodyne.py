@@ -48,7 +48,7 @@ def test_non_finite_points_are_refused_with_their_number_and_the_first(tmp_path,
         read_sweep(tmp_path / "0.bin")
     if column == 3:
         with pytest.warns(
-            UserWarning, match=r"0\.bin: 2 of 9 points have a reflectance that is not"
+            UserWarning, match=r"0\.bin: 2 of 9 points have a non-finite reflectance"
         ):
             kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
         assert kept[:, 3].tolist() == [1, 1, 1, 0, 1, 1, 1, 0, 1]
@@ -97,7 +97,7 @@ def test_files_of_other_columns_are_refused_with_what_fits(
         with pytest.raises(FileError) as caught:
             read_sweep(tmp_path / "0.bin", drop_non_finite=drop_non_finite)
         assert caught.value.problem.path == tmp_path / "0.bin"
-        assert f"{width} bytes a point fit, 16 do not: probably" in str(caught.value)
+        assert f"a multiple of {width} bytes per point, not of 16: probably" in str(caught.value)
         assert meaning in str(caught.value)
 
 

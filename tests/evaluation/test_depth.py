@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data.depth_png import write_depth_png
+from sightline.data.map_png import write_depth_png
 from sightline.evaluation.depth import evaluate_depth
 from tests.reference import depth_metrics as reference
 

@@ -200,9 +200,7 @@ def test_a_frame_without_points_is_refused(points):
 def test_a_sweep_in_another_order_is_refused_by_name():
     points = wall_sample().points
     shuffled = points[torch.randperm(len(points), generator=torch.Generator().manual_seed(0))]
-    with pytest.raises(
-        ValueError, match=r"sample wall: .* elevations do not part into rings either"
-    ):
+    with pytest.raises(ValueError, match=r"sample wall: .* elevations do not separate into rings"):
         split_rings(replace(wall_sample(), points=shuffled))
 
 
@@ -235,7 +233,10 @@ def test_a_whole_sweep_of_64_beams_far_apart_is_scored_as_its_beams_are_counted(
     check_rings(found)
     assert found.sensor_beams == 64
     cut = replace(sample, points=sample.points[sample.points[:, 0] > 5])
-    with pytest.raises(ValueError, match="too far for the 64 beams that a sweep cut to the image"):
+    with pytest.raises(
+        ValueError,
+        match="too far for the 64 beams that are assumed for a sweep cropped to the image",
+    ):
         check_rings(split_rings(cut))
 
 

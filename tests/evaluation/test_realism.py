@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from sightline.data.image_file import write_rgb
+from sightline.data.kitti_conversion import kitti_from_labels
 from sightline.data.kitti_files import read_object_calibration
 from sightline.data.kitti_labels import KittiObjects, read_labels, write_objects
-from sightline.data.object_labels import kitti_from_labels
 from sightline.data.velodyne import read_sweep, write_sweep
 from sightline.evaluation.realism import RealismReport, Statistic, evaluate_realism
 from sightline.geometry.boxes2d import Boxes2D

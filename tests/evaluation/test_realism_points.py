@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.evaluation.realism_points import FreeCar, fit_ground, free_cars
 

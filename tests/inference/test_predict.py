@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.depth_png import read_depth_png
 from sightline.data.kitti_files import read_points, write_points
+from sightline.data.map_png import read_depth_png
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK
@@ -248,7 +248,7 @@ def test_a_bad_frame_stops_the_job_in_one_line_and_once_repaired_it_goes_on(
 def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later(
     data, tmp_path, monkeypatch
 ):
-    from sightline.data import depth_png
+    from sightline.data import map_png
 
     def stop_while_writing(path, content):
         with original(path) as temporary:
@@ -263,7 +263,7 @@ def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later
     from sightline.files.atomic import atomic_path as original
 
     with monkeypatch.context() as patched:
-        patched.setattr(depth_png, "atomic_write_bytes", stop_while_writing)
+        patched.setattr(map_png, "atomic_write_bytes", stop_while_writing)
         with pytest.raises(KeyboardInterrupt):
             write(data, out)
     left = contents_of(out)
@@ -320,7 +320,7 @@ def test_ctrl_c_ends_a_parallel_job_in_one_line_without_half_written_files(tmp_p
     assert write(data, out) == JobResult(written=24 - len(written), skipped=len(written))
 
 
-@pytest.mark.filterwarnings("ignore:.*of the frames looked at")
+@pytest.mark.filterwarnings("ignore:.*in the checked frames")
 def test_a_sweep_without_points_gives_a_map_without_depths(data, tmp_path):
     write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
     for method in ("nearest", "linear", "classical", "adaptive"):

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from sightline.cli.main import main
-from sightline.data.depth_png import write_depth_png
 from sightline.data.image_file import read_rgb
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.detection3d.files import write_results
 from sightline.geometry.boxes2d import Boxes2D

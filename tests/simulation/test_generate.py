@@ -16,9 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.data.check import check_tree
-from sightline.data.depth_png import read_depth_png
-from sightline.data.instance_png import read_instance_png
 from sightline.data.kitti_labels import read_labels
+from sightline.data.map_png import read_depth_png, read_instance_png
 from sightline.data.open import open_dataset
 from sightline.data.rings import ring_numbers
 from sightline.files.problem import FileError

@@ -122,7 +122,7 @@ def test_what_is_drawn_for_a_sample_depends_on_seed_epoch_and_sample_alone(frame
     assert not any(plain[name].equal(other[name]) for name in shared)
 
 
-@pytest.mark.filterwarnings("ignore:.*have no point of the frames looked at")
+@pytest.mark.filterwarnings("ignore:.*are empty in the checked frames")
 def test_sources_of_every_kind_mix_and_repeats_weigh_them(tmp_path):
     trees.write_object_tree(tmp_path / "object", "000003", "000007")
     trees.write_drive(tmp_path / "drive", 1)

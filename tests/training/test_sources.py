@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.object_tree import find_velodyne
+from sightline.data.kitti_trees import find_velodyne
 from sightline.training.sources import SourceConfig, open_source
 from tests.data import recordings, trees
 from tests.training import toy

@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float32, Float64, Int64, UInt8
 from torch import Tensor
 
 from sightline.data.kitti_labels import NO_ALPHA
+from sightline.data.pixels import is_in_view
 from sightline.data.rings import NUM_RINGS, rings_of_any_order
-from sightline.data.view import is_in_view
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration

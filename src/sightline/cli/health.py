@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
 from sightline.cli.report import check_places, deliver, named_file
-from sightline.data.object_tree import Part, Velodyne
+from sightline.data.kitti_trees import Part, Velodyne
 
 if TYPE_CHECKING:
     from sightline.data.open import SampleDataset
@@ -99,7 +99,7 @@ def _limits(
     fit_first: int | None,
 ) -> "ChosenLimits":
     """Choose the given limits, else Sightline's, or fit them to the first frames."""
-    from sightline.data.recording_tree import IMAGES
+    from sightline.data.recording_files import IMAGES
     from sightline.health.limits import read_limits
     from sightline.health.shipped import (
         NUM_CHECKED_FRAMES,

@@ -9,7 +9,7 @@ from sightline.cli.engine import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
 from sightline.tasks import Task, find_task, task_names, weights_of

@@ -5,7 +5,7 @@ from pathlib import Path
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.jobs.output_dirs import check_outputs
 
 

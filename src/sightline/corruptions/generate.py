@@ -13,8 +13,7 @@ from sightline.corruptions.corruption import Corrupted, Corruption, Record, ever
 from sightline.corruptions.suites import Case, Suite, find_suite
 from sightline.data.kitti_files import write_image, write_points
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.mask_png import read_mask_png, write_mask_png
-from sightline.data.object_tree import (
+from sightline.data.kitti_trees import (
     CORRUPTED,
     ObjectFrame,
     Part,
@@ -23,6 +22,7 @@ from sightline.data.object_tree import (
     list_object_frames,
     part_folder,
 )
+from sightline.data.mask_png import read_mask_png, write_mask_png
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
 from sightline.jobs.output_dirs import (

@@ -9,29 +9,33 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from sightline.data.calibration_text import read_object_matrices
-from sightline.data.depth_tree import DepthFrame
-from sightline.data.drive_tree import DriveFrame
-from sightline.data.frame_checks import read_or_note, shows_nothing
+from sightline.data.frame_checks import is_blank, read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import read_object_matrices
 from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_trees import (
+    CORRUPTED,
+    DepthFrame,
+    DriveFrame,
+    ObjectFrame,
+    describe_absent,
+)
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
-from sightline.data.label_fit import chosen_objects
-from sightline.data.object_tree import CORRUPTED, ObjectFrame, describe_absent
+from sightline.data.label_fit import visible_objects
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import read_recording_calibration
-from sightline.data.recording_tree import CALIBRATION_SUFFIXES
+from sightline.data.recording_files import CALIBRATION_SUFFIXES
 from sightline.data.velodyne import read_sweep
 from sightline.files.problem import Problem
 
 _MAX_BYTES: Final = 2**28  # larger files are refused by their readers
-_GLIMPSE_BYTES: Final = 4096
-_NAMED: Final = 5  # groups of equal files with a line of their own
+_COMPARED_BYTES: Final = 4096
+_MAX_LISTED: Final = 5  # groups of equal files listed one by one
 
 
 def check_object_frames(frames: Sequence[ObjectFrame], folder: Path) -> list[Problem]:
-    """Check frames of an object tree against each other; none of a corrupted one."""
+    """Check frames of an object tree against each other, unless it is corrupted."""
     if (folder / CORRUPTED).is_dir():
         return []
     return [
@@ -73,17 +77,17 @@ def _read_object_frame(frame: ObjectFrame) -> LabelledSweep | None:
 
 def _read_recording_frame(frame: ObjectFrame) -> LabelledSweep | None:
     objects = read_or_note(read_labels, frame.objects, [])
-    said = read_or_note(read_recording_calibration, frame.calibration, [])
+    calibration = read_or_note(read_recording_calibration, frame.calibration, [])
     points = read_or_note(partial(read_cloud, max_intensity=math.inf), frame.points, [])
-    if objects is None or said is None or points is None:
+    if objects is None or calibration is None or points is None:
         return None
-    return LabelledSweep(objects=objects, matrices=said.matrices, points=points)
+    return LabelledSweep(objects=objects, matrices=calibration.matrices, points=points)
 
 
 def check_repeats(
     frames: Sequence[ObjectFrame] | Sequence[DriveFrame] | Sequence[DepthFrame],
 ) -> list[Problem]:
-    """Find frames with equal pictures, clouds or labels: noise makes two of a sensor differ.
+    """Find frames with equal pictures, clouds or labels; noise makes true recordings differ.
 
     Images of one colour, empty files and labels without a 3D box are left out. Frames of several
     cameras, which have calibrations of their own in a recording, may share a cloud; consecutive
@@ -96,18 +100,20 @@ def check_repeats(
         cloud = frame.sparse if isinstance(frame, DepthFrame) else frame.points
         if cloud is not None:
             by_camera[_camera(frame)].append(cloud)
-    clouds = [group for each in by_camera.values() for group in _equal_files(each)]
-    shown = [group for group in _equal_files(pictures) if not _shows_nothing(group[0])]
+    repeated_clouds = [group for each in by_camera.values() for group in _equal_files(each)]
+    repeated_pictures = [
+        group for group in _equal_files(pictures) if not _is_blank_or_unreadable(group[0])
+    ]
     places = {path: place for place, path in enumerate(labels)}
-    labelled = [
+    repeated_labels = [
         group
         for group in _equal_files(labels)
         if places[group[-1]] - places[group[0]] >= len(group) and _has_box3d(group[0])
     ]
     return [
-        *_describe_repeats(shown, "picture"),
-        *_describe_repeats(clouds, "cloud"),
-        *_describe_repeats(labelled, "label file"),
+        *_describe_repeats(repeated_pictures, "picture"),
+        *_describe_repeats(repeated_clouds, "cloud"),
+        *_describe_repeats(repeated_labels, "label file"),
     ]
 
 
@@ -118,14 +124,14 @@ def _camera(frame: ObjectFrame | DriveFrame | DepthFrame) -> bytes | None:
 
 
 def _check_emptiness(clouds: Sequence[Path]) -> list[Problem]:
-    """Find a folder in which each file of a cloud is empty; single empty ones are no problem."""
+    """Find a folder whose clouds are all empty; single empty ones are no problem."""
     if not clouds or any(_size(path) != 0 for path in clouds):
         return []
     return [
         Problem(
             path=clouds[0].parent,
-            problem=f"holds {len(clouds)} clouds, and no point in any of them",
-            remedy="look whether the LiDAR delivered anything, and how it was converted",
+            problem=f"holds {len(clouds)} clouds, all without a point",
+            remedy="check whether the LiDAR delivered points, and how they were converted",
         )
     ]
 
@@ -146,7 +152,7 @@ def _check_image_sizes(frames: Sequence[ObjectFrame]) -> list[Problem]:
 def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
     """Find images of other sizes than most images of their camera, one problem a size.
 
-    Where no size is the most frequent one, a single problem names all and blames none.
+    If no size is the most frequent one, a single problem lists all sizes.
     """
     by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
     for image in images:
@@ -155,46 +161,48 @@ def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
             by_size[size].append(image)
     if len(by_size) < 2:
         return []
-    remedy = "give the image that was calibrated, or a calibration of its own"
-    (usual, alike), (_, next_alike), *_ = sorted(by_size.items(), key=lambda each: -len(each[1]))
-    if len(alike) == len(next_alike):
+    remedy = "give the calibrated image, or its own calibration"
+    (usual, usual_images), (_, next_images), *_ = sorted(
+        by_size.items(), key=lambda each: -len(each[1])
+    )
+    if len(usual_images) == len(next_images):
         sizes = [
-            f"{of_size[0].name} of {height}x{width}{_more(of_size)}"
-            for (height, width), of_size in by_size.items()
+            f"{images_of_size[0].name} of {height}x{width}{_more(images_of_size)}"
+            for (height, width), images_of_size in by_size.items()
         ]
-        listed = ", ".join(sizes[:_NAMED]) + (", ..." if len(sizes) > _NAMED else "")
+        listed = ", ".join(sizes[:_MAX_LISTED]) + (", ..." if len(sizes) > _MAX_LISTED else "")
         problem = (
             f"holds images of {len(sizes)} sizes (height x width) with the same calibration, and "
-            f"no size is the usual one: {listed}"
+            f"none is the most frequent: {listed}"
         )
-        return [Problem(path=alike[0].parent, problem=problem, remedy=remedy)]
+        return [Problem(path=usual_images[0].parent, problem=problem, remedy=remedy)]
     return [
         Problem(
-            path=strange[0],
-            problem=f"is {size[0]}x{size[1]} (height x width){_more(strange)}, expected "
-            f"{usual[0]}x{usual[1]} as {len(alike)} images of the same calibration",
+            path=differing[0],
+            problem=f"is {size[0]}x{size[1]} (height x width){_more(differing)}, expected "
+            f"{usual[0]}x{usual[1]} like {len(usual_images)} images of the same calibration",
             remedy=remedy,
         )
-        for size, strange in by_size.items()
+        for size, differing in by_size.items()
         if size != usual
     ]
 
 
-def _describe_repeats(groups: Sequence[Sequence[Path]], what: str) -> list[Problem]:
-    remedy = f"give each frame the {what} that was taken for it"
+def _describe_repeats(groups: Sequence[Sequence[Path]], kind: str) -> list[Problem]:
+    remedy = f"give each frame its own {kind}"
     problems = [
         Problem(
             path=first,
-            problem=f"is the same {what}, byte for byte, as of {len(others)} other "
+            problem=f"is the same {kind}, byte for byte, as that of {len(others)} other "
             f"{'frame' if len(others) == 1 else 'frames'} "
             f"({describe_absent([path.stem for path in others])})",
             remedy=remedy,
         )
-        for first, *others in groups[:_NAMED]
+        for first, *others in groups[:_MAX_LISTED]
     ]
-    if len(groups) > _NAMED:
-        first = groups[_NAMED][0]
-        more = f"and {len(groups) - _NAMED - 1} more have the same {what} as other frames"
+    if len(groups) > _MAX_LISTED:
+        first = groups[_MAX_LISTED][0]
+        more = f"and {len(groups) - _MAX_LISTED - 1} more have the same {kind} as other frames"
         problems.append(Problem(path=first, problem=more, remedy=remedy))
     return problems
 
@@ -203,21 +211,21 @@ def _more(paths: Sequence[Path]) -> str:
     return f", like {len(paths) - 1} more" if len(paths) > 1 else ""
 
 
-def _shows_nothing(path: Path) -> bool:
+def _is_blank_or_unreadable(path: Path) -> bool:
     """Whether an image is unreadable, which its reader reports, or has a single colour."""
     image = read_or_note(read_rgb, path, [])
-    return image is None or shows_nothing(image)
+    return image is None or is_blank(image)
 
 
 def _has_box3d(path: Path) -> bool:
     objects = read_or_note(read_labels, path, [])
-    return objects is not None and bool(chosen_objects(objects, within_m=math.inf))
+    return objects is not None and bool(visible_objects(objects, within_m=math.inf))
 
 
 def _equal_files(paths: Sequence[Path]) -> list[list[Path]]:
-    """Group equal files that are not empty; most are told apart without reading them."""
+    """Group equal files that are not empty; most are distinguished without reading them."""
     groups = [list(paths)]
-    for key in (_size_to_compare, _glimpse, _digest):
+    for key in (_size_to_compare, _middle_bytes, _digest):
         groups = [equal for group in groups for equal in _grouped(group, key)]
     return groups
 
@@ -246,12 +254,12 @@ def _size_to_compare(path: Path) -> int | None:
     return size if size is not None and 0 < size <= _MAX_BYTES else None
 
 
-def _glimpse(path: Path) -> bytes | None:
+def _middle_bytes(path: Path) -> bytes | None:
     """Some bytes from the middle, which differ between clouds of one length."""
     try:
         with path.open("rb") as file:
-            file.seek(max(path.stat().st_size - _GLIMPSE_BYTES, 0) // 2)
-            return file.read(_GLIMPSE_BYTES)
+            file.seek(max(path.stat().st_size - _COMPARED_BYTES, 0) // 2)
+            return file.read(_COMPARED_BYTES)
     except OSError:
         return None
 

@@ -28,7 +28,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     Supports recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
     folders itself), the depth completion tree and raw drives. Finds missing, truncated, non-finite
     and implausible files, files of one frame that do not fit each other, frames with equal files,
-    and by labels clouds that are moved, turned, scaled or mirrored. Continues after faults, and
+    and, with labels, clouds that are moved, turned, scaled or mirrored. Continues after faults, and
     holds only a few frames in memory. An empty sweep is no fault, unless all are.
 
     Examples:
@@ -53,9 +53,9 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     for tree in trees:
         yield from tree.gaps
         run = partial(_run, folder=tree.summary.folder)
-        answers = map_ahead(run, tree.checks, workers=workers)
+        results = map_ahead(run, tree.checks, workers=workers)
         description = f"checking {tree.summary.folder.name}"
-        for problems in track(answers, description=description, total=len(tree.checks)):
+        for problems in track(results, description=description, total=len(tree.checks)):
             yield from problems
 
 
@@ -66,7 +66,7 @@ def _run(check: Check, *, folder: Path) -> list[Problem]:
     """
     try:
         return check.run()
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is told
-        said = f"{type(error).__name__}: {error}".rstrip(": ")
-        problem = f"{check.subject} cannot be checked ({said})"
+    except Exception as error:  # noqa: BLE001 - any exception becomes a problem
+        cause = f"{type(error).__name__}: {error}".rstrip(": ")
+        problem = f"{check.subject} cannot be checked ({cause})"
         return [Problem(path=folder, problem=problem, remedy="report this as a bug")]

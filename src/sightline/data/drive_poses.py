@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.calibration_text import read_rigid_transform
-from sightline.data.drive_tree import DriveFiles
+from sightline.data.kitti_calibration import read_rigid_transform
+from sightline.data.kitti_trees import DriveFiles
 from sightline.files.plain_text import REMEDY, parse_numbers, read_text, shortened
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.rotations import rotation_fault
@@ -109,8 +109,8 @@ def check_drive_times(files: DriveFiles) -> list[Problem]:
         times = drive_times(files)
     except FileError as error:
         return [error.problem]
-    late = None if times is None else drive_times_doubt(files, times)
-    return [] if late is None else [late]
+    doubt = None if times is None else drive_times_doubt(files, times)
+    return [] if doubt is None else [doubt]
 
 
 def drive_times_doubt(files: DriveFiles, times: Sequence[float]) -> Problem | None:
@@ -120,13 +120,13 @@ def drive_times_doubt(files: DriveFiles, times: Sequence[float]) -> Problem | No
         files: Files of the drive, with timestamps.
         times: Result of `drive_times`.
     """
-    late = [place for place in range(1, len(times)) if times[place] <= times[place - 1]]
-    if files.timestamps is None or not late:
+    not_rising = [place for place in range(1, len(times)) if times[place] <= times[place - 1]]
+    if files.timestamps is None or not not_rising:
         return None
     return Problem(
         path=files.timestamps,
-        problem=f"has times that do not rise from frame to frame: {len(late)} of {len(times)} fall "
-        f"or stay, that of {files.frames[late[0]].sample_id} for one",
+        problem=f"has times that do not rise from frame to frame: {len(not_rising)} of "
+        f"{len(times)}, such as that of {files.frames[not_rising[0]].sample_id}",
         remedy="correct them, or number the frames in the order in which they were taken",
     )
 

@@ -7,22 +7,20 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from sightline.data.between_frames import check_repeats
-from sightline.data.depth_tree import DepthFrame
-from sightline.data.drive_tree import DriveFrame
 from sightline.data.frame_checks import Findings
-from sightline.data.object_tree import CORRUPTED, ObjectFrame, Part
-from sightline.data.unread_files import PartFolder, find_twins, find_unread
+from sightline.data.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame, Part
+from sightline.data.unread_files import PartFolder, find_name_clashes, find_unread
 from sightline.files.problem import FileError, Problem
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
-_DRAWN: Final = 3  # number of frames: the first, and others spread over the rest
-_STACK: Final = 4  # stack level of the caller that opens the data set
+_NUM_CHECKED_FRAMES: Final = 3  # number of frames: the first, and others spread over the rest
+_STACK_LEVEL: Final = 4  # stack level of the caller that opens the data set
 
 Item = TypeVar("Item")
 Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
 
 
-def judge_folders(folders: Sequence[PartFolder], parts: Collection[Part]) -> None:
+def warn_of_unread_files(folders: Sequence[PartFolder], parts: Collection[Part]) -> None:
     """Warn of ignored files, by number and kind, and of files hidden by another one.
 
     Args:
@@ -35,18 +33,18 @@ def judge_folders(folders: Sequence[PartFolder], parts: Collection[Part]) -> Non
     for unread in find_unread(folders):
         if unread.part not in parts:
             continue
-        if unread.is_all:
+        if unread.all_unread:
             problem = unread.problem
             raise FileError(problem.path, problem.problem, problem.remedy)
-        warnings.warn(str(unread.problem), stacklevel=_STACK)
+        warnings.warn(str(unread.problem), stacklevel=_STACK_LEVEL)
     for place in folders:
-        twins = find_twins(place) if place.part in parts else []
-        if twins:
-            more = f" ({len(twins)} like it)" if len(twins) > 1 else ""
-            warnings.warn(f"{twins[0]}{more}", stacklevel=_STACK)
+        clashes = find_name_clashes(place) if place.part in parts else []
+        if clashes:
+            more = f" ({len(clashes)} like it)" if len(clashes) > 1 else ""
+            warnings.warn(f"{clashes[0]}{more}", stacklevel=_STACK_LEVEL)
 
 
-def judge_frames(
+def check_sample_frames(
     root: Path,
     frames: Sequence[Frame],
     examine: Callable[[Frame], Findings],
@@ -68,14 +66,17 @@ def judge_frames(
     Raises:
         FileError: A sweep is not in metres, or has reflectances outside 0 to 1.
     """
-    drawn = [_with_parts(frame, parts) for frame in draw(frames)]
-    findings: list[Findings] = [examine(frame) for frame in drawn]
-    for problem in (problem for found in findings for problem in found.refused):
+    selected = [_with_parts(frame, parts) for frame in select_spread(frames)]
+    findings: list[Findings] = [examine(frame) for frame in selected]
+    for problem in (problem for found in findings for problem in found.impossible):
         raise FileError(problem.path, problem.problem, problem.remedy)
-    doubts = [*shared, *(each for found in findings for each in (*found.doubted, *found.hollow))]
-    doubts += [] if _is_corrupted(root) else check_repeats(drawn)
-    _warn_of_doubts(doubts, len(drawn))
-    _warn_of_nothing(root, drawn, findings)
+    doubts = [
+        *shared,
+        *(each for found in findings for each in (*found.implausible, *found.nearly_empty)),
+    ]
+    doubts += [] if _is_corrupted(root) else check_repeats(selected)
+    _warn_of_doubts(doubts, len(selected))
+    _warn_of_missing_data(root, selected, findings)
 
 
 def _points_file(frame: ObjectFrame | DepthFrame | DriveFrame) -> Path | None:
@@ -86,16 +87,18 @@ def _is_corrupted(root: Path) -> bool:
     return any((root / split / CORRUPTED).is_dir() for split in ("", *KITTI_SPLITS))
 
 
-def _warn_of_doubts(doubts: Sequence[Problem], num_looked_at: int) -> None:
+def _warn_of_doubts(doubts: Sequence[Problem], num_checked: int) -> None:
     for problem, count in _grouped(doubts):
-        more = f" ({count} like it in {num_looked_at} frames looked at)" if count > 1 else ""
-        warnings.warn(f"{problem}{more}; see all by: sightline check", stacklevel=_STACK + 1)
+        more = f" ({count} like it in {num_checked} checked frames)" if count > 1 else ""
+        warnings.warn(f"{problem}{more}; see all by: sightline check", stacklevel=_STACK_LEVEL + 1)
 
 
-def draw(items: Sequence[Item]) -> list[Item]:
+def select_spread(items: Sequence[Item]) -> list[Item]:
     """Select the first, the last and one item between, always the same ones."""
     last = len(items) - 1
-    places = sorted({round(last * share / (_DRAWN - 1)) for share in range(_DRAWN)})
+    places = sorted(
+        {round(last * share / (_NUM_CHECKED_FRAMES - 1)) for share in range(_NUM_CHECKED_FRAMES)}
+    )
     return [items[place] for place in places] if items else []
 
 
@@ -124,7 +127,9 @@ def _grouped(problems: Sequence[Problem]) -> list[tuple[Problem, int]]:
     return [(alike[0], len(alike)) for alike in by_kind.values()]
 
 
-def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Findings]) -> None:
+def _warn_of_missing_data(
+    root: Path, selected: Sequence[Frame], findings: Sequence[Findings]
+) -> None:
     """Warn if every checked frame lacks the data of a sensor.
 
     Corrupted data sets are exempt: they lack it on purpose.
@@ -132,20 +137,20 @@ def _warn_of_nothing(root: Path, drawn: Sequence[Frame], findings: Sequence[Find
     if _is_corrupted(root):
         return
     images = [
-        found.has_dark_image
-        for frame, found in zip(drawn, findings, strict=True)
+        found.has_blank_image
+        for frame, found in zip(selected, findings, strict=True)
         if frame.image is not None and not found.unreadable
     ]
     sweeps = [
         found.has_empty_sweep
-        for frame, found in zip(drawn, findings, strict=True)
+        for frame, found in zip(selected, findings, strict=True)
         if _points_file(frame) is not None and not found.unreadable
     ]
-    for what, empty in (("images are of one colour", images), ("sweeps have no point", sweeps)):
+    for fault, empty in (("images have a single colour", images), ("sweeps are empty", sweeps)):
         if empty and all(empty):
             problem = Problem(
                 path=root,
-                problem=f"all {len(empty)} {what} of the frames looked at",
-                remedy="look whether the sensor delivered anything; see all by: sightline check",
+                problem=f"all {len(empty)} {fault} in the checked frames",
+                remedy="check whether the sensor delivered data; see all by: sightline check",
             )
-            warnings.warn(str(problem), stacklevel=_STACK)
+            warnings.warn(str(problem), stacklevel=_STACK_LEVEL)

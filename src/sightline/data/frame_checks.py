@@ -9,32 +9,31 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float, Float32, Float64, UInt8
 
-from sightline.data.calibration_checks import check_intrinsics, check_matrices
-from sightline.data.calibration_text import (
+from sightline.data.image_file import read_rgb
+from sightline.data.kitti_calibration import (
     CalibrationMatrices,
+    check_intrinsics,
+    check_matrices,
     read_intrinsics,
     read_object_matrices,
     read_rectified_intrinsics,
 )
-from sightline.data.depth_png import read_depth_png
-from sightline.data.depth_tree import DepthFrame
-from sightline.data.drive_tree import DriveFrame
-from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_trees import DepthFrame, DriveFrame, ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
-from sightline.data.object_tree import ObjectFrame
+from sightline.data.map_png import read_depth_png
+from sightline.data.pixels import is_in_view
 from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt
-from sightline.data.view import is_in_view
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.mount import MAX_RANGE_M, has_too_few_in_image
 from sightline.geometry.mount_axes import axes_doubt
 
-_DARK_LEVELS = 8  # largest range of levels in an image that shows nothing
-_MAX_LIDAR_DEPTH_M = 120.0  # holds for nearly all pixels of a projected sweep
-_MIN_DEPTH_M = 1.0  # the same
-_FEWEST_COMPARED = 20  # pixels with a depth and a point
-_SCALE = 1.5  # ratio between depth and point that counts as a wrong scale
+_MAX_BLANK_LEVELS = 8  # largest range of levels in an image of a single colour
+_MAX_LIDAR_DEPTH_M = 120.0  # largest plausible 99th percentile of a projected sweep
+_MIN_DEPTH_M = 1.0  # smallest plausible 99th percentile
+_MIN_COMPARED_PX = 20  # pixels with a depth and a point
+_MAX_DEPTH_RATIO = 1.5  # ratio between depth and point that counts as a wrong scale
 
 Content = TypeVar("Content")
 
@@ -45,24 +44,24 @@ class Findings:
 
     unreadable: list[Problem] = field(default_factory=list)
     """Files that their reader refuses."""
-    refused: list[Problem] = field(default_factory=list)
+    impossible: list[Problem] = field(default_factory=list)
     """Impossible values, which make any prediction wrong."""
-    doubted: list[Problem] = field(default_factory=list)
+    implausible: list[Problem] = field(default_factory=list)
     """Implausible values, and files that probably do not belong together."""
-    hollow: list[Problem] = field(default_factory=list)
-    """Clouds with hardly anything in them, which contradict no other file."""
-    has_dark_image: bool = False
+    nearly_empty: list[Problem] = field(default_factory=list)
+    """Clouds with hardly any points, which contradict no other file."""
+    has_blank_image: bool = False
     """Whether the image has a single colour."""
     has_empty_sweep: bool = False
 
     def all(self) -> list[Problem]:
         """Returns all faults."""
-        return [*self.unreadable, *self.refused, *self.doubted, *self.hollow]
+        return [*self.unreadable, *self.impossible, *self.implausible, *self.nearly_empty]
 
     @property
     def is_consistent(self) -> bool:
         """Whether the frame's files are readable, plausible and fit each other."""
-        return not (self.unreadable or self.refused or self.doubted)
+        return not (self.unreadable or self.impossible or self.implausible)
 
 
 def examine_object_frame(frame: ObjectFrame) -> Findings:
@@ -71,23 +70,23 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
     size = _image_size(frame.image, found)
     depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
     if depth_m is not None and frame.depth is not None:
-        found.doubted += _check_size(depth_m, frame.depth, size, frame.image)
+        found.implausible += _check_size(depth_m, frame.depth, size, frame.image)
         size = size or depth_m.shape
     matrices = read_or_note(read_object_matrices, frame.calibration, found.unreadable)
     if matrices is not None and frame.calibration is not None:
-        found.doubted += check_matrices(matrices, size, frame.calibration)
+        found.implausible += check_matrices(matrices, size, frame.calibration)
     points = _examine_sweep(frame.points, found)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     if points is not None and frame.points is not None and matrices is not None:
-        upturned = _check_axes(points, matrices, frame.points)
-        found.doubted += upturned or _check_view(points, matrices, size, frame.points)
-        if not upturned and depth_m is not None and frame.depth is not None:
+        axes_problems = _check_axes(points, matrices, frame.points)
+        found.implausible += axes_problems or _check_view(points, matrices, size, frame.points)
+        if not axes_problems and depth_m is not None and frame.depth is not None:
             image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
-            found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
+            found.implausible += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
-        found.doubted += check_objects(objects, size, frame.objects)
+        found.implausible += check_objects(objects, size, frame.objects)
         if matrices is not None and found.is_consistent:
-            found.doubted += check_label_fit(objects, matrices, size, points, frame.objects)
+            found.implausible += check_label_fit(objects, matrices, size, points, frame.objects)
     return found
 
 
@@ -99,11 +98,11 @@ def examine_depth_frame(frame: DepthFrame) -> Findings:
         depth_m = read_or_note(read_depth_png, path, found.unreadable)
         if depth_m is None or path is None:
             continue
-        found.doubted += _check_size(depth_m, path, size, frame.image)
-        found.doubted += _check_depth_range(depth_m, path)
+        found.implausible += _check_size(depth_m, path, size, frame.image)
+        found.implausible += _check_depth_range(depth_m, path)
         if path == frame.truth and not depth_m.any():
             empty = Problem(path=path, problem="holds no depth", remedy="extract it again")
-            found.doubted.append(empty)
+            found.implausible.append(empty)
         found.has_empty_sweep |= path == frame.sparse and not depth_m.any()
     if frame.camera is None:
         intrinsics = read_or_note(read_intrinsics, frame.intrinsics, found.unreadable)
@@ -111,7 +110,7 @@ def examine_depth_frame(frame: DepthFrame) -> Findings:
         read = partial(read_rectified_intrinsics, camera=int(frame.camera[-2:]))
         intrinsics = read_or_note(read, frame.intrinsics, found.unreadable)
     if intrinsics is not None and frame.intrinsics is not None:
-        found.doubted += check_intrinsics(intrinsics, size, frame.intrinsics)
+        found.implausible += check_intrinsics(intrinsics, size, frame.intrinsics)
     return found
 
 
@@ -123,22 +122,22 @@ def examine_drive_frame(
     size = _image_size(frame.image, found)
     points = _examine_sweep(frame.points, found)
     if points is not None and frame.points is not None and matrices is not None:
-        upturned = _check_axes(points, matrices, frame.points)
-        found.doubted += upturned or _check_view(points, matrices, size, frame.points)
+        axes_problems = _check_axes(points, matrices, frame.points)
+        found.implausible += axes_problems or _check_view(points, matrices, size, frame.points)
     return found
 
 
 def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Read an image; note if it is unreadable or shows nothing."""
+    """Read an image; note if it is unreadable or has a single colour."""
     image = read_or_note(read_rgb, path, found.unreadable)
     if image is not None:
-        found.has_dark_image = shows_nothing(image)
+        found.has_blank_image = is_blank(image)
     return image
 
 
-def shows_nothing(image: UInt8[np.ndarray, "height width 3"]) -> bool:
+def is_blank(image: UInt8[np.ndarray, "height width 3"]) -> bool:
     """Whether an image has a single colour, except for noise."""
-    return int(image.max()) - int(image.min()) <= _DARK_LEVELS
+    return int(image.max()) - int(image.min()) <= _MAX_BLANK_LEVELS
 
 
 def read_or_note(
@@ -168,10 +167,10 @@ def _examine_sweep(
     found.has_empty_sweep = not len(points)
     doubt = sweep_doubt(path, points)
     if doubt is not None:
-        found.refused.append(doubt)
+        found.impossible.append(doubt)
     else:
-        found.doubted += _check_points(points, path)
-        found.hollow += hollow_sweep(path, points)
+        found.implausible += _check_points(points, path)
+        found.nearly_empty += hollow_sweep(path, points)
     return points
 
 
@@ -189,7 +188,7 @@ def _check_size(
             path=path,
             problem=f"is {depth_m.shape[0]}x{depth_m.shape[1]} (height x width) but the image "
             f"{image} is {size[0]}x{size[1]}",
-            remedy="extract both again, or crop them alike",
+            remedy="extract both again, or crop both in the same way",
         )
     ]
 
@@ -204,7 +203,7 @@ def _check_points(points: Float32[np.ndarray, "num_points 4"], path: Path) -> li
                 path=path,
                 problem=f"holds {far} of {len(points)} points farther away than "
                 f"{MAX_RANGE_M:.0f} m, up to {np.sqrt(squared_range.max()):.4g} m",
-                remedy="check that it is in metres, four float32 values a point",
+                remedy="check that it is in metres, four float32 values per point",
             )
         )
     reflectance = points[:, 3]
@@ -262,16 +261,18 @@ def check_depth_scale(
     """Check that the scale of a depth map agrees with the points."""
     size = (depth_m.shape[0], depth_m.shape[1])
     shown = points[is_in_view(points, image_from_lidar, size), :3].astype(np.float64)
-    places = shown @ image_from_lidar[:, :3].T + image_from_lidar[:, 3]
-    columns, rows = (places[:, :2] / places[:, 2:]).astype(int).T
-    there = depth_m[rows, columns]
-    ratios = there[there > 0] / places[there > 0, 2]
-    if len(ratios) < _FEWEST_COMPARED:
+    projected = shown @ image_from_lidar[:, :3].T + image_from_lidar[:, 3]
+    columns, rows = (projected[:, :2] / projected[:, 2:]).astype(int).T
+    map_depths = depth_m[rows, columns]
+    ratios = map_depths[map_depths > 0] / projected[map_depths > 0, 2]
+    if len(ratios) < _MIN_COMPARED_PX:
         return []
     ratio = float(np.median(ratios))
-    if 1 / _SCALE <= ratio <= _SCALE:
+    if 1 / _MAX_DEPTH_RATIO <= ratio <= _MAX_DEPTH_RATIO:
         return []
-    return [_wrong_scale(path, f"is {ratio:.3g} times as deep as the points that it shows")]
+    return [
+        _wrong_scale(path, f"has {ratio:.3g} times the depths of the points at the same pixels")
+    ]
 
 
 def _check_depth_range(depth_m: Float32[np.ndarray, "height width"], path: Path) -> list[Problem]:
@@ -282,17 +283,18 @@ def _check_depth_range(depth_m: Float32[np.ndarray, "height width"], path: Path)
 def depth_range_doubt(depth_m: Float[np.ndarray, "height width"]) -> str | None:
     """Reason, as the rest of a sentence, why depths are no plausible LiDAR metres; else None."""
     depths = depth_m[depth_m > 0]
-    if len(depths) < _FEWEST_COMPARED:
+    if len(depths) < _MIN_COMPARED_PX:
         return None
-    nearly_all = float(np.percentile(depths, 99))
-    if _MIN_DEPTH_M <= nearly_all <= _MAX_LIDAR_DEPTH_M:
+    percentile_99 = float(np.percentile(depths, 99))
+    if _MIN_DEPTH_M <= percentile_99 <= _MAX_LIDAR_DEPTH_M:
         return None
-    return f"has depths of up to {nearly_all:.4g} m (99 % of them)"
+    return f"has a 99th percentile of depths of {percentile_99:.4g} m"
 
 
 def _wrong_scale(path: Path, problem: str) -> Problem:
     return Problem(
         path=path,
-        problem=f"{problem}: it is probably in millimetres, or another unit than metres times 256",
+        problem=f"{problem}: it is probably in millimetres or another unit, expected metres times "
+        "256",
         remedy="write metres times 256 in 16 bits, 0 for no value",
     )

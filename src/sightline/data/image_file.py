@@ -38,7 +38,7 @@ def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
         raise FileError(
             path,
             f"has {header.bits_per_channel} bits per channel, expected a picture of 8; it is "
-            "perhaps a depth map",
+            "probably a depth map",
             "name the folder of camera images, or convert them to 8 bits",
         )
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
@@ -98,7 +98,7 @@ def decode_pixels(
     return pixels
 
 
-def _said(picture: object) -> str:
+def _describe_array(picture: object) -> str:
     """Description of an invalid picture, for errors."""
     if not hasattr(picture, "dtype") or not hasattr(picture, "shape"):
         return type(picture).__name__
@@ -128,8 +128,8 @@ def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> N
     is_array = isinstance(image, np.ndarray)
     if not is_array or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(
-            f"{path} cannot be written: the picture is {_said(image)}, expected an array uint8 of "
-            "height, width, 3; of a sample it is image.permute(1, 2, 0).numpy()"
+            f"{path} cannot be written: the picture is {_describe_array(image)}, expected a uint8 "
+            "array of height, width, 3; for a sample give image.permute(1, 2, 0).numpy()"
         )
     if image.size == 0:
         raise ValueError(f"{path} cannot be written: a picture needs at least one pixel")

@@ -101,24 +101,24 @@ def parse_image_header(
         raise FileError(source, "is cut short within its header", _REMEDY) from error
     if header is None:
         other = next((name for begin, name in _OTHER_FORMATS if content.startswith(begin)), None)
-        said = "" if other is None else f": it is {other} by its first bytes"
-        said = said if content else ": it is empty"
-        raise FileError(source, f"is neither a PNG nor a JPEG picture{said}", _REMEDY)
+        cause = "" if other is None else f": its first bytes are those of {other}"
+        cause = cause if content else ": it is empty"
+        raise FileError(source, f"is neither a PNG nor a JPEG picture{cause}", _REMEDY)
     height, width = header.size
-    announced = f"announces {height}x{width} pixels (height x width)"
+    declared = f"declares {height}x{width} pixels (height x width)"
     if not 0 < height * width <= MAX_PIXELS:
-        raise FileError(source, f"{announced}, expected 1 to {MAX_PIXELS} of them", _REMEDY)
+        raise FileError(source, f"{declared}, expected 1 to {MAX_PIXELS} of them", _REMEDY)
     file_bytes = len(content) if file_bytes is None else file_bytes
-    if file_bytes < _least_bytes(header):
+    if file_bytes < _min_bytes(header):
         raise FileError(
             source,
-            f"{announced}, more than its {file_bytes} bytes can hold: it is cut short",
+            f"{declared}, more than its {file_bytes} bytes can hold: it is cut short",
             _REMEDY,
         )
     return header
 
 
-def _least_bytes(header: ImageHeader) -> int:
+def _min_bytes(header: ImageHeader) -> int:
     """Smallest length of a complete file of this picture; in a JPEG, of its scans' data."""
     height, width = header.size
     if header.file_format == "jpeg":
@@ -152,12 +152,12 @@ def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> N
             f"{_MAX_SCANNED_PIXELS // (height * width)}",
             _REMEDY,
         )
-    scanned, least = _scanned_bytes(content), _least_bytes(header)
-    if scanned < least:
+    scan_bytes, min_bytes = _scanned_bytes(content), _min_bytes(header)
+    if scan_bytes < min_bytes:
         raise FileError(
             source,
-            f"is cut short: it has {scanned} bytes of picture data behind its header, expected at "
-            f"least {least} for {height}x{width} pixels (height x width)",
+            f"is cut short: it has {scan_bytes} bytes of picture data behind its header, expected "
+            f"at least {min_bytes} for {height}x{width} pixels (height x width)",
             _REMEDY,
         )
 
@@ -187,8 +187,8 @@ def _check_png_chunks(content: bytes, source: Path | str) -> None:
         kind, end = content[position + 4 : position + 8], position + 12 + length
         if end > len(content):
             break
-        (stated,) = struct.unpack_from(">I", content, end - 4)
-        if zlib.crc32(view[position + 4 : end - 4]) != stated:
+        (stored_checksum,) = struct.unpack_from(">I", content, end - 4)
+        if zlib.crc32(view[position + 4 : end - 4]) != stored_checksum:
             raise FileError(source, "is damaged: a PNG checksum is wrong", _REMEDY)
         if kind == b"IEND":
             return

@@ -9,17 +9,17 @@ from jaxtyping import Float32
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from sightline.data.calibration_text import read_intrinsics, read_rectified_intrinsics
-from sightline.data.depth_tree import (
+from sightline.data.kitti_calibration import read_intrinsics, read_rectified_intrinsics
+from sightline.data.kitti_files import read_depth, read_image
+from sightline.data.kitti_trees import (
     Camera,
     DepthFrame,
     DriveSplit,
     SelectedSplit,
+    describe_absent,
     list_drive_frames,
     list_selected_frames,
 )
-from sightline.data.kitti_files import read_depth, read_image
-from sightline.data.object_tree import describe_absent
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration
@@ -41,8 +41,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
     The benchmark contains the sweeps only as projected, sparse depth maps. A sample's `points` are
     their unprojected pixels, with reflectance 0, in a LiDAR frame with nominal axes at the camera's
     centre: `sparse_depth_map` restores the same map exactly. `depth` is the ground truth; None in
-        the
-    test split.
+    the test split.
 
     `list_drive_frames` (train, val) and `list_selected_frames` (the other two) document the layout.
     """
@@ -83,14 +82,14 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         if not frames:
             raise ValueError(
                 f"{self.root} holds no frames of {split}, expected the tree of KITTI's depth "
-                "completion benchmark; give the folder that its archives were extracted to"
+                "completion benchmark; give the folder of its extracted archives"
             )
         needed = {"sparse": "velodyne_raw", "intrinsics": "intrinsics (calib_cam_to_cam.txt)"}
         if load_images and not allow_gaps:
             needed["image"] = "image"
         if split != "test_depth_completion_anonymous" and not allow_gaps:
             needed["truth"] = "groundtruth"
-        _check_whole(self.root, frames, needed)
+        _check_complete(self.root, frames, needed)
         self.frames = tuple(frames)
 
     @property
@@ -160,7 +159,7 @@ def _read_calibration(frame: DepthFrame) -> Calibration:
     )
 
 
-def _check_whole(root: Path, frames: Sequence[DepthFrame], needed: dict[str, str]) -> None:
+def _check_complete(root: Path, frames: Sequence[DepthFrame], needed: dict[str, str]) -> None:
     for part, folder in needed.items():
         absent = [frame.sample_id for frame in frames if getattr(frame, part) is None]
         if absent:

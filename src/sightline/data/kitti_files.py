@@ -1,7 +1,7 @@
 """Readers and writers of KITTI's files with tensors and types of the project.
 
 Any bytes give a value or a FileError with the file's name. Files are written atomically. The
-readers without PyTorch are in `velodyne`, `calibration_text`, `image_file`, `depth_png`.
+readers without PyTorch are in `velodyne`, `kitti_calibration`, `image_file`, `map_png`.
 """
 
 from pathlib import Path
@@ -11,15 +11,15 @@ import torch
 from jaxtyping import Float32, UInt8
 from torch import Tensor
 
-from sightline.data.calibration_text import (
+from sightline.data.image_file import read_rgb, write_rgb
+from sightline.data.kitti_calibration import (
     CalibrationMatrices,
     object_calibration_text,
     raw_calibration_texts,
     read_object_matrices,
     read_raw_matrices,
 )
-from sightline.data.depth_png import read_depth_png
-from sightline.data.image_file import read_rgb, write_rgb
+from sightline.data.map_png import read_depth_png
 from sightline.data.velodyne import read_sweep, write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import REMEDY
@@ -90,7 +90,7 @@ def _matrices(calibration: Calibration) -> CalibrationMatrices:
     if calibration.image_from_camera.ndim != 2:
         raise ValueError(
             f"a calibration file holds one calibration, got a batch of shape "
-            f"{tuple(calibration.image_from_camera.shape[:-2])}; write each on its own"
+            f"{tuple(calibration.image_from_camera.shape[:-2])}; write each to its own file"
         )
     return CalibrationMatrices(
         image_from_camera=calibration.image_from_camera.numpy(force=True),

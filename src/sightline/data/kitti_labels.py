@@ -45,7 +45,7 @@ NO_SIZE, NO_LOCATION, NO_ROTATION = -1.0, -1000.0, -10.0
 
 MAX_LABEL_BYTES = 2**24
 """Largest label or result file: more than 100,000 objects in one frame."""
-_MAX_NAME = 64  # characters of a class
+_MAX_NAME_LENGTH = 64  # characters of a class
 _LABEL_FIELDS = 15
 _RESULT_FIELDS = 16
 _OCCLUSION = 1  # columns of the numbers of a line
@@ -169,7 +169,7 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
     except ValueError:
         raise _first_fault(data, source, with_scores=with_scores) from None
     values = values.reshape(len(names), num_fields - 1)
-    if max(map(len, class_names), default=0) > _MAX_NAME:
+    if max(map(len, class_names), default=0) > _MAX_NAME_LENGTH:
         raise _first_fault(data, source, with_scores=with_scores)
     whole = with_scores or bool((values[:, _OCCLUSION] % 1 == 0).all())
     if not (np.isfinite(values).all() and whole):
@@ -257,14 +257,14 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
         count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
             if any(b"," in field for field in fields):
-                return FileError(source, count, "part fields by spaces, without commas")
+                return FileError(source, count, "separate fields by spaces, without commas")
             return FileError(source, count, f"add {', '.join(expected[len(fields) :])}")
         if len(fields) > _RESULT_FIELDS:
-            return FileError(source, count, f"remove what follows {expected[-1]}")
+            return FileError(source, count, f"remove the fields after {expected[-1]}")
         for name, token in zip(expected, fields, strict=False):
             if fault := _fault_of_field(name, token, with_scores=with_scores):
                 return FileError(source, f"line {number}: {fault[0]}", fault[1])
-    raise AssertionError(f"{source} was refused, but no line of it is at fault")
+    raise AssertionError(f"{source} was refused, but no line is invalid")
 
 
 def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
@@ -278,8 +278,8 @@ def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
         )
     if len(fields) in (5, 6) and all(is_number) and all(0 <= float(x) <= 1 for x in fields[1:]):
         return (
-            f"has {len(fields)} numbers, as YOLO's labels have (class, centre, width, height in "
-            f"shares of the image), expected the {_LABEL_FIELDS} fields of KITTI",
+            f"has {len(fields)} numbers, as YOLO labels have (class, centre, width, height "
+            f"relative to the image), expected the {_LABEL_FIELDS} fields of KITTI",
             "convert them to class names and x_min, y_min, x_max, y_max in pixels",
         )
     return None
@@ -294,27 +294,27 @@ def _is_number(token: bytes) -> bool:
 
 def _fault_of_field(name: str, token: bytes, *, with_scores: bool) -> tuple[str, str] | None:
     """Problem and remedy of a field; None: the field is valid."""
-    said = f"{name} is '{shortened(token.decode(errors='replace'), 24)}'"
+    found = f"{name} is '{shortened(token.decode(errors='replace'), 24)}'"
     if name == "class":
-        return _fault_of_class(token, said)
+        return _fault_of_class(token, found)
     try:
         value = _number(token)
     except ValueError:
-        return f"{said}, not a number", "write a decimal number there"
+        return f"{found}, not a number", "write a decimal number"
     if not math.isfinite(value):
-        return f"{said}, not finite", "write a decimal number there"
+        return f"{found}, not finite", "write a decimal number"
     if name == "occlusion" and value % 1 and not with_scores:
-        return f"{said}, not a whole number", "write 0, 1, 2 or 3"
+        return f"{found}, not a whole number", "write 0, 1, 2 or 3"
     return None
 
 
-def _fault_of_class(token: bytes, said: str) -> tuple[str, str] | None:
+def _fault_of_class(token: bytes, found: str) -> tuple[str, str] | None:
     try:
-        is_short = len(token.decode()) <= _MAX_NAME
+        is_short = len(token.decode()) <= _MAX_NAME_LENGTH
     except UnicodeDecodeError:
-        return f"{said}, not text in UTF-8", "write the file as plain text"
-    remedy = "name the class in a word"
-    return None if is_short else (f"{said}, longer than {_MAX_NAME} characters", remedy)
+        return f"{found}, not text in UTF-8", "write the file as plain text"
+    remedy = "write a shorter name"
+    return None if is_short else (f"{found}, longer than {_MAX_NAME_LENGTH} characters", remedy)
 
 
 def _format_line(
@@ -322,11 +322,13 @@ def _format_line(
 ) -> str:
     """Format a line of the file; raises ValueError, without the position, if it is impossible."""
     if class_name.encode().split() != [class_name.encode()]:
-        raise ValueError(f"class is {class_name!r}, but it is one word: rename it")
+        raise ValueError(f"class is {class_name!r}, expected one word: rename it")
     if "\0" in class_name or "\ufeff" in class_name:
-        raise ValueError(f"class is {class_name!r}, which no reader takes: rename it")
-    if len(class_name) > _MAX_NAME:
-        raise ValueError(f"class is longer than {_MAX_NAME} characters: name it in a word")
+        raise ValueError(f"class is {class_name!r}, which readers refuse: rename it")
+    if len(class_name) > _MAX_NAME_LENGTH:
+        raise ValueError(
+            f"class is longer than {_MAX_NAME_LENGTH} characters: write a shorter name"
+        )
     no_box3d = all(value == NO_LOCATION for value in values[_LOCATION])
     words = [class_name]
     for field, value in zip(FIELDS[1:], values, strict=False):

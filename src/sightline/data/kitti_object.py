@@ -6,11 +6,12 @@ from typing import Literal
 
 from torch.utils.data import Dataset
 
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth, read_image, read_object_calibration, read_points
 from sightline.data.kitti_labels import read_labels
-from sightline.data.object_labels import labels_from_kitti
-from sightline.data.object_tree import (
+from sightline.data.kitti_trees import (
     ObjectFrame,
     Part,
     Velodyne,
@@ -19,8 +20,7 @@ from sightline.data.object_tree import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.sample_list import read_sample_list
-from sightline.data.tree_mount import pose_of_tree, warn_of_mount
+from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
@@ -88,9 +88,11 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
                 f"{self.root} holds no frames of KITTI's object tree, expected files in {folders}; "
                 f"give the folder that has {split}/ in it"
             )
-        wanted = tuple(found) if sample_list is None else read_sample_list(sample_list, self.root)
-        _check_whole(folder, wanted, found, needed, velodyne)
-        self.frames = tuple(found[frame_id] for frame_id in wanted)
+        requested = (
+            tuple(found) if sample_list is None else read_sample_list(sample_list, self.root)
+        )
+        _check_complete(folder, requested, found, needed, velodyne)
+        self.frames = tuple(found[frame_id] for frame_id in requested)
         pictures = (frame.image or frame.depth for frame in found.values())
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._pose = pose_of_tree(tuple(found.values()))
@@ -141,7 +143,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
                 frame.depth,
                 f"is {depth.shape[0]}x{depth.shape[1]} (height x width), expected {height}x{width} "
                 f"like {sized}",
-                "make both again",
+                "create both again",
             )
         return CameraLidarSample(
             sample_id=frame.sample_id,
@@ -160,15 +162,15 @@ def _has_sensor(frame: ObjectFrame) -> bool:
     return any(each is not None for each in (frame.image, frame.points, frame.depth))
 
 
-def _check_whole(
+def _check_complete(
     folder: Path,
-    wanted: Sequence[str],
+    requested: Sequence[str],
     found: Mapping[str, ObjectFrame],
     needed: Sequence[Part],
     velodyne: Velodyne,
 ) -> None:
-    absent = [frame_id for frame_id in wanted if frame_id not in found]
-    if len(absent) == len(wanted):
+    absent = [frame_id for frame_id in requested if frame_id not in found]
+    if len(absent) == len(requested):
         raise ValueError(
             f"{folder} has no frame {describe_absent(absent)}: "
             f"{suggest_frames(absent[0], tuple(found))}; name others or another folder"
@@ -177,17 +179,17 @@ def _check_whole(
     for part in needed:
         lacking = [
             frame_id
-            for frame_id in wanted
+            for frame_id in requested
             if frame_id in found and getattr(found[frame_id], part) is None
         ]
         if lacking:
             gaps.append((part_folder(part, velodyne), lacking))
     if gaps:
         described = ", ".join(
-            f"{part} of {len(frame_ids)} of {len(wanted)} frames ({describe_absent(frame_ids)})"
+            f"{part} of {len(frame_ids)} of {len(requested)} frames ({describe_absent(frame_ids)})"
             for part, frame_ids in gaps
         )
         raise ValueError(
-            f"{folder} lacks {described}; extract the missing archives or name a list of the "
-            "frames that are there"
+            f"{folder} lacks {described}; extract the missing archives or give a list of the "
+            "complete frames"
         )

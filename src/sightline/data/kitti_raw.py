@@ -6,13 +6,12 @@ from pathlib import Path
 import torch
 from torch.utils.data import Dataset
 
-from sightline.data.calibration_text import read_raw_matrices
 from sightline.data.drive_poses import drive_times, drive_times_doubt, read_oxts_poses, read_poses
-from sightline.data.drive_tree import DriveFiles, list_drive
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
-from sightline.data.object_tree import describe_absent
-from sightline.data.tree_mount import pose_of_tree, warn_of_mount
+from sightline.data.kitti_trees import DriveFiles, describe_absent, list_drive
+from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
@@ -59,7 +58,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
                 "folder of one drive"
             )
         if not allow_gaps:
-            _check_whole(self.folder, files)
+            _check_complete(self.folder, files)
         self.frames = files.frames
         self.calibration_folder = files.calibration
         self.matrices = read_raw_matrices(files.calibration)
@@ -69,9 +68,9 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         warn_of_mount(self._pose, self.folder)
         self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
         self._times = drive_times(files)
-        late = None if self._times is None else drive_times_doubt(files, self._times)
-        if late is not None:
-            warnings.warn(str(late), stacklevel=2)
+        doubt = None if self._times is None else drive_times_doubt(files, self._times)
+        if doubt is not None:
+            warnings.warn(str(doubt), stacklevel=2)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]
         self.image_size = (
@@ -119,7 +118,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         )
 
 
-def _check_whole(folder: Path, files: DriveFiles) -> None:
+def _check_complete(folder: Path, files: DriveFiles) -> None:
     for part, name in (("image", "image_02"), ("points", "velodyne_points")):
         absent = [frame.sample_id for frame in files.frames if getattr(frame, part) is None]
         if absent:

@@ -8,29 +8,30 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
-from sightline.data.label_fit import chosen_objects, heights_in_column
-from sightline.data.object_tree import ObjectFrame
+from sightline.data.kitti_trees import ObjectFrame
+from sightline.data.label_fit import heights_in_column, visible_objects
 from sightline.files.problem import Problem
 
-_MOST_FRAMES: Final = 30  # spread over all; they have some hundred objects
-_FEWEST_OBJECTS: Final = 10
-_MOST_OBJECTS: Final = 20  # of a frame
-_FEWEST_POINTS: Final = 20  # of an object, at its best; chance moves fewer
-_WITHIN_M: Final = 40.0
-_ROAD_M: Final = 0.2  # of a box's height, which holds the road
-_ABOVE_M: Final = 1.0  # over a box, where nothing is
+_MAX_FRAMES: Final = 30  # spread over all; they have about a hundred objects
+_MIN_OBJECTS: Final = 10
+_MAX_OBJECTS_PER_FRAME: Final = 20
+_MIN_POINTS_PER_OBJECT: Final = 20  # after the best change; fewer are moved by chance
+_MAX_DISTANCE_M: Final = 40.0
+_ROAD_HEIGHT_M: Final = 0.2  # bottom part of a box, which contains the road
+_SPACE_ABOVE_M: Final = 1.0  # empty space above a box
 _PENALTY: Final = 2.0
-"""Weight of points above a box. Without, sound clouds fill boxes best when raised by 0.3 m, since
-some road gets into them; with 2, five random frames of KITTI's 90 do so within -0.1 to 0.3 m."""
-_MARGIN_M: Final = 0.15  # around a box, whose sides cut the points of exact labels in halves
-_ALIKE: Final = 0.8  # share of the best score from which another change may be the cause as well
+"""Weight of points above a box. Without it, correct clouds fill boxes best when raised by 0.3 m,
+since some road gets into the boxes; with 2, the best shift of five random frames of KITTI's 90 is
+-0.1 to 0.3 m."""
+_MARGIN_M: Final = 0.15  # around a box: the sides of exact boxes split the points on them
+_MIN_OTHER_SHARE: Final = 0.8  # of the best score, above which another change is named, too
 _DEGREES: Final = tuple(number / 2 for number in range(-12, 13))
 _METRES: Final = tuple(number / 5 for number in range(-10, 11))
 _FOOT_M: Final = 0.3048
 _EXTRINSICS: Final = (
-    "correct the transform from LiDAR to camera (Tr_velo_to_cam and R0_rect; of a recording "
+    "correct the transform from LiDAR to camera (Tr_velo_to_cam and R0_rect; in a recording "
     "camera_from_lidar) or the clouds"
 )
 
@@ -48,13 +49,13 @@ class LabelledSweep:
 class _Kind:
     """Kind of change to clouds that may move them into the boxes of the labels."""
 
-    said: str
-    """The fault, formatted with the amount of the change."""
+    fault: str
+    """Description of the fault, to be formatted with the amount of the change."""
     change: Callable[[float], Float64[np.ndarray, "4 4"]]
     amounts: tuple[float, ...]
-    least: float
+    min_amount: float
     """Smallest amount to report."""
-    share: float
+    max_score_ratio: float
     """Largest ratio of the scores without and with the change.
 
     Sound frames have 0.91 or more where the amount counts: 1,000 draws of five of KITTI's 90, 300
@@ -64,66 +65,66 @@ class _Kind:
     remedy: str = _EXTRINSICS
 
 
-def _turn(axis: int, degrees: float) -> Float64[np.ndarray, "4 4"]:
+def _rotation(axis: int, degrees: float) -> Float64[np.ndarray, "4 4"]:
     turned, (one, other) = np.eye(4), ((1, 2), (2, 0), (0, 1))[axis]
     cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     turned[[one, one, other, other], [one, other, one, other]] = cos, -sin, sin, cos
     return turned
 
 
-def _move(axis: int, metres: float) -> Float64[np.ndarray, "4 4"]:
+def _translation(axis: int, metres: float) -> Float64[np.ndarray, "4 4"]:
     moved = np.eye(4)
     moved[axis, 3] = metres
     return moved
 
 
-def _scale(*factors: float) -> Float64[np.ndarray, "4 4"]:
+def _scaling(*factors: float) -> Float64[np.ndarray, "4 4"]:
     return np.diag([*np.broadcast_to(factors, 3), 1.0])
 
 
 _KINDS: Final = (
     *(
         _Kind(
-            said=f"off by {{:+.1f}} degrees of {name}",
-            change=partial(_turn, axis),
+            fault=f"off by {{:+.1f}} degrees of {name}",
+            change=partial(_rotation, axis),
             amounts=_DEGREES,
-            least=least,
-            share=share,
+            min_amount=min_amount,
+            max_score_ratio=max_score_ratio,
         )
-        for axis, name, least, share in (
+        for axis, name, min_amount, max_score_ratio in (
             (0, "roll (about the LiDAR's x axis)", 3.0, 0.85),
-            (1, "pitch (positive lowers what is ahead)", 1.5, 0.85),
+            (1, "pitch (positive lowers the front)", 1.5, 0.85),
             (2, "yaw (counter-clockwise about the LiDAR's z axis)", 1.0, 0.9),
         )
     ),
     *(
         _Kind(
-            said=f"off by {{:+.1f}} m along the LiDAR's {name}",
-            change=partial(_move, axis),
+            fault=f"off by {{:+.1f}} m along the LiDAR's {name}",
+            change=partial(_translation, axis),
             amounts=_METRES,
-            least=least,
-            share=share,
+            min_amount=min_amount,
+            max_score_ratio=max_score_ratio,
         )
-        for axis, name, least, share in (
+        for axis, name, min_amount, max_score_ratio in (
             (0, "x axis (forward)", 1.0, 0.85),
             (1, "y axis (left)", 0.5, 0.85),
             (2, "z axis (up)", 0.4, 0.85),
         )
     ),
     _Kind(
-        said="in another unit than metres (factor {:.4g})",
-        change=_scale,
+        fault="those of clouds not in metres (factor {:.4g})",
+        change=_scaling,
         amounts=(_FOOT_M, 1 / _FOOT_M),
-        least=0.0,
-        share=0.7,
+        min_amount=0.0,
+        max_score_ratio=0.7,
         remedy="write clouds in metres; a foot is 0.3048 m",
     ),
     _Kind(
-        said="of mirrored clouds",
-        change=lambda y: _scale(1.0, y, 1.0),
+        fault="those of mirrored clouds",
+        change=lambda y: _scaling(1.0, y, 1.0),
         amounts=(-1.0,),
-        least=0.0,
-        share=0.7,
+        min_amount=0.0,
+        max_score_ratio=0.7,
         remedy="write clouds with y to the left: negate y",
     ),
 )
@@ -149,52 +150,54 @@ def check_label_alignment(
         read: Reader of a frame; None: it lacks a part, or is unreadable.
     """
     labelled = [frame for frame in frames if frame.objects and frame.points and frame.calibration]
-    labelled = labelled[:: max(len(labelled) // _MOST_FRAMES, 1)][:_MOST_FRAMES]
+    labelled = labelled[:: max(len(labelled) // _MAX_FRAMES, 1)][:_MAX_FRAMES]
     sweeps = [sweep for frame in labelled if (sweep := read(frame)) is not None]
     counts = np.concatenate([np.zeros((0, _NUM_CHANGES, 2)), *map(_count_points, sweeps)])
-    most = counts[:, :, 0].max(axis=1, initial=0)
-    is_dense = most >= _FEWEST_POINTS
-    if np.count_nonzero(is_dense) < _FEWEST_OBJECTS:
+    max_counts = counts[:, :, 0].max(axis=1, initial=0)
+    is_dense = max_counts >= _MIN_POINTS_PER_OBJECT
+    if np.count_nonzero(is_dense) < _MIN_OBJECTS:
         return []
-    doubt = _doubt(counts[is_dense], most[is_dense])
+    doubt = _doubt(counts[is_dense], max_counts[is_dense])
     if doubt is None:
         return []
     first = labelled[0]
-    assert first.calibration is not None, "it was chosen for it"
+    assert first.calibration is not None, "frames without a calibration are left out"
     problem = f"and those of {len(sweeps) - 1} more frames {doubt[0]}"
     return [Problem(path=first.calibration, problem=problem, remedy=doubt[1])]
 
 
 def _doubt(
     counts: Float64[np.ndarray, "num_objects num_changes 2"],
-    most: Float64[np.ndarray, " num_objects"],
+    max_counts: Float64[np.ndarray, " num_objects"],
 ) -> tuple[str, str] | None:
-    """Problem, as the rest of a sentence on calibrations, and remedy."""
-    scores = ((counts @ (1.0, -_PENALTY)) / most[:, None]).sum(axis=0)
-    given, held = float(scores[0]), counts.sum(axis=0).astype(int)
+    """Problem, in words that continue a sentence about calibrations, and remedy; else None."""
+    scores = ((counts @ (1.0, -_PENALTY)) / max_counts[:, None]).sum(axis=0)
+    unchanged_score, totals = float(scores[0]), counts.sum(axis=0).astype(int)
     causes: list[tuple[float, int, _Kind, float]] = []
     start = 1
     for kind in _KINDS:
         best = start + int(scores[start : start + len(kind.amounts)].argmax())
         amount = kind.amounts[best - start]
         start += len(kind.amounts)
-        if abs(amount) >= kind.least and given < kind.share * scores[best]:
+        if abs(amount) >= kind.min_amount and unchanged_score < kind.max_score_ratio * scores[best]:
             causes.append((float(scores[best]), best, kind, amount))
     causes.sort(key=lambda cause: -cause[0])
     if not causes:
         return None
     score, best, kind, amount = causes[0]
     others = [
-        each.said.format(other) for near, _, each, other in causes[1:] if near > _ALIKE * score
+        each.fault.format(other)
+        for near, _, each, other in causes[1:]
+        if near > _MIN_OTHER_SHARE * score
     ]
     is_limit = abs(amount) == max(kind.amounts) == -min(kind.amounts)
     return (
-        f"seem to be {kind.said.format(amount)}: with clouds changed so the 3D boxes of the labels "
-        f"hold {held[best, 0]} points and {held[best, 1]} in the metre above, without "
-        f"{held[0, 0]} and {held[0, 1]}",
+        f"are probably {kind.fault.format(amount)}: after this change to the clouds, the 3D boxes "
+        f"of the labels hold {totals[best, 0]} points and {totals[best, 1]} in the metre above; "
+        f"before {totals[0, 0]} and {totals[0, 1]}",
         kind.remedy
-        + (f"; it may also be {', or '.join(others)}" if others else "")
-        + ("; no larger amount is tried, so it may be more" if is_limit else ""),
+        + (f"; other possible faults: {', or '.join(others)}" if others else "")
+        + ("; this is the largest amount tried, the fault may be larger" if is_limit else ""),
     )
 
 
@@ -204,13 +207,13 @@ def _count_points(sweep: LabelledSweep) -> Int64[np.ndarray, "num_objects num_ch
     camera_from_lidar = sweep.matrices.camera_from_lidar
     lidar_from_camera = np.linalg.inv(camera_from_lidar)
     counts = []
-    for index in chosen_objects(objects, within_m=_WITHIN_M)[:_MOST_OBJECTS]:
+    for index in visible_objects(objects, within_m=_MAX_DISTANCE_M)[:_MAX_OBJECTS_PER_FRAME]:
         height = objects.dimensions_hwl[index, 0]
-        reach_m = float(np.linalg.norm(objects.dimensions_hwl[index])) + _ABOVE_M
+        reach_m = float(np.linalg.norm(objects.dimensions_hwl[index])) + _SPACE_ABOVE_M
         centre = lidar_from_camera @ np.append(objects.locations[index], 1.0)
         away_m = np.linalg.norm(xyz - centre[:3], axis=1)
         for changes in _CHANGES:
-            # Places that a change moves to the object, and how far they are from it.
+            # Positions that a change moves to the object, and their distances from it.
             sources = np.linalg.solve(changes, centre)[:, :3]
             far_m = np.linalg.norm(sources - centre[:3], axis=1).max()
             scale = min(np.abs(changes[0, 0, 0]), 1.0)
@@ -221,8 +224,8 @@ def _count_points(sweep: LabelledSweep) -> Int64[np.ndarray, "num_objects num_ch
                 is_over = heights > height
                 counts.append(
                     (
-                        np.count_nonzero((heights >= _ROAD_M) & ~is_over),
-                        np.count_nonzero(is_over & (heights <= height + _ABOVE_M)),
+                        np.count_nonzero((heights >= _ROAD_HEIGHT_M) & ~is_over),
+                        np.count_nonzero(is_over & (heights <= height + _SPACE_ABOVE_M)),
                     )
                 )
     return np.array(counts, dtype=np.int64).reshape(-1, _NUM_CHANGES, 2)

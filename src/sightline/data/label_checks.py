@@ -19,17 +19,17 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 from sightline.geometry.mount import MAX_RANGE_M
 
-_OUTSIDE_SHARE = 0.1  # share of the image's size by which a box may exceed it
+_MAX_OUTSIDE_SHARE = 0.1  # share of the image's size by which a box may exceed it
 _MAX_ANGLE = np.pi + 0.01  # KITTI rounds to two digits
 _OCCLUSIONS = (-1, 0, 1, 2, 3)
 _MAX_SIZE_M = 60.0  # longer than trams
-_LONG = ("Car", "Van", "Truck", "Tram")  # length is their largest size
-_TALL = ("Pedestrian",)  # height is their largest size
-_CLEARLY = 1.15  # ratio of clearly different sizes
+_LONG_CLASSES = ("Car", "Van", "Truck", "Tram")  # length is their largest size
+_TALL_CLASSES = ("Pedestrian",)  # height is their largest size
+_MIN_SIZE_RATIO = 1.15  # ratio of clearly different sizes
 _REGION = "DontCare"
-_NAMED: Final = 5  # faults of a kind with a line of their own in one file
+_MAX_LISTED: Final = 5  # faults of one kind listed one by one per file
 
-_OTHER_NAMES: Final = {
+_SYNONYMS: Final = {
     "auto": "Car",
     "automobile": "Car",
     "suv": "Car",
@@ -68,31 +68,31 @@ def _check_names(objects: KittiObjects, path: Path) -> list[Problem]:
     problems = []
     by_small_letters = {each.lower(): each for each in (*CLASS_NAMES, _REGION)}
     counts = Counter(objects.class_names)
-    strange = [name for name in counts if name not in (*CLASS_NAMES, _REGION)]
-    for name in strange[:_NAMED]:
+    unknown = [name for name in counts if name not in (*CLASS_NAMES, _REGION)]
+    for name in unknown[:_MAX_LISTED]:
         count = counts[name]
-        meant = _suggested(name)
+        suggestion = _suggested_class(name)
         known = ", ".join((*CLASS_NAMES, _REGION))
-        taken_for = by_small_letters.get(name.lower())
-        use = (
-            "detectors, training and evaluation leave them out"
-            if taken_for is None
-            else "detectors and training leave them out, evaluation, which reads names in any "
-            f"case, takes them for {taken_for}"
+        matching_class = by_small_letters.get(name.lower())
+        effect = (
+            "detectors, training and evaluation ignore them"
+            if matching_class is None
+            else "detectors and training ignore them, evaluation ignores case and reads them as "
+            f"{matching_class}"
         )
         problems.append(
             Problem(
                 path=path,
                 problem=f"names {count} of {len(objects)} objects '{shortened(name, 24)}', which "
-                f"is none of KITTI's classes: {use}",
-                remedy=f"write {meant}" if meant else f"write one of {known}",
+                f"is no class of KITTI: {effect}",
+                remedy=f"write {suggestion}" if suggestion else f"write one of {known}",
             )
         )
-    if len(strange) > _NAMED:
-        num_objects = sum(counts[name] for name in strange[_NAMED:])
+    if len(unknown) > _MAX_LISTED:
+        num_objects = sum(counts[name] for name in unknown[_MAX_LISTED:])
         problem = (
-            f"names {num_objects} more of {len(objects)} objects by {len(strange) - _NAMED} more "
-            "names that are none of KITTI's classes"
+            f"names {num_objects} more of {len(objects)} objects by {len(unknown) - _MAX_LISTED} "
+            "more names that are no classes of KITTI"
         )
         remedy = f"write one of {', '.join((*CLASS_NAMES, _REGION))}"
         problems.append(Problem(path=path, problem=problem, remedy=remedy))
@@ -119,13 +119,13 @@ def _check_repeated(objects: KittiObjects, path: Path) -> list[Problem]:
             problem=f"repeats {num_repeated} of {len(objects)} objects with equal values in every "
             f"field, such as object {index + 1} ({shortened(objects.class_names[index], 24)}): "
             "evaluation counts each of them",
-            remedy="keep one line an object",
+            remedy="keep one line per object",
         )
     ]
 
 
-def _suggested(name: str) -> str | None:
-    by_word = {each.lower(): each for each in (*CLASS_NAMES, _REGION)} | _OTHER_NAMES
+def _suggested_class(name: str) -> str | None:
+    by_word = {each.lower(): each for each in (*CLASS_NAMES, _REGION)} | _SYNONYMS
     word = "".join(character for character in name if character.isprintable()).strip().lower()
     close = difflib.get_close_matches(word.replace("-", "_"), by_word, n=1, cutoff=0.75)
     return by_word[close[0]] if close else None
@@ -161,13 +161,15 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
         faults.append((problem, "write x, y, z in metres, in the camera's frame"))
     boxes = objects.boxes2d[names != _REGION]
     if size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
-        problem = "has all 2D boxes within the first pixel: they are probably shares of the image"
-        faults.append((problem, "write x_min, y_min, x_max, y_max in pixels"))
-    num_turned = int(np.count_nonzero(in_degrees(objects)))
-    if num_turned:
         problem = (
-            f"has angles beyond two pi at {num_turned} of {len(objects)} objects: rotation_y and "
-            "alpha are probably in degrees"
+            "has all 2D boxes within the first pixel: they are probably relative to the image size"
+        )
+        faults.append((problem, "write x_min, y_min, x_max, y_max in pixels"))
+    num_in_degrees = int(np.count_nonzero(in_degrees(objects)))
+    if num_in_degrees:
+        problem = (
+            f"has angles beyond two pi at {num_in_degrees} of {len(objects)} objects: rotation_y "
+            "and alpha are probably in degrees"
         )
         faults.append((problem, "write radians, from -pi to pi"))
     return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
@@ -178,20 +180,20 @@ def order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
 
     Args:
         sizes_hwl: Sizes [m] of objects, num_objects x 3.
-        names: KITTI's class names of the objects; only some classes tell the order.
+        names: KITTI's class names of the objects; only some classes determine the order.
     """
-    is_long, is_tall = np.isin(names, _LONG), np.isin(names, _TALL)
+    is_long, is_tall = np.isin(names, _LONG_CLASSES), np.isin(names, _TALL_CLASSES)
     heights, widths, lengths = sizes_hwl.T
-    height_first = (is_long & (heights > _CLEARLY * lengths)) | (
-        is_tall & (lengths > _CLEARLY * heights)
+    height_first = (is_long & (heights > _MIN_SIZE_RATIO * lengths)) | (
+        is_tall & (lengths > _MIN_SIZE_RATIO * heights)
     )
-    width_largest = (is_long & (widths > _CLEARLY * lengths) & ~height_first) | (
-        is_tall & (widths > _CLEARLY * heights) & ~height_first
+    width_largest = (is_long & (widths > _MIN_SIZE_RATIO * lengths) & ~height_first) | (
+        is_tall & (widths > _MIN_SIZE_RATIO * heights) & ~height_first
     )
     is_wrong = height_first | width_largest
     if np.count_nonzero(is_wrong) <= np.count_nonzero(is_long | is_tall) / 2:
         return None
-    # Of a person, whose width and length are alike, only the place of the height is known.
+    # A person's width and length are alike: only the position of the height is known.
     decisive = is_wrong & is_long if (is_wrong & is_long).any() else is_wrong
     if 2 * np.count_nonzero(height_first & decisive) >= np.count_nonzero(decisive):
         return "length, width, height"
@@ -201,7 +203,7 @@ def order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
     width_height = np.array([np.inf, np.inf] if size is None else [size[1], size[0]])
     minima, maxima = objects.boxes2d[:, :2], objects.boxes2d[:, 2:]
-    margin = _OUTSIDE_SHARE * width_height
+    margin = _MAX_OUTSIDE_SHARE * width_height
     has_box3d = (objects.locations != NO_LOCATION).any(axis=1)
     rotations = np.stack((objects.rotation_y, objects.alpha), axis=1)
     faults = {
@@ -222,9 +224,11 @@ def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path)
         problems += [
             f"object {index + 1} of {len(objects)} "
             f"({shortened(objects.class_names[index], 24)}) {fault}"
-            for index in places[:_NAMED]
+            for index in places[:_MAX_LISTED]
         ]
-        if len(places) > _NAMED:
-            problems.append(f"{fault} at {len(places) - _NAMED} more of {len(objects)} objects")
+        if len(places) > _MAX_LISTED:
+            problems.append(
+                f"{fault} at {len(places) - _MAX_LISTED} more of {len(objects)} objects"
+            )
     remedy = "correct the line or extract the labels again"
     return [Problem(path=path, problem=problem, remedy=remedy) for problem in problems]

@@ -1,4 +1,4 @@
-"""Whether labels, calibration and cloud are those of one frame."""
+"""Checks that labels, calibration and cloud belong to one frame."""
 
 from pathlib import Path
 from typing import Final
@@ -7,20 +7,20 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
 from sightline.data.box_readings import image_ious
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_boxes import box_corners, project_box
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
-from sightline.data.object_tree import CORRUPTED
+from sightline.data.kitti_trees import CORRUPTED
 from sightline.files.problem import Problem
 
-_LEAST_IOU: Final = 0.4
+_MIN_MEDIAN_IOU: Final = 0.4
 """Lowest median IoU of a sound file; KITTI's, with two objects or more, have 0.49 or more."""
-_FEWEST: Final = 2
-_MOST: Final = 100  # of a file's objects, which tell enough
-_FILLED_WITHIN_M: Final = 25.0
-"""Where any LiDAR meets an object that is at most partly hidden: on 90 real frames, of 255 such
-objects within 40 m one has no point in its box."""
-_SEEN: Final = (0.0, 1.0)  # occlusions
+_MIN_OBJECTS: Final = 2
+_MAX_OBJECTS: Final = 100  # checked objects per file
+_MAX_FILLED_RANGE_M: Final = 25.0
+"""Range within which a LiDAR hits every object that is at most partly hidden: on 90 real frames, 1
+of 255 such objects within 40 m has no point in its box."""
+_VISIBLE_OCCLUSIONS: Final = (0.0, 1.0)  # occlusions
 _REGION: Final = "DontCare"
 
 
@@ -31,16 +31,16 @@ def check_label_fit(
     points: Float32[np.ndarray, "num_points 4"] | None,
     path: Path,
 ) -> list[Problem]:
-    """Doubts about labels whose 3D boxes are not where the 2D boxes and the points are.
+    """Find labels whose 3D boxes do not fit the 2D boxes or the points.
 
-    Corrupted trees, whose parts were parted on purpose, get none.
+    Corrupted trees are not checked: their parts disagree on purpose.
 
     Args:
-        objects: The labels.
-        matrices: Of their frame.
-        size: The image's height and width, where it is known.
-        points: The cloud; None, or none at all, where the LiDAR delivered nothing.
-        path: Where the labels were read.
+        objects: Labels of the frame.
+        matrices: Calibration of the frame.
+        size: Height and width of the image, if known.
+        points: Cloud of the frame; None or empty: the LiDAR delivered nothing.
+        path: File of the labels.
     """
     if (path.parent.parent / CORRUPTED).is_dir():
         return []
@@ -50,11 +50,11 @@ def check_label_fit(
     return _check_cloud(objects, matrices, points, path)
 
 
-def chosen_objects(objects: KittiObjects, *, within_m: float) -> list[int]:
-    """Places of the objects with a 3D box near the camera that are at most partly hidden."""
+def visible_objects(objects: KittiObjects, *, within_m: float) -> list[int]:
+    """Indices of the objects with a 3D box near the camera that are at most partly hidden."""
     is_near = np.linalg.norm(objects.locations, axis=1) < within_m
-    is_chosen = _has_box3d(objects) & is_near & np.isin(objects.occlusion, _SEEN)
-    chosen: list[int] = np.flatnonzero(is_chosen)[:_MOST].tolist()
+    is_chosen = _has_box3d(objects) & is_near & np.isin(objects.occlusion, _VISIBLE_OCCLUSIONS)
+    chosen: list[int] = np.flatnonzero(is_chosen)[:_MAX_OBJECTS].tolist()
     return chosen
 
 
@@ -69,9 +69,9 @@ def heights_in_column(
 
     Args:
         objects: All objects of the frame.
-        index: Place of the object.
+        index: Index of the object.
         xyz: Points in the camera's frame [m].
-        margin_m: Width of the strip around the box that counts, too [m].
+        margin_m: Margin around the box that is included [m].
     """
     _, width, length = objects.dimensions_hwl[index]
     x, y, z = (xyz - objects.locations[index]).T
@@ -93,8 +93,8 @@ def _check_image(
     size: tuple[int, int],
     path: Path,
 ) -> list[Problem]:
-    chosen = np.flatnonzero(_has_box3d(objects))[:_MOST].tolist()
-    if len(chosen) < _FEWEST:
+    chosen = np.flatnonzero(_has_box3d(objects))[:_MAX_OBJECTS].tolist()
+    if len(chosen) < _MIN_OBJECTS:
         return []
     ious = [
         image_ious(
@@ -104,15 +104,15 @@ def _check_image(
         for index in chosen
     ]
     median = float(np.median(ious))
-    if median >= _LEAST_IOU:
+    if median >= _MIN_MEDIAN_IOU:
         return []
     return [
         Problem(
             path=path,
-            problem=f"has 3D boxes that the calibration shows elsewhere than its 2D boxes: of "
-            f"{len(ious)} objects half overlap by {100 * median:.0f} % (IoU) or less, expected "
-            f"over {100 * _LEAST_IOU:.0f} %",
-            remedy="give the labels and the calibration of this very camera and image size, the "
+            problem=f"has 3D boxes whose projections do not fit its 2D boxes: the median IoU of "
+            f"{len(ious)} objects is {100 * median:.0f} %, expected at least "
+            f"{100 * _MIN_MEDIAN_IOU:.0f} %",
+            remedy="give labels and calibration of the same camera and image size, the "
             "centre of each box's bottom in the camera's frame (x right, y down, z forward), and "
             "rotation_y about y",
         )
@@ -125,7 +125,7 @@ def _check_cloud(
     points: Float32[np.ndarray, "num_points 4"],
     path: Path,
 ) -> list[Problem]:
-    chosen = chosen_objects(objects, within_m=_FILLED_WITHIN_M)
+    chosen = visible_objects(objects, within_m=_MAX_FILLED_RANGE_M)
     camera_from_lidar = matrices.camera_from_lidar
     xyz = points[:, :3] @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
     num_empty = 0
@@ -133,13 +133,13 @@ def _check_cloud(
         heights = heights_in_column(objects, index, xyz)
         is_inside = (heights >= 0) & (heights <= objects.dimensions_hwl[index, 0])
         num_empty += not is_inside.any()
-    if num_empty < _FEWEST or 2 * num_empty < len(chosen):
+    if num_empty < _MIN_OBJECTS or 2 * num_empty < len(chosen):
         return []
     return [
         Problem(
             path=path,
-            problem=f"has {num_empty} of {len(chosen)} objects within {_FILLED_WITHIN_M:.0f} m "
-            "that are hardly hidden and have no point of the cloud in their 3D box",
+            problem=f"has {num_empty} of {len(chosen)} objects within {_MAX_FILLED_RANGE_M:.0f} m "
+            "that are at most partly hidden but have no point of the cloud in their 3D box",
             remedy="give labels, cloud and calibration of one frame, the cloud in metres, x "
             "forward, y left, z up",
         )

@@ -7,36 +7,34 @@ from typing import Protocol, get_args, runtime_checkable
 
 from torch.utils.data import Dataset
 
-from sightline.data.calibration_checks import check_matrices
-from sightline.data.depth_tree import (
-    DepthFrame,
-    DriveSplit,
-    SelectedSplit,
-    list_drive_frames,
-    list_selected_frames,
-)
-from sightline.data.drive_tree import list_drive
-from sightline.data.entry_checks import judge_folders, judge_frames
+from sightline.data.entry_checks import check_sample_frames, warn_of_unread_files
 from sightline.data.frame_checks import (
     examine_depth_frame,
     examine_drive_frame,
     examine_object_frame,
 )
+from sightline.data.frame_lists import read_sample_list
+from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.object_tree import (
+from sightline.data.kitti_trees import (
+    DepthFrame,
+    DriveSplit,
     Part,
+    SelectedSplit,
     Velodyne,
     describe_absent,
     find_velodyne,
+    list_drive,
+    list_drive_frames,
     list_object_frames,
+    list_selected_frames,
     suggest_frames,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
 from sightline.data.recording import RecordingDataset
-from sightline.data.recording_tree import is_recording
-from sightline.data.sample_list import read_sample_list
+from sightline.data.recording_files import is_recording
 from sightline.data.unread_files import (
     depth_folders,
     drive_folders,
@@ -81,7 +79,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
         absent = [name for name in sample_ids if name not in positions]
         if absent:
             raise ValueError(
-                f"the data lacks {len(absent)} of the frames asked for, {describe_absent(absent)}: "
+                f"the data lacks {len(absent)} of the requested frames, {describe_absent(absent)}: "
                 f"{suggest_frames(absent[0], dataset.sample_ids)}; name others or another folder"
             )
         self.dataset = dataset
@@ -147,17 +145,17 @@ def open_dataset(
     needs = None if needs is None else plain_names("needs", needs, get_args(Part))
     if not path.is_dir():
         raise _no_data_set(path)
-    wanted: Collection[Part] = ("image", "points", "objects") if parts is None else parts
+    requested: Collection[Part] = ("image", "points", "objects") if parts is None else parts
     if parts is None and needs is None:
         needs = ()
     allow_gaps = needs is not None and not {"image", "points"} <= set(needs)
-    path = _by_its_name(path)
+    path = _resolve_split(path)
     dataset: SampleDataset | None
     if is_recording(path):
-        judge_folders(recording_folders(path), {*wanted, "calibration"})
-        dataset = RecordingDataset(path, sample_list=sample_list, parts=wanted, needs=needs)
+        warn_of_unread_files(recording_folders(path), {*requested, "calibration"})
+        dataset = RecordingDataset(path, sample_list=sample_list, parts=requested, needs=needs)
     else:
-        dataset = _open_object_tree(path, sample_list, velodyne, wanted, needs)
+        dataset = _open_object_tree(path, sample_list, velodyne, requested, needs)
     if dataset is None:
         refuse_other_layouts(path)
         if list_object_frames(path, ("image", "points")) and (path / "image_2").is_dir():
@@ -167,13 +165,13 @@ def open_dataset(
                 "rename it to training or testing, as in KITTI's tree",
             )
         dataset = _open_depth_tree(
-            path, load_images="image" in wanted, allow_gaps=allow_gaps
-        ) or _open_drive(path, wanted, allow_gaps=allow_gaps)
+            path, load_images="image" in requested, allow_gaps=allow_gaps
+        ) or _open_drive(path, requested, allow_gaps=allow_gaps)
         if dataset is not None and sample_list is not None:
             dataset = NamedSubset(dataset, read_sample_list(sample_list, path))
     if dataset is None:
         raise _no_data_set(path)
-    _judge(dataset, path, wanted)
+    _check_samples(dataset, path, requested)
     return dataset
 
 
@@ -190,7 +188,7 @@ def _open_object_tree(
         if not list_object_frames(root / split, ("image", "points"), sweeps):
             continue
         read = {*parts, "calibration", "image"}  # images' sizes are always read
-        judge_folders(object_folders(root / split, sweeps), read)
+        warn_of_unread_files(object_folders(root / split, sweeps), read)
         return KittiObjectDataset(
             root,
             "training" if split == "training" else "testing",
@@ -202,7 +200,7 @@ def _open_object_tree(
     return None
 
 
-def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
+def _check_samples(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
     """Check some frames by the rules of `check`, before any work on them."""
     misnamed = unprintable_names(path, dataset.sample_ids)
     if misnamed is not None:
@@ -210,17 +208,17 @@ def _judge(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
     chosen = dataset.positions if isinstance(dataset, NamedSubset) else range(len(dataset))
     if isinstance(whole, KittiObjectDataset):
-        judge_frames(path, whole.frames, examine_object_frame, parts)
+        check_sample_frames(path, whole.frames, examine_object_frame, parts)
     elif isinstance(whole, RecordingDataset):
-        judge_frames(path, whole.frames, whole.examine, parts)
+        check_sample_frames(path, whole.frames, whole.examine, parts)
     elif isinstance(whole, KittiDepthDataset):
         frames = [whole.frames[place] for place in chosen]
-        judge_frames(path, frames, examine_depth_frame, parts)
+        check_sample_frames(path, frames, examine_depth_frame, parts)
     elif isinstance(whole, KittiRawDrive):
         moments = [whole.frames[place] for place in chosen]
         examine = partial(examine_drive_frame, matrices=whole.matrices)
         shared = check_matrices(whole.matrices, whole.image_size, whole.calibration_folder)
-        judge_frames(path, moments, examine, parts, shared=shared)
+        check_sample_frames(path, moments, examine, parts, shared=shared)
 
 
 def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
@@ -245,7 +243,7 @@ def _no_data_set(path: Path) -> FileError:
     return FileError(problem.path, problem.problem, problem.remedy)
 
 
-def _by_its_name(path: Path) -> Path:
+def _resolve_split(path: Path) -> Path:
     """Resolve a path that does not show the name of the split, such as "." or a link."""
     known = (*KITTI_SPLITS, *_DRIVE_SPLITS)
     resolved = path.resolve()
@@ -258,7 +256,7 @@ def _open_depth_tree(path: Path, *, load_images: bool, allow_gaps: bool) -> Samp
         return None
     root = path.parent if path.name == split and split in _DRIVE_SPLITS else path
     parts: tuple[Part, ...] = ("image", "points") if load_images else ("points",)
-    judge_folders(depth_folders(root, split), parts)
+    warn_of_unread_files(depth_folders(root, split), parts)
     return KittiDepthDataset(root, split, load_images=load_images, allow_gaps=allow_gaps)
 
 
@@ -280,5 +278,5 @@ def _find_depth_split(path: Path) -> DriveSplit | SelectedSplit | None:
 def _open_drive(path: Path, parts: Collection[Part], *, allow_gaps: bool) -> SampleDataset | None:
     if not list_drive(path).frames:
         return None
-    judge_folders(drive_folders(path), parts)
+    warn_of_unread_files(drive_folders(path), parts)
     return KittiRawDrive(path, allow_gaps=allow_gaps)

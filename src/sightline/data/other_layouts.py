@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sightline.data.recording_tree import lacks_calibration
+from sightline.data.recording_files import lacks_calibration
 from sightline.data.unread_files import (
     drive_folders,
     find_unread,
@@ -17,7 +17,7 @@ from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _ARCHIVES: Final = (".zip", ".tar", ".gz", ".tgz", ".7z")
 _BAGS: Final = (".bag", ".mcap", ".db3")
-_MARKS: Final = (
+_LAYOUT_NAMES: Final = (
     {"image_2", "velodyne"},
     {"image_2", "calib"},
     {"velodyne", "calib"},
@@ -29,11 +29,11 @@ _MARKS: Final = (
     {"calib.txt", "image_2"},
 )
 """Names that occur together in the folders of data sets."""
-_LOOKED_AT = 200  # largest number of searched subfolders
+_MAX_SEARCHED = 200  # largest number of searched subfolders
 _EXPECTED: Final = (
-    "a recording (calibration.yaml, images, points), or of KITTI's an object tree "
-    "(training/image_2, ..), a depth completion tree (val_selection_cropped/velodyne_raw, "
-    "val/DRIVE/proj_depth, ..) or a raw drive (image_02, velodyne_points, ..)"
+    "a recording (calibration.yaml, images, points), or KITTI's object tree "
+    "(training/image_2, ..), depth completion tree (val_selection_cropped/velodyne_raw, "
+    "val/DRIVE/proj_depth, ..) or raw drive (image_02, velodyne_points, ..)"
 )
 
 
@@ -57,12 +57,14 @@ def no_data_set(path: Path) -> Problem:
             return problem
     archives = [each for each in _entries(path) if each.suffix.lower() in _ARCHIVES]
     if archives:
-        said = f"holds archives that are not unpacked, such as {shortened(archives[0].name)}"
-        return Problem(path=path, problem=said, remedy="unpack them into this folder")
+        problem_text = (
+            f"holds archives that are not unpacked, such as {shortened(archives[0].name)}"
+        )
+        return Problem(path=path, problem=problem_text, remedy="unpack them into this folder")
     return Problem(
         path=path,
         problem=f"is no data set, expected {_EXPECTED}",
-        remedy="name the folder that holds those",
+        remedy="give the folder of such a data set",
     )
 
 
@@ -70,7 +72,7 @@ def _no_folder(path: Path) -> Problem | None:
     if path.is_dir():
         return None
     if path.suffix.lower() in _BAGS and path.exists():
-        return _to_import(path, "is a bag of ROS")
+        return _to_import(path, "is a ROS bag")
     problem = "is no folder" if path.exists() else "does not exist"
     return Problem(path=path, problem=problem, remedy="give the folder of a data set")
 
@@ -94,8 +96,8 @@ def _tracking(path: Path) -> Problem | None:
         if any(each.name.isdecimal() for each in sequences) and (folder / "calib").is_dir():
             return Problem(
                 path=folder,
-                problem=f"is of KITTI tracking: a folder for each of {len(sequences)} sequences, "
-                "one calibration and one label file for each",
+                problem=f"is a split of KITTI tracking: a folder for each of {len(sequences)} "
+                "sequences, one calibration and one label file for each",
                 remedy="make each sequence a recording (docs/recordings.md): its pictures in "
                 "images, its sweeps in points, and calibration.yaml of P2 and Tr_velo_cam",
             )
@@ -115,14 +117,14 @@ def _uncalibrated(path: Path) -> Problem | None:
 def _source(path: Path) -> Problem | None:
     """Problem of data that must be imported as a recording."""
     if any(each.is_dir() for each in path.glob("v1.0-*")):
-        return _to_import(path, "is a data set of nuScenes")
+        return _to_import(path, "is a nuScenes data set")
     bags = [each for each in _entries(path) if each.suffix.lower() in _BAGS]
-    return _to_import(path, f"holds a bag of ROS, {shortened(bags[0].name)}") if bags else None
+    return _to_import(path, f"holds a ROS bag, {shortened(bags[0].name)}") if bags else None
 
 
 def _to_import(path: Path, problem: str) -> Problem:
     return Problem(
-        path=path, problem=problem, remedy="make a recording of it: sightline import DATA OUT"
+        path=path, problem=problem, remedy="convert it to a recording: sightline import DATA OUT"
     )
 
 
@@ -131,7 +133,7 @@ def _unread(path: Path) -> Problem | None:
     places = [*recording_folders(path), *drive_folders(path)]
     for folder in (path, *(path / split for split in KITTI_SPLITS)):
         places += object_folders(folder)
-    unread = [each for each in find_unread(places) if each.is_all]
+    unread = [each for each in find_unread(places) if each.all_unread]
     return unread[0].problem if unread else None
 
 
@@ -147,8 +149,9 @@ def _apart(path: Path) -> Problem | None:
         return None
     return Problem(
         path=path,
-        problem=f"holds KITTI's archives unpacked apart ({', '.join(each.name for each in parts)})",
-        remedy="move what their folders training and testing hold into one: training/image_2, "
+        problem="holds KITTI's archives unpacked into separate folders "
+        f"({', '.join(each.name for each in parts)})",
+        remedy="merge their folders training and testing: training/image_2, "
         "training/velodyne, training/calib, training/label_2",
     )
 
@@ -158,7 +161,7 @@ def _below(path: Path) -> Problem | None:
     found = []
     for folder in _folders_below(path):
         names = {each.name for each in _entries(folder)}
-        if any(marks <= names for marks in _MARKS):
+        if any(layout_names <= names for layout_names in _LAYOUT_NAMES):
             found.append(folder.parent if folder.name in KITTI_SPLITS else folder)
     found = [each for each in found if each != path]
     if not found:
@@ -168,7 +171,7 @@ def _below(path: Path) -> Problem | None:
     return Problem(
         path=path,
         problem=f"is no data set itself, but {name} in it looks like one{more}",
-        remedy="name that folder",
+        remedy="give that folder",
     )
 
 
@@ -177,8 +180,8 @@ def _folders_below(path: Path) -> Iterator[Path]:
     level = [path]
     for _ in range(3):
         level = sorted(
-            each for folder in level for each in _entries(folder)[:_LOOKED_AT] if each.is_dir()
-        )[:_LOOKED_AT]
+            each for folder in level for each in _entries(folder)[:_MAX_SEARCHED] if each.is_dir()
+        )[:_MAX_SEARCHED]
         yield from level
 
 

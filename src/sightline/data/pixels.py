@@ -1,4 +1,4 @@
-"""Projection into the image in numpy, for the creation of frames without PyTorch.
+"""Projection into the image in numpy, for checks and the creation of frames without PyTorch.
 
 PyTorch alone needs half a gigabyte per worker process. Tests compare these functions with the
 functions of the same name in `sightline.geometry`.
@@ -7,16 +7,45 @@ functions of the same name in `sightline.geometry`.
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from sightline.data.calibration_text import CalibrationMatrices
-from sightline.data.view import is_in_view
+from sightline.data.kitti_calibration import CalibrationMatrices
+
+
+def is_in_view(
+    points: Float[np.ndarray, "num_points fields"],
+    image_from_lidar: Float64[np.ndarray, "3 4"],
+    image_size: tuple[int, int],
+) -> Bool[np.ndarray, " num_points"]:
+    """Mask of the points in KITTI's reduced sweeps, exact on its own files.
+
+    For six frames with whole and reduced sweeps it keeps exactly the same points. It is not the
+    image's area, whose first pixel starts at -0.5: the crop begins at the centres of the first
+    pixels and ends half a pixel beyond the last ones.
+
+    Args:
+        points: Points in the LiDAR frame, x, y, z first [m].
+        image_from_lidar: Projection of a `Calibration`.
+        image_size: Height and width [px].
+
+    Returns:
+        Mask of the points in front of the camera, with 0 <= x < width and 0 <= y < height [px].
+        False for NaN.
+    """
+    height, width = image_size
+    homogeneous = points[:, :3].astype(np.float64) @ image_from_lidar[:, :3].T
+    homogeneous += image_from_lidar[:, 3]
+    depth = np.where(homogeneous[:, 2] > 0, homogeneous[:, 2], np.nan)
+    x, y = homogeneous[:, 0] / depth, homogeneous[:, 1] / depth
+    # NaN, for points without a pixel, compares false.
+    shown: Bool[np.ndarray, " num_points"] = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return shown
 
 
 def resized_and_cropped(
     calibration: CalibrationMatrices, scale: float, x_min: int, y_min: int
 ) -> CalibrationMatrices:
     """Adapt a calibration to a resized image, cropped so that (x_min, y_min) becomes (0, 0)."""
-    middle = (scale - 1) / 2  # pixels are squares around their centres
-    resize = np.array([[scale, 0.0, middle], [0.0, scale, middle], [0.0, 0.0, 1.0]])
+    offset_px = (scale - 1) / 2  # pixels are squares around their centres
+    resize = np.array([[scale, 0.0, offset_px], [0.0, scale, offset_px], [0.0, 0.0, 1.0]])
     crop = np.array([[1.0, 0.0, -x_min], [0.0, 1.0, -y_min], [0.0, 0.0, 1.0]])
     return CalibrationMatrices(
         image_from_camera=crop @ (resize @ calibration.image_from_camera),
@@ -55,16 +84,16 @@ def in_image(
     return inside
 
 
-def seen_by_camera(
+def crop_to_view(
     points: Float32[np.ndarray, "num_points 4"],
     calibration: CalibrationMatrices,
     image_size: tuple[int, int],
-) -> Float32[np.ndarray, "num_seen 4"]:
+) -> Float32[np.ndarray, "num_left 4"]:
     """Crop a sweep to KITTI's "reduced" sweep: the points in `is_in_view`."""
-    seen: Float32[np.ndarray, "num_seen 4"] = points[
+    cropped: Float32[np.ndarray, "num_left 4"] = points[
         is_in_view(points, image_from_lidar(calibration), image_size)
     ]
-    return seen
+    return cropped
 
 
 def unproject_pixels(
@@ -77,8 +106,8 @@ def unproject_pixels(
     offset = calibration.image_from_camera[:, 3]
     in_camera = np.linalg.solve(calibration.image_from_camera[:, :3], (scaled - offset).T).T
     rotation = calibration.camera_from_lidar[:3, :3]
-    lidar_at = -(rotation.T @ calibration.camera_from_lidar[:3, 3])
-    points: Float64[np.ndarray, "num_points 3"] = in_camera @ rotation + lidar_at
+    lidar_position = -(rotation.T @ calibration.camera_from_lidar[:3, 3])
+    points: Float64[np.ndarray, "num_points 3"] = in_camera @ rotation + lidar_position
     return points
 
 

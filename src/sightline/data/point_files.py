@@ -80,7 +80,7 @@ def checked_cloud(
     max_intensity: float,
     source: Path | str,
     *,
-    are_losses_told: bool = True,
+    warn_losses: bool = True,
 ) -> Float32[np.ndarray, "num_echoes 4"]:
     """Select points with an echo, with reflectances in [0, 1]; warns of unusual losses.
 
@@ -90,7 +90,7 @@ def checked_cloud(
         FileError: Points are not in metres, or intensities do not fit the scale (`cloud_fault`);
             names `source`, a file or a topic.
     """
-    if are_losses_told:
+    if warn_losses:
         warn_of_losses(points, str(source))
     points = echoes(points)
     fault = cloud_fault(points, max_intensity)
@@ -117,22 +117,22 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
     warn_of_repeated(names)
     by_plain_name = {plain_name(name): name for name in reversed(names)}
     by_plain_name |= {name: name for name in names if name == plain_name(name)}
-    lacking = [name for name in ("x", "y", "z") if name not in by_plain_name]
-    if lacking:
+    missing = [name for name in ("x", "y", "z") if name not in by_plain_name]
+    if missing:
         raise FileError(
             source,
-            f"has the fields {', '.join(names)[:400] or 'none'}, and lacks {', '.join(lacking)}",
+            f"has the fields {', '.join(names)[:400] or 'none'}, but not {', '.join(missing)}",
             REMEDY,
         )
     points = np.zeros((fields.size, 4), np.float32)
     for column, name in enumerate(("x", "y", "z")):
         points[:, column] = _values(fields, by_plain_name[name], source)
-    bright = [by_plain_name[name] for name in INTENSITY_NAMES if name in by_plain_name]
-    for name in _chosen_intensity(fields, bright):
+    intensity_fields = [by_plain_name[name] for name in INTENSITY_NAMES if name in by_plain_name]
+    for name in _chosen_intensity(fields, intensity_fields):
         points[:, 3] = _values(fields, name, source)
     for name in RING_NAMES:
         ring = by_plain_name.get(name)
-        if ring is not None and _is_number_a_point(fields, ring):
+        if ring is not None and _has_one_number_per_point(fields, ring):
             return in_kitti_order(points, fields[ring].ravel())
     return points
 
@@ -141,9 +141,9 @@ def _values(
     fields: np.ndarray, name: str, source: Path | str
 ) -> Float32[np.ndarray, " num_points"]:
     """Read one number per point; infinite if beyond float32: such points are left out."""
-    if not _is_number_a_point(fields, name):
+    if not _has_one_number_per_point(fields, name):
         kind = str(fields.dtype[name])[:40]
-        problem = f"has the field {name} of {kind}, expected one number a point"
+        problem = f"has the field {name} of {kind}, expected one number per point"
         raise FileError(source, problem, REMEDY)
     with np.errstate(over="ignore"):
         return fields[name].ravel().astype(np.float32)
@@ -152,27 +152,27 @@ def _values(
 def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
     """Select the first field with usable intensities, in a list; empty: there is none."""
     if not names and fields.size:
-        there = ", ".join(fields.dtype.names or ())[:200]
-        warnings.warn(  # without the cloud's name: said once, of all that have these fields
-            f"clouds have no field of brightness among {there}: 0 is taken for the reflectance of "
-            "their points; name it intensity, or add one of zeros where there is none",
+        listed = ", ".join(fields.dtype.names or ())[:200]
+        warnings.warn(  # without the file's name: one warning for all clouds with these fields
+            f"clouds have no intensity field among {listed}: the reflectance of their points is 0; "
+            "name the field intensity, or add a field of zeros if there is none",
             stacklevel=3,
         )
     if len(names) < 2:
         return names
-    numbers = [name for name in names if _is_number_a_point(fields, name)]
-    telling = [name for name in numbers if np.any(np.isfinite(fields[name]) & (fields[name] != 0))]
-    chosen = (telling or numbers or names)[0]
+    numeric = [name for name in names if _has_one_number_per_point(fields, name)]
+    non_zero = [name for name in numeric if np.any(np.isfinite(fields[name]) & (fields[name] != 0))]
+    chosen = (non_zero or numeric or names)[0]
     others = ", ".join(name for name in names if name != chosen)
-    warnings.warn(  # without the cloud's name: said once, of all that have these fields
-        f"clouds have several fields of brightness: {chosen} is taken for intensity, not {others}; "
-        "remove it from the clouds to have another",
+    warnings.warn(  # without the file's name: one warning for all clouds with these fields
+        f"clouds have several intensity fields: {chosen} is used, not {others}; remove it from the "
+        "clouds to use another",
         stacklevel=3,
     )
     return [chosen]
 
 
-def _is_number_a_point(fields: np.ndarray, name: str) -> bool:
+def _has_one_number_per_point(fields: np.ndarray, name: str) -> bool:
     return fields[name].shape == fields.shape and fields.dtype[name].kind in "fiu"
 
 
@@ -185,7 +185,7 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
         raise FileError(
             path,
             f"holds {array.dtype} of shape {array.shape}, expected rows of x, y, z (, intensity), "
-            "one a point",
+            "one per point",
             REMEDY,
         )
     warn_of_columns(rows.shape[1], len(rows))
@@ -212,11 +212,11 @@ def _npy_array(content: bytes, path: Path | str) -> np.ndarray:
     if dtype.hasobject:
         raise FileError(path, "is no .npy file of numbers: it holds Python objects", REMEDY)
     count, start = math.prod(shape), file.tell()
-    left = len(content) - start
-    if min(shape, default=0) < 0 or not dtype.itemsize or count * dtype.itemsize > left:
+    num_bytes_left = len(content) - start
+    if min(shape, default=0) < 0 or not dtype.itemsize or count * dtype.itemsize > num_bytes_left:
         raise FileError(
             path,
-            f"is no whole .npy file: {left} bytes follow its header, expected "
+            f"is no whole .npy file: {num_bytes_left} bytes follow its header, expected "
             f"{str(dtype)[:99]} of shape {str(shape)[:99]}",
             REMEDY,
         )

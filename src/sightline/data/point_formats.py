@@ -94,8 +94,8 @@ def _pcd_header(content: bytes, path: Path | str) -> tuple[dict[str, list[str]],
             header.setdefault(words[0].upper(), words[1:])
             if words[0].upper() == "DATA":
                 return header, start
-    lacking = "DATA" if {"FIELDS", "COLUMNS"} & set(header) else "FIELDS"
-    raise FileError(path, f"is no whole PCD file: its header has no line {lacking}", REMEDY)
+    missing = "DATA" if {"FIELDS", "COLUMNS"} & set(header) else "FIELDS"
+    raise FileError(path, f"is no whole PCD file: its header has no line {missing}", REMEDY)
 
 
 def _check_viewpoint(header: dict[str, list[str]], path: Path | str) -> None:
@@ -112,14 +112,14 @@ def _check_viewpoint(header: dict[str, list[str]], path: Path | str) -> None:
     except ValueError:
         pose = []
     if len(pose) != len(_NO_VIEWPOINT) or not np.isfinite(pose).all():
-        said = " ".join(words)[:60]
-        problem = f"has VIEWPOINT {said!r} in its header, expected tx ty tz qw qx qy qz"
+        text = " ".join(words)[:60]
+        problem = f"has VIEWPOINT {text!r} in its header, expected tx ty tz qw qx qy qz"
         raise FileError(path, problem, "write VIEWPOINT 0 0 0 1 0 0 0, or leave the line out")
     if tuple(map(abs, pose)) != _NO_VIEWPOINT:
-        warnings.warn(  # without the file's name: said once
+        warnings.warn(  # without the file's name: one warning for all files
             "PCD files have a VIEWPOINT other than 0 0 0 1 0 0 0, which is not applied: their "
-            "points are taken to be in the LiDAR's own frame, as PCL has it; move them into it if "
-            "they are in another",
+            "points are assumed to be in the LiDAR's frame, as in PCL; transform them if they are "
+            "in another frame",
             stacklevel=3,
         )
 
@@ -142,7 +142,7 @@ def _pcd_fields(header: dict[str, list[str]], path: Path | str) -> list[Field]:
         dtype = _PCD_KINDS.get((kind.upper(), _whole_number(size, "SIZE", path)))
         if dtype is None:
             problem = f"has the field {name[:40]} of TYPE {kind[:9]} and SIZE {size}"
-            raise FileError(path, f"{problem}, which PCD does not have", REMEDY)
+            raise FileError(path, f"{problem}, which PCD does not support", REMEDY)
         fields.append(Field(name, dtype, _whole_number(count, "COUNT", path)))
     return [field for field in fields if field.length]
 
@@ -181,7 +181,7 @@ def read_ply(path: Path | str) -> np.ndarray:
     before = elements[:position]
     if any(field.kind == "list" for _, _, listed in elements[: position + 1] for field in listed):
         problem = "has a list of numbers in its vertices or in an element before them"
-        raise FileError(path, f"{problem}, which is not read", REMEDY)
+        raise FileError(path, f"{problem}, which is not supported", REMEDY)
     warn_of_repeated(field.name for field in fields)
     after = elements[position + 1 :]
     if order == "=":
@@ -225,11 +225,13 @@ def _ply_header(
             elements[-1][2].append(Field(words[-1], "list"))
         elif words[:1] == ["property"] and len(words) == 3 and elements:
             if words[1] not in _PLY_KINDS:
-                problem = f"has the property {words[2][:40]} of {words[1][:40]}, which PLY has not"
+                problem = f"has the property {words[2][:40]} of {words[1][:40]}, unknown in PLY"
                 raise FileError(path, problem, REMEDY)
             elements[-1][2].append(Field(words[2], _PLY_KINDS[words[1]]))
         elif words and words[0] not in ("comment", "obj_info"):
-            raise FileError(path, f"has the header line {line[:40]!r}, which PLY has not", REMEDY)
+            raise FileError(
+                path, f"has the header line {line[:40]!r}, which PLY does not support", REMEDY
+            )
     if not order:
         raise FileError(path, f"has no format of {', '.join(_PLY_ORDERS)} in its header", REMEDY)
     return order, elements, end.end()
@@ -245,16 +247,20 @@ def _compressed_points(
         check_length(0, num_points, path)
     packed_size, size = struct.unpack_from("<II", body)
     if size > MAX_BYTES or size > _LZF_GAIN * packed_size:
-        problem = f"announces {size} bytes in {packed_size} compressed ones"
-        raise FileError(path, f"{problem}, expected up to {MAX_BYTES} and no forgery", REMEDY)
+        problem = f"declares {size} bytes in {packed_size} compressed ones"
+        raise FileError(
+            path,
+            f"{problem}, expected at most {MAX_BYTES} and {_LZF_GAIN} per compressed byte",
+            REMEDY,
+        )
     if packed_size > len(body) - 8:
-        problem = f"holds {len(body) - 8} of the {packed_size} compressed bytes that it announces"
+        problem = f"holds {len(body) - 8} of the {packed_size} declared compressed bytes"
         raise FileError(path, f"{problem}: it is cut short", REMEDY)
     # PCL writes no gaps into compressed files; others do.
     for stored in (fields, [field for field in fields if field.name != "_"]):
         if size == num_points * sum(field.num_bytes for field in stored):
             return _unpacked(body[8 : 8 + packed_size], stored, size, num_points, path)
-    problem = f"announces {num_points} points, which {size} unpacked bytes do not fit"
+    problem = f"declares {num_points} points, which do not fit {size} unpacked bytes"
     raise FileError(path, problem, REMEDY)
 
 

@@ -63,12 +63,12 @@ def plain_name(name: str) -> str:
 
 def warn_of_repeated(names: Iterable[str]) -> None:
     """Warn of used fields with the same name, ignoring case."""
-    tally = Counter(plain_name(name) for name in names)
-    repeated = [name for name, count in tally.items() if count > 1 and name in _USED_NAMES]
+    counts = Counter(plain_name(name) for name in names)
+    repeated = [name for name, count in counts.items() if count > 1 and name in _USED_NAMES]
     if repeated:
-        warnings.warn(  # without the cloud's name: said once, of all that have these fields
-            f"clouds have several fields named {', '.join(repeated)}, capitals aside: the one in "
-            "lower case is taken, or the first; remove the others",
+        warnings.warn(  # without the file's name: one warning for all clouds with these fields
+            f"clouds have several fields named {', '.join(repeated)}, ignoring case: the one in "
+            "lower case is used, else the first; remove the others",
             stacklevel=3,
         )
 
@@ -134,7 +134,7 @@ def ascii_points(
     for _ in range(min(skipped, len(body))):
         lines.readline()
     at = lines.tell()
-    is_empty = not any(map(_values_of, lines))
+    is_empty = not any(map(_split_values, lines))
     lines.seek(at)
     if not num_points or is_empty:
         check_length(0, num_points, path)
@@ -154,9 +154,9 @@ def ascii_points(
         raise
     except ValueError as error:
         cause = str(error).split("\n")[0][:90].rstrip(".")
-        raise FileError(path, f"holds points that are no numbers: {cause}", REMEDY) from error
+        raise FileError(path, f"holds points that are not numbers: {cause}", REMEDY) from error
     check_length(len(values), num_points, path)
-    rest = sum(1 for line in lines if _values_of(line))
+    rest = sum(1 for line in lines if _split_values(line))
     warn_of_rest(rest - following, num_points, path)
     names = {field.name: "f8" if field.name in needed else "V0" for field in fields}
     points = np.zeros(len(values), list(names.items()))
@@ -175,13 +175,13 @@ def _checked_rows(
     """
     found = 0
     for line in lines:
-        values = _values_of(line)
+        values = _split_values(line)
         if not values:
             continue
         if len(values) != expected:
             raise FileError(
                 path,
-                f"has {len(values)} values in point {found} (from 0), where its header has "
+                f"has {len(values)} values in point {found} (from 0), but its header defines "
                 f"{expected}",
                 REMEDY,
             )
@@ -191,7 +191,7 @@ def _checked_rows(
             return
 
 
-def _values_of(line: str) -> list[str]:
+def _split_values(line: str) -> list[str]:
     return line.split("#", maxsplit=1)[0].split()
 
 
@@ -207,7 +207,7 @@ def check_length(num_found: int, num_points: int, path: Path | str) -> None:
         FileError: The file is truncated.
     """
     if num_found < num_points:
-        problem = f"holds {num_found} of the {num_points} points that it announces"
+        problem = f"holds {num_found} of the {num_points} declared points"
         raise FileError(path, f"{problem}: it is cut short", REMEDY)
 
 
@@ -215,7 +215,7 @@ def warn_of_rest(num_more: int, num_points: int, path: Path | str) -> None:
     """Warns of points beyond the header's number, which are left out."""
     if num_more > 0:
         warnings.warn(
-            f"{path}: holds {num_more} points more than the {num_points} that it announces: they "
-            "are left out; write how many there are into its header",
+            f"{path}: holds {num_more} points more than the {num_points} declared ones: they are "
+            "left out; correct the number in its header",
             stacklevel=4,
         )

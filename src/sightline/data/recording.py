@@ -14,12 +14,14 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from sightline.data.frame_checks import Findings, read_or_note
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth
 from sightline.data.kitti_labels import read_labels
-from sightline.data.object_labels import labels_from_kitti
-from sightline.data.object_tree import ObjectFrame, Part, describe_absent, suggest_frames
+from sightline.data.kitti_trees import ObjectFrame, Part, describe_absent, suggest_frames
+from sightline.data.lidar_mount import has_points, mount_doubts_of_recording, pose_of_recording
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -28,17 +30,12 @@ from sightline.data.recording_calibration import (
 )
 from sightline.data.recording_checks import (
     examine_recording_frame,
-    first_whole,
-    has_points,
-    mount_doubts_of_recording,
-    pose_of_recording,
+    first_complete_frame,
     reference_images,
-    size_misfit,
+    size_mismatch,
     view_of_recording,
 )
-from sightline.data.recording_times import read_times, times_doubts
-from sightline.data.recording_tree import list_recording, unpaired
-from sightline.data.sample_list import read_sample_list
+from sightline.data.recording_files import list_recording, read_times, times_doubts, unpaired
 from sightline.data.undistortion import undistort
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
@@ -90,18 +87,18 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         if not files.frames:
             raise ValueError(f"{self.folder} holds neither images/ nor points/; {_REMEDY}")
         known = {frame.sample_id: frame for frame in files.frames}
-        wanted = tuple(known)
+        selected = tuple(known)
         if sample_list is not None:
-            wanted = read_sample_list(sample_list, self.folder)
-        absent = [name for name in wanted if name not in known]
+            selected = read_sample_list(sample_list, self.folder)
+        absent = [name for name in selected if name not in known]
         if absent:
             raise ValueError(
                 f"{self.folder} has no frame {describe_absent(absent)}: "
                 f"{suggest_frames(absent[0], tuple(known))}; name others or another folder"
             )
         self._all_frames = files.frames
-        self.frames = tuple(known[name] for name in wanted)
-        self._check_whole(self.parts if needs is None else self.parts & set(needs))
+        self.frames = tuple(known[name] for name in selected)
+        self._check_complete(self.parts if needs is None else self.parts & set(needs))
         pictures = (frame.image or frame.depth for frame in files.frames)
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._reference_images = reference_images(files.frames)
@@ -113,7 +110,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         starts = (self._times[name] for name in known if name in self._times)
         self._start_s = min(starts, default=Decimal(0))
         self._last_rig: tuple[Path, _Rig] | None = None
-        view = view_of_recording(first_whole(self.frames))
+        view = view_of_recording(first_complete_frame(self.frames))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=3)
         elif "points" in self.parts:
@@ -144,15 +141,15 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         reference = self._reference_images[frame.calibration]
         size = read_or_note(read_image_size, reference, [])
-        said = read_or_note(read_recording_calibration, frame.calibration, [])
-        if said is not None:
+        contents = read_or_note(read_recording_calibration, frame.calibration, [])
+        if contents is not None:
             try:
-                require_usable(said, size)
+                require_usable(contents, size)
             except ValueError as error:
                 raise FileError(frame.calibration, str(error), _REMEDY) from error
         found = examine_recording_frame(frame, reference=reference)
         own = (frame.objects, frame.depth)
-        found.doubted = [each for each in found.doubted if each.path in own]
+        found.implausible = [each for each in found.implausible if each.path in own]
         return found
 
     def __getitem__(self, index: int) -> CameraLidarSample:
@@ -167,18 +164,22 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         frame = self.frames[index]
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         rig = self._rig(frame.calibration)
-        said, calibration, level_from_lidar = rig.said, rig.calibration, rig.level_from_lidar
+        contents, calibration, level_from_lidar = (
+            rig.contents,
+            rig.calibration,
+            rig.level_from_lidar,
+        )
         image = None
         if frame.image is not None and "image" in self.parts:
-            image = _straight_image(frame.image, said)
+            image = _undistorted_image(frame.image, contents)
             size = (image.shape[1], image.shape[2])
             reference = self._reference_images[frame.calibration]
-            misfit = size_misfit(frame.image, size, said, reference)
-            if misfit is not None:
-                raise FileError(misfit.path, misfit.problem, misfit.remedy)
+            mismatch = size_mismatch(frame.image, size, contents, reference)
+            if mismatch is not None:
+                raise FileError(mismatch.path, mismatch.problem, mismatch.remedy)
         points = None
         if frame.points is not None and "points" in self.parts:
-            points = torch.from_numpy(read_cloud(frame.points, said.max_intensity))
+            points = torch.from_numpy(read_cloud(frame.points, contents.max_intensity))
         objects = None
         if frame.objects is not None and "objects" in self.parts:
             level = level_calibration(calibration, level_from_lidar)
@@ -188,13 +189,13 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             return CameraLidarSample(
                 sample_id=frame.sample_id,
                 calibration=calibration,
-                image_size=self._image_size(frame, image, said, calibration),
+                image_size=self._image_size(frame, image, contents, calibration),
                 image=image,
                 points=points,
                 objects=objects,
                 depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
                 timestamp_s=self._time_of(frame.sample_id),
-                lidar_height_m=self._height(said) if points is not None else None,
+                lidar_height_m=self._lidar_height_m(contents) if points is not None else None,
                 level_from_lidar=level_from_lidar,
             )
         except FileError:
@@ -205,49 +206,49 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     def _rig(self, path: Path) -> "_Rig":
         """Reads a calibration; a file for all frames is read once."""
         if self._last_rig is None or self._last_rig[0] != path:
-            said = read_recording_calibration(path)
-            tilt = self._pose.tilt if said.lidar_tilt is None else said.lidar_tilt
-            self._last_rig = (path, _Rig.of(said, tilt))
+            contents = read_recording_calibration(path)
+            tilt = self._pose.tilt if contents.lidar_tilt is None else contents.lidar_tilt
+            self._last_rig = (path, _Rig.of(contents, tilt))
         return self._last_rig[1]
 
-    def _height(self, said: RecordingCalibration) -> float | None:
-        return self._pose.height_m if said.lidar_height_m is None else said.lidar_height_m
+    def _lidar_height_m(self, contents: RecordingCalibration) -> float | None:
+        return self._pose.height_m if contents.lidar_height_m is None else contents.lidar_height_m
 
     @cached_property
     def _pose(self) -> LidarPose:
         """Pose of the LiDAR, from the road and the first calibration."""
-        first = first_whole(self._all_frames)
+        first = first_complete_frame(self._all_frames)
         path = None if first is None else first.calibration
         return pose_of_recording(
             self._all_frames, read_or_note(read_recording_calibration, path, [])
         )
 
     def _warn_of_pose(self) -> None:
-        first = first_whole(self.frames)
+        first = first_complete_frame(self.frames)
         path = None if first is None else first.calibration
-        said = read_or_note(read_recording_calibration, path, [])
-        if said is None:
+        contents = read_or_note(read_recording_calibration, path, [])
+        if contents is None:
             return
         tilt = self._pose.tilt
-        if said.lidar_tilt is None and tilt is not None:
+        if contents.lidar_tilt is None and tilt is not None:
             warnings.warn(
-                f"{path}: by the road in its clouds the LiDAR is tilted, {tilt}: detectors see "
-                "them levelled; give lidar_tilt_deg (docs/recordings.md)",
+                f"{path}: the road in its clouds shows that the LiDAR is tilted, {tilt}: "
+                "detectors get levelled clouds; give lidar_tilt_deg (docs/recordings.md)",
                 stacklevel=4,
             )
-        for doubt in mount_doubts_of_recording(self._all_frames, said):
+        for doubt in mount_doubts_of_recording(self._all_frames, contents):
             warnings.warn(f"{path}: {doubt}", stacklevel=4)
-        height_m = self._height(said)
-        if height_m is not None and said.lidar_height_m is None and describe_lowness(height_m):
+        height_m = self._lidar_height_m(contents)
+        if height_m is not None and contents.lidar_height_m is None and describe_lowness(height_m):
             warnings.warn(
-                f"{path}: by the road in its clouds the LiDAR is {height_m:.2f} m above it"
+                f"{path}: the road in its clouds shows that the LiDAR is {height_m:.2f} m above it"
                 f"{describe_lowness(height_m)}",
                 stacklevel=4,
             )
         if height_m is None and has_points(self._all_frames):
             warnings.warn(
                 f"{path}: the clouds show too little of the road to find the LiDAR's height above "
-                f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m",
+                f"it: KITTI's {KITTI_LIDAR_HEIGHT_M} m is assumed; give lidar_height_m",
                 stacklevel=4,
             )
 
@@ -255,7 +256,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self,
         frame: ObjectFrame,
         image: UInt8[Tensor, "3 height width"] | None,
-        said: RecordingCalibration,
+        contents: RecordingCalibration,
         calibration: Calibration,
     ) -> tuple[int, int]:
         if image is not None:
@@ -263,8 +264,8 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         picture = frame.image or frame.depth
         if picture is not None:
             return read_image_size(picture)
-        if said.image_size is not None:
-            return said.image_size
+        if contents.image_size is not None:
+            return contents.image_size
         if self._any_picture is not None:
             return read_image_size(self._any_picture)
         return centred_image_size(calibration)
@@ -272,7 +273,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     def _time_of(self, name: str) -> float | None:
         return float(self._times[name] - self._start_s) if name in self._times else None
 
-    def _check_whole(self, needed: Collection[Part]) -> None:
+    def _check_complete(self, needed: Collection[Part]) -> None:
         attributes = {"image": "images", "points": "points", "objects": "labels", "depth": "depth"}
         for part in ("calibration", *(part for part in attributes if part in needed)):
             absent = [each.sample_id for each in self.frames if getattr(each, part) is None]
@@ -280,7 +281,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 raise ValueError(
                     f"{self.folder} lacks {attributes.get(part, part)} of {len(absent)} of "
                     f"{len(self.frames)} frames ({describe_absent(absent)}); add them or name a "
-                    "list of the frames that are there"
+                    "list of the complete frames"
                 )
 
 
@@ -288,32 +289,36 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 class _Rig:
     """Mounted camera and LiDAR."""
 
-    said: RecordingCalibration
+    contents: RecordingCalibration
     calibration: Calibration
     level_from_lidar: Float64[Tensor, "4 4"] | None
     """Rotation to the level frame; see `CameraLidarSample`."""
 
     @classmethod
-    def of(cls, said: RecordingCalibration, tilt: Tilt | None) -> "_Rig":
+    def of(cls, contents: RecordingCalibration, tilt: Tilt | None) -> "_Rig":
         """Creates the rig of a calibration file with the tilt of its LiDAR."""
         calibration = Calibration(
-            image_from_camera=torch.from_numpy(said.matrices.image_from_camera),
-            camera_from_lidar=torch.from_numpy(said.matrices.camera_from_lidar),
+            image_from_camera=torch.from_numpy(contents.matrices.image_from_camera),
+            camera_from_lidar=torch.from_numpy(contents.matrices.camera_from_lidar),
         )
         return cls(
-            said=said,
+            contents=contents,
             calibration=calibration,
             level_from_lidar=level_from_mount(calibration, tilt),
         )
 
 
-def _straight_image(path: Path, said: RecordingCalibration) -> UInt8[Tensor, "3 height width"]:
+def _undistorted_image(
+    path: Path, contents: RecordingCalibration
+) -> UInt8[Tensor, "3 height width"]:
     image = read_rgb(path)
-    if said.lens is not None:
-        camera_matrix = said.matrices.image_from_camera[:, :3]
+    if contents.lens is not None:
+        camera_matrix = contents.matrices.image_from_camera[:, :3]
         try:
-            image = undistort(image, camera_matrix, said.lens.coefficients, model=said.lens.model)
+            image = undistort(
+                image, camera_matrix, contents.lens.coefficients, model=contents.lens.model
+            )
         except ValueError as error:  # the lens does not fit pictures of this size
-            problem, _, remedy = f"cannot be straightened: {error}".partition("; ")
+            problem, _, remedy = f"cannot be undistorted: {error}".partition("; ")
             raise FileError(path, problem, remedy or _REMEDY) from error
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))

@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 from jaxtyping import Float64
 
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import MAX_PIXELS
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, lens_fault
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
@@ -69,10 +69,10 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
     Raises:
         FileError: The file is no calibration, lacks a matrix, or contains invalid values.
     """
-    said = read_yaml(path, _REMEDY)
-    if not isinstance(said, dict):
-        raise FileError(path, "holds no names with values", _REMEDY)
-    unknown = [str(key) for key in said if key not in _KEYS]
+    content = read_yaml(path, _REMEDY)
+    if not isinstance(content, dict):
+        raise FileError(path, "holds no mapping of names to values", _REMEDY)
+    unknown = [str(key) for key in content if key not in _KEYS]
     if unknown:
         raise FileError(
             path,
@@ -81,12 +81,12 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
         )
     try:
         calibration = RecordingCalibration(
-            matrices=_matrices(said),
-            image_size=_image_size(said.get("image_size")),
-            lens=_lens(said.get("lens")),
-            max_intensity=_max_intensity(said.get("max_intensity", 1.0)),
-            lidar_height_m=_lidar_height(said.get("lidar_height_m")),
-            lidar_tilt=_lidar_tilt(said.get("lidar_tilt_deg")),
+            matrices=_matrices(content),
+            image_size=_image_size(content.get("image_size")),
+            lens=_lens(content.get("lens")),
+            max_intensity=_max_intensity(content.get("max_intensity", 1.0)),
+            lidar_height_m=_lidar_height(content.get("lidar_height_m")),
+            lidar_tilt=_lidar_tilt(content.get("lidar_tilt_deg")),
         )
         require_usable(calibration)
     except ValueError as error:
@@ -131,28 +131,28 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
     """
     require_usable(calibration)
     camera = calibration.matrices.image_from_camera
-    said: dict[str, Any] = {
+    content: dict[str, Any] = {
         "camera_matrix": (camera if camera[:, 3].any() else camera[:, :3]).tolist(),
         "camera_from_lidar": calibration.matrices.camera_from_lidar.tolist(),
     }
     if calibration.image_size is not None:
         height, width = calibration.image_size
-        said["image_size"] = {"width": width, "height": height}
+        content["image_size"] = {"width": width, "height": height}
     if calibration.lens is not None:
-        said["lens"] = {
+        content["lens"] = {
             "model": calibration.lens.model,
             "coefficients": list(calibration.lens.coefficients),
             "undistort": True,
         }
     if calibration.max_intensity != 1:
-        said["max_intensity"] = calibration.max_intensity
+        content["max_intensity"] = calibration.max_intensity
     if calibration.lidar_height_m is not None:
-        said["lidar_height_m"] = calibration.lidar_height_m
+        content["lidar_height_m"] = calibration.lidar_height_m
     if calibration.lidar_tilt is not None:
         tilt = calibration.lidar_tilt
-        said["lidar_tilt_deg"] = {"roll": tilt.roll_deg, "pitch": tilt.pitch_deg}
+        content["lidar_tilt_deg"] = {"roll": tilt.roll_deg, "pitch": tilt.pitch_deg}
     # One line per row, as in a handwritten matrix.
-    text: str = yaml.safe_dump(said, default_flow_style=None, sort_keys=False)
+    text: str = yaml.safe_dump(content, default_flow_style=None, sort_keys=False)
     return text
 
 
@@ -172,7 +172,7 @@ def checked_matrices(
         if not (np.abs(matrix) < _LIMIT).all():  # NaN compares false
             raise ValueError(f"{name} holds NaN, infinite or absurdly large values")
     if not camera.any():
-        raise ValueError("camera_matrix holds zeros alone: the camera was not calibrated")
+        raise ValueError("camera_matrix holds only zeros: the camera is not calibrated")
     if np.abs(camera[2, :3] - (0, 0, 1)).max() > 1e-9:
         hint = ": it is probably transposed" if not camera[:2, 2].any() else ""
         raise ValueError(
@@ -197,65 +197,67 @@ def checked_matrices(
     )
 
 
-def _matrices(said: Mapping[str, object]) -> CalibrationMatrices:
+def _matrices(content: Mapping[str, object]) -> CalibrationMatrices:
     return checked_matrices(
-        _matrix(said, "camera_matrix", ((3, 3), (3, 4))),
-        _matrix(said, "camera_from_lidar", ((4, 4), (3, 4))),
+        _matrix(content, "camera_matrix", ((3, 3), (3, 4))),
+        _matrix(content, "camera_from_lidar", ((4, 4), (3, 4))),
     )
 
 
 def _matrix(
-    said: Mapping[str, object], name: str, shapes: tuple[tuple[int, int], ...]
+    content: Mapping[str, object], name: str, shapes: tuple[tuple[int, int], ...]
 ) -> Float64[np.ndarray, "rows columns"]:
     expected = " or ".join(f"{rows}x{columns}" for rows, columns in shapes)
-    if name not in said:
+    if name not in content:
         raise ValueError(f"lacks {name}, expected a matrix of {expected}")
-    rows = said[name]
+    rows = content[name]
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise ValueError(f"{name} is no matrix of {expected} numbers")
+        raise ValueError(f"{name} is invalid, expected a matrix of {expected} numbers")
     values = [[_number(value, name) for value in row] for row in rows]
     if (len(values), *{len(row) for row in values}) not in shapes:
-        raise ValueError(f"{name} is no matrix of {expected} numbers")
+        raise ValueError(f"{name} is invalid, expected a matrix of {expected} numbers")
     return np.array(values, dtype=np.float64)
 
 
-def _number(said: object, name: str) -> float:
-    if isinstance(said, bool) or not isinstance(said, int | float):
-        shown = shortened(repr(said), 40)
-        raise ValueError(f"{name} holds {shown}, expected numbers, without quotes")
+def _number(value: object, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        quoted = shortened(repr(value), 40)
+        raise ValueError(f"{name} holds {quoted}, expected numbers, without quotes")
     try:
-        return float(said)
+        return float(value)
     except OverflowError:
         return math.inf
 
 
-def _image_size(said: object) -> tuple[int, int] | None:
-    if said is None:
+def _image_size(value: object) -> tuple[int, int] | None:
+    if value is None:
         return None
-    if not isinstance(said, dict) or set(said) != {"width", "height"}:
-        raise ValueError("image_size is no {width: .., height: ..}")
-    height, width = said["height"], said["width"]
+    if not isinstance(value, dict) or set(value) != {"width", "height"}:
+        raise ValueError("image_size is invalid, expected {width: .., height: ..}")
+    height, width = value["height"], value["width"]
     if not all(type(each) is int and 0 < each <= MAX_PIXELS for each in (height, width)):
-        raise ValueError("image_size is no width and height in whole pixels")
+        raise ValueError("image_size is invalid, expected width and height in whole pixels")
     if height * width > MAX_PIXELS:
         raise ValueError(f"image_size is {height}x{width}, more than {MAX_PIXELS} pixels")
     return height, width
 
 
-def _lens(said: object) -> Lens | None:
+def _lens(value: object) -> Lens | None:
     """Parse the lens; None: it has no distortion, or the pictures are already undistorted."""
-    if said is None:
+    if value is None:
         return None
-    if not isinstance(said, dict) or not {"coefficients"} <= set(said) <= {
+    if not isinstance(value, dict) or not {"coefficients"} <= set(value) <= {
         "model",
         "coefficients",
         "undistort",
     }:
-        raise ValueError("lens is no {model: .., coefficients: [..], undistort: true}")
-    if not isinstance(said["coefficients"], list):
-        raise ValueError("lens has coefficients that are no list of numbers")
-    coefficients = tuple(_number(value, "lens: coefficients") for value in said["coefficients"])
-    model = said.get("model", "plumb_bob")
+        raise ValueError(
+            "lens is invalid, expected {model: .., coefficients: [..], undistort: true}"
+        )
+    if not isinstance(value["coefficients"], list):
+        raise ValueError("lens has invalid coefficients, expected a list of numbers")
+    coefficients = tuple(_number(each, "lens: coefficients") for each in value["coefficients"])
+    model = value.get("model", "plumb_bob")
     if model not in get_args(LensModel):
         raise ValueError(
             f"lens has the unknown model {str(model)[:40]!r}, expected one of "
@@ -264,47 +266,47 @@ def _lens(said: object) -> Lens | None:
     check_lens(cast("LensModel", model), coefficients)
     if not any(coefficients):
         return None
-    if said.get("undistort") is not True:
+    if value.get("undistort") is not True:
         raise ValueError(
-            "lens distorts, and images must be straight: write `undistort: true` beside its "
-            "coefficients to have them straightened as they are read, or straighten them and leave "
-            "the lens out"
+            "lens has distortion, but images must be undistorted: write `undistort: true` beside "
+            "the coefficients to undistort images when they are read, or undistort them yourself "
+            "and remove the lens"
         )
     return Lens(model=model, coefficients=coefficients)
 
 
-def _lidar_height(said: object) -> float | None:
-    if said is None:
+def _lidar_height(value: object) -> float | None:
+    if value is None:
         return None
     if (
-        isinstance(said, bool)
-        or not isinstance(said, int | float)
-        or not MIN_LIDAR_HEIGHT_M <= said <= MAX_LIDAR_HEIGHT_M
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not MIN_LIDAR_HEIGHT_M <= value <= MAX_LIDAR_HEIGHT_M
     ):
         raise ValueError(
-            f"lidar_height_m is {str(said)[:40]}, expected the LiDAR's height above the road, "
+            f"lidar_height_m is {str(value)[:40]}, expected the LiDAR's height above the road, "
             f"{MIN_LIDAR_HEIGHT_M:g} to {MAX_LIDAR_HEIGHT_M:g} m"
         )
-    return float(said)
+    return float(value)
 
 
-def _lidar_tilt(said: object) -> Tilt | None:
-    if said is None:
+def _lidar_tilt(value: object) -> Tilt | None:
+    if value is None:
         return None
     if (
-        not isinstance(said, dict)
-        or set(said) != {"roll", "pitch"}
-        or any(type(angle) not in (int, float) for angle in said.values())
-        or not all(abs(angle) <= MAX_TILT_DEG for angle in said.values())
+        not isinstance(value, dict)
+        or set(value) != {"roll", "pitch"}
+        or any(type(angle) not in (int, float) for angle in value.values())
+        or not all(abs(angle) <= MAX_TILT_DEG for angle in value.values())
     ):
         raise ValueError(
-            f"lidar_tilt_deg is {str(said)[:60]}, expected {{roll: .., pitch: ..}}, the LiDAR's "
+            f"lidar_tilt_deg is {str(value)[:60]}, expected {{roll: .., pitch: ..}}, the LiDAR's "
             f"tilt against the road in degrees, each from {-MAX_TILT_DEG:g} to {MAX_TILT_DEG:g}"
         )
-    return Tilt(roll_deg=float(said["roll"]), pitch_deg=float(said["pitch"]))
+    return Tilt(roll_deg=float(value["roll"]), pitch_deg=float(value["pitch"]))
 
 
-def _max_intensity(said: object) -> float:
-    if isinstance(said, bool) or not isinstance(said, int | float) or not 0 < said < 1e9:
-        raise ValueError("max_intensity is no positive number")
-    return float(said)
+def _max_intensity(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e9:
+        raise ValueError("max_intensity is invalid, expected a positive number")
+    return float(value)

@@ -9,22 +9,28 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.calibration_checks import check_matrices
-from sightline.data.calibration_text import CalibrationMatrices
-from sightline.data.depth_png import read_depth_png
 from sightline.data.frame_checks import Findings, check_depth_scale, examine_image, read_or_note
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_labels import KittiObjects, read_labels
+from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
-from sightline.data.object_tree import ObjectFrame
+from sightline.data.lidar_mount import (
+    describe_mount,
+    frames_with_clouds,
+    has_points,
+    mount_doubts_of_recording,
+    pose_of_recording,
+)
+from sightline.data.map_png import read_depth_png
+from sightline.data.pixels import is_in_view
 from sightline.data.point_files import cloud_rows, read_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     require_usable,
 )
-from sightline.data.view import is_in_view
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import hollow_doubt, is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
@@ -32,17 +38,14 @@ from sightline.geometry.mount import (
     has_too_few_in_image,
     mount_doubt,
     resolution_doubt,
-    turn_ahead,
 )
 from sightline.geometry.mount_axes import axes_doubt
-from sightline.geometry.road_height import LidarPose, describe_lowness, lidar_pose, mount_doubts
-from sightline.geometry.tilt import Tilt
+from sightline.geometry.road_height import describe_lowness
 
 _REMEDY = (
-    "correct the calibration file, or clouds and calibration together where both are of another "
-    "convention; docs/recordings.md says how"
+    "correct the calibration file, or both clouds and calibration if both have another "
+    "convention; see docs/recordings.md"
 )
-_TELL_HEIGHT = 5  # clouds for the height, spread over a recording
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,7 +66,7 @@ class RecordingView:
         return f"{share} fall into the image"
 
 
-def first_whole(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
+def first_complete_frame(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
     """Find the first frame with a cloud and a calibration, preferably with an image."""
     with_points = [each for each in frames if each.points and each.calibration]
     return next((each for each in with_points if each.image), next(iter(with_points), None))
@@ -74,22 +77,22 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     if frame is None or frame.points is None or frame.calibration is None:
         return None
     try:
-        said = read_recording_calibration(frame.calibration)
-        size = said.image_size if frame.image is None else read_image_size(frame.image)
-        points = read_cloud(frame.points, said.max_intensity)
+        calibration = read_recording_calibration(frame.calibration)
+        size = calibration.image_size if frame.image is None else read_image_size(frame.image)
+        points = read_cloud(frame.points, calibration.max_intensity)
     except FileError:
         return None  # the reader of the frame reports it
     if size is None or not len(points):
         return None
-    matrices = said.matrices
+    matrices = calibration.matrices
     shown = is_in_view(points, matrices.image_from_camera @ matrices.camera_from_lidar, size)
     num_shown = int(np.count_nonzero(shown))
     share = num_shown / len(points)
     axes = axes_doubt(points, matrices.camera_from_lidar)
-    problem = _doubt(said, size)
+    problem = _doubt(calibration, size)
     if problem is None and has_too_few_in_image(num_shown, len(points)):
         problem = (
-            f"lets {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} fall "
+            f"projects {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} "
             f"into the image of {size[0]}x{size[1]} (height x width): {num_shown}"
         )
     return RecordingView(
@@ -108,159 +111,75 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
 
 def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     """Describe the agreement of a recording's parts and its LiDAR's height, in a clause each."""
-    first = first_whole(frames)
+    first = first_complete_frame(frames)
     view = view_of_recording(first)
-    said = (
+    calibration = (
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )
     described = [] if view is None else [str(view)]
     described += _describe_losses(frames)
-    if said is None:
+    if calibration is None:
         return tuple(described)
     if not has_points(frames):
-        described.append("warning: none of its clouds looked at holds a point")
-    pose = pose_of_recording(frames, said)
-    source = "by the road that it sees" if said.lidar_tilt is None else "by its calibration"
-    described += describe_mount(said.matrices, pose.tilt, source)
-    described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, said)]
+        described.append("warning: all of its checked clouds are empty")
+    pose = pose_of_recording(frames, calibration)
+    source = "by the road in its clouds" if calibration.lidar_tilt is None else "by its calibration"
+    described += describe_mount(calibration.matrices, pose.tilt, source)
+    described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, calibration)]
     lowness = "" if pose.height_m is None else describe_lowness(pose.height_m)
-    if said.lidar_height_m is None and (pose.height_m is not None or has_points(frames)):
+    if calibration.lidar_height_m is None and (pose.height_m is not None or has_points(frames)):
         described.append(
             f"warning: its clouds show too little of the road to find the LiDAR's height above "
-            f"it: {KITTI_LIDAR_HEIGHT_M} m, as KITTI's, is assumed; give lidar_height_m"
+            f"it: KITTI's {KITTI_LIDAR_HEIGHT_M} m is assumed; give lidar_height_m"
             if pose.height_m is None
-            else f"{'warning: ' if lowness else ''}by the road that it sees the LiDAR is "
+            else f"{'warning: ' if lowness else ''}by the road in its clouds the LiDAR is "
             f"{pose.height_m:.2f} m above it{lowness}"
         )
     return tuple(described)
 
 
-def describe_mount(
-    matrices: CalibrationMatrices, tilt: Tilt | None, source: str = "by the road that it sees"
-) -> tuple[str, ...]:
-    """Describe a LiDAR's rotation and tilt, in a clause each; empty: none.
-
-    Args:
-        matrices: Calibration of the LiDAR.
-        tilt: Tilt of the LiDAR; None: level.
-        source: Source of the tilt.
-    """
-    level = np.eye(4) if tilt is None else tilt.level_from_lidar
-    turn = describe_turn(turn_ahead(matrices.camera_from_lidar @ level.T)[1])
-    if tilt is None:
-        return turn
-    return *turn, f"{source} the LiDAR is tilted, {tilt}: detectors see its clouds levelled"
-
-
-def describe_turn(angle_deg: float, subject: str = "detectors see clouds") -> tuple[str, ...]:
-    """Describe the rotation of clouds in a clause; empty: 0 degrees."""
-    if not angle_deg:
-        return ()
-    return (
-        f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x axis: "
-        f"{subject} turned, so that x points where it looks",
-    )
-
-
-def pose_of_recording(
-    frames: Sequence[ObjectFrame], said: RecordingCalibration | None = None
-) -> LidarPose:
-    """Estimate the LiDAR's pose over the road from some clouds of a recording.
-
-    Args:
-        frames: All frames of the recording, so that any selection has the same pose.
-        said: Calibration; its tilt is used if given.
-    """
-    return lidar_pose(_some_clouds(frames), None if said is None else said.lidar_tilt)
-
-
-def mount_doubts_of_recording(
-    frames: Sequence[ObjectFrame], said: RecordingCalibration
-) -> tuple[str, ...]:
-    """Describe differences between a calibration's mounting and the road in some clouds.
-
-    Args:
-        frames: All frames of the recording.
-        said: The calibration.
-    """
-    if said.lidar_tilt is None and said.lidar_height_m is None:
-        return ()
-    return mount_doubts(_some_clouds(frames), said.lidar_height_m, said.lidar_tilt)
-
-
-def has_points(frames: Sequence[ObjectFrame]) -> bool:
-    """Whether some clouds of a recording are readable and contain points.
-
-    If not, this is the problem to report, instead of a small share of visible points.
-    """
-    return any(len(cloud) for cloud in _some_clouds(frames))
-
-
 def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     """Describe the points without an echo in some clouds, in a clause; empty: none."""
-    read = [read_or_note(cloud_rows, frame.points, []) for frame in _some_frames(frames)]
+    read = [read_or_note(cloud_rows, frame.points, []) for frame in frames_with_clouds(frames)]
     clouds = [cloud for cloud in read if cloud is not None and len(cloud)]
     if not clouds:
         return ()
     points = np.concatenate(clouds)
     num_lost = int(np.count_nonzero(~is_echo(points)))
-    num_wild = int(np.count_nonzero(~np.isfinite(points[:, :3]).all(axis=1)))
+    num_non_finite = int(np.count_nonzero(~np.isfinite(points[:, :3]).all(axis=1)))
     if not num_lost:
         return ()
     return (
-        f"of {len(points)} points in {len(clouds)} clouds looked at {num_lost} are left out, where "
-        f"no echo came back: {num_wild} whose x, y, z are not finite, {num_lost - num_wild} at "
+        f"of {len(points)} points in {len(clouds)} checked clouds {num_lost} have no echo and are "
+        f"left out: {num_non_finite} with non-finite x, y, z, {num_lost - num_non_finite} at "
         "0, 0, 0",
     )
-
-
-def _some_clouds(
-    frames: Sequence[ObjectFrame],
-) -> list[Float32[np.ndarray, "_num_points 4"]]:
-    return [_cloud_or_empty(frame) for frame in _some_frames(frames)]
-
-
-def _some_frames(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
-    """Select frames with a cloud and a calibration, spread over all."""
-    seen = [frame for frame in frames if frame.points and frame.calibration]
-    step = max(len(seen) // _TELL_HEIGHT, 1)
-    return seen[::step][:_TELL_HEIGHT]
-
-
-def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
-    assert frame.points is not None, "it was asked for"
-    assert frame.calibration is not None, "likewise"
-    try:
-        said = read_recording_calibration(frame.calibration)
-        return read_cloud(frame.points, said.max_intensity)
-    except FileError:
-        return np.zeros((0, 4), np.float32)  # the reader of the frame reports it
 
 
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:
     """Checks a calibration file, also against its first image, if there is one."""
     problems: list[Problem] = []
-    said = read_or_note(read_recording_calibration, path, problems)
-    if said is None:
+    calibration = read_or_note(read_recording_calibration, path, problems)
+    if calibration is None:
         return problems
-    size = read_or_note(read_image_size, image, []) or said.image_size
+    size = read_or_note(read_image_size, image, []) or calibration.image_size
     try:
-        require_usable(said, size)
+        require_usable(calibration, size)
     except ValueError as error:
         return [Problem(path=path, problem=str(error), remedy=_REMEDY)]
-    doubt = _doubt(said, size)
+    doubt = _doubt(calibration, size)
     if doubt is not None:
         return [Problem(path=path, problem=doubt, remedy=_REMEDY)]
-    return check_matrices(said.matrices, size, path)
+    return check_matrices(calibration.matrices, size, path)
 
 
-def _doubt(said: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
+def _doubt(calibration: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
     """Find implausible values of a calibration, also with the size of its images."""
-    level = np.eye(4) if said.lidar_tilt is None else said.lidar_tilt.level_from_lidar
-    doubt = mount_doubt(said.matrices.camera_from_lidar @ level.T)
+    level = np.eye(4) if calibration.lidar_tilt is None else calibration.lidar_tilt.level_from_lidar
+    doubt = mount_doubt(calibration.matrices.camera_from_lidar @ level.T)
     if doubt is not None:
         return f"camera_from_lidar {doubt}"
-    scale = None if size is None else resolution_doubt(said.matrices.image_from_camera, size)
+    scale = None if size is None else resolution_doubt(calibration.matrices.image_from_camera, size)
     return None if scale is None else f"camera_matrix {scale}"
 
 
@@ -272,56 +191,60 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         reference: First image of the same calibration; see `reference_images`.
     """
     found = Findings()
-    said = read_or_note(read_recording_calibration, frame.calibration, [])
+    calibration = read_or_note(read_recording_calibration, frame.calibration, [])
     image = examine_image(frame.image, found)
     depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
     points = read_or_note(
         # without a calibration, the limit of intensities is unknown
-        partial(read_cloud, max_intensity=math.inf if said is None else said.max_intensity),
+        partial(
+            read_cloud, max_intensity=math.inf if calibration is None else calibration.max_intensity
+        ),
         frame.points,
         found.unreadable,
     )
     if points is not None and frame.points is not None:
         found.has_empty_sweep = not len(points)
-        found.hollow += _check_hollow(points, frame.points)
+        found.nearly_empty += _check_hollow(points, frame.points)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     size = None if image is None else (image.shape[0], image.shape[1])
     if objects is not None and frame.objects is not None:
-        found.doubted += check_objects(objects, size, frame.objects)
-    if said is None:
+        found.implausible += check_objects(objects, size, frame.objects)
+    if calibration is None:
         return found
     # Depth has the image's size, and replaces a missing image.
     pictures = ((frame.image, size), (frame.depth, None if depth_m is None else depth_m.shape))
     for path, shape in pictures:
-        misfit = size_misfit(path, shape, said, reference) if path and shape else None
-        if misfit is not None:
-            found.doubted.insert(0, misfit)  # may be the cause of boxes beyond the image
+        mismatch = size_mismatch(path, shape, calibration, reference) if path and shape else None
+        if mismatch is not None:
+            found.implausible.insert(0, mismatch)  # may be the cause of boxes beyond the image
             return found
     if not found.is_consistent:
         return found
     view = view_of_recording(frame)
     if view is not None and view.doubt is not None:
         # A calibration's own faults are reported once for all frames.
-        if view.doubt.path == frame.points or _doubt(said, view.size) is None:
-            found.doubted.append(view.doubt)
+        if view.doubt.path == frame.points or _doubt(calibration, view.size) is None:
+            found.implausible.append(view.doubt)
     elif depth_m is not None and frame.depth is not None and points is not None:
-        image_from_lidar = said.matrices.image_from_camera @ said.matrices.camera_from_lidar
-        found.doubted += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
-    _doubt_label_fit(found, frame.objects, objects, said, points, size)
+        image_from_lidar = (
+            calibration.matrices.image_from_camera @ calibration.matrices.camera_from_lidar
+        )
+        found.implausible += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
+    _check_label_fit(found, frame.objects, objects, calibration, points, size)
     return found
 
 
-def _doubt_label_fit(
+def _check_label_fit(
     found: Findings,
     path: Path | None,
     objects: KittiObjects | None,
-    said: RecordingCalibration,
+    calibration: RecordingCalibration,
     points: Float32[np.ndarray, "_num_points 4"] | None,
     size: tuple[int, int] | None,
 ) -> None:
-    """Note labels that are elsewhere than image and cloud, where nothing else is at fault."""
+    """Check labels against image and cloud if no other check failed."""
     if path is not None and objects is not None and found.is_consistent:
-        found.doubted += check_label_fit(objects, said.matrices, size, points, path)
+        found.implausible += check_label_fit(objects, calibration.matrices, size, points, path)
 
 
 def _check_hollow(points: Float32[np.ndarray, "_num_points 4"], path: Path) -> list[Problem]:
@@ -335,39 +258,38 @@ def _check_hollow(points: Float32[np.ndarray, "_num_points 4"], path: Path) -> l
     return [
         Problem(
             path=path,
-            problem=f"holds no point: all {num_rows} are not finite or at 0, 0, 0",
-            remedy="look whether the LiDAR delivered anything, and how it was converted",
+            problem=f"holds no point: all {num_rows} rows are not finite or at 0, 0, 0",
+            remedy="check whether the LiDAR delivered points, and how they were converted",
         )
     ]
 
 
-def size_misfit(
-    image: Path, size: tuple[int, int], said: RecordingCalibration, reference: Path | None
+def size_mismatch(
+    image: Path, size: tuple[int, int], calibration: RecordingCalibration, reference: Path | None
 ) -> Problem | None:
     """Problem of an image whose size does not fit its calibration; None: it fits.
 
     Args:
         image: Path of the image.
         size: Height and width of the image [px].
-        said: Calibration of the image.
+        calibration: Calibration of the image.
         reference: First image of the same calibration.
     """
-    expected, source = said.image_size, "the calibration says"
+    expected, source = calibration.image_size, "in the calibration"
     if expected is None and reference is not None:
         # Damage of the reference is reported by its reader.
         expected = read_or_note(read_image_size, reference, [])
-        source = f"{reference.name}, of the same calibration"
+        source = f"in {reference.name}, of the same calibration"
     if expected is None or expected == size:
         return None
     return Problem(
         path=image,
         problem=f"is {size[0]}x{size[1]} (height x width), expected {expected[0]}x{expected[1]} as "
         f"{source}",
-        remedy="turn it as it was when the camera was calibrated; a note of its orientation "
-        "(EXIF) is not followed"
+        remedy="rotate it as when the camera was calibrated; the EXIF orientation is ignored"
         if expected == size[::-1]
-        else "give each frame a calibration of its own (calibration/NAME.yaml), or the images "
-        "that were calibrated",
+        else "give each frame its own calibration (calibration/NAME.yaml), or the calibrated "
+        "images",
     )
 
 

@@ -7,16 +7,16 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from scipy.ndimage import gaussian_filter1d
 
-FEWEST_RINGS: Final = 8
+MIN_RINGS: Final = 8
 """Smallest number of rings of a supported LiDAR."""
-MOST_RINGS: Final = 135
+MAX_RINGS: Final = 135
 """Largest number of rings: 128 lasers, some of which begin twice, straight ahead."""
 
 _BIN_DEG = 0.01
-_BLURS_DEG = (0.32, 0.16, 0.08, 0.04, 0.02, 0.01)  # the widest first, which joins close rings
-_VALLEY = 0.2  # largest density between two rings, as a share of the lower ring's
-_BETWEEN = 0.25  # share of the ring spacing beyond which a point is doubtful
-_DOUBTFUL_SHARE = 0.02
+_BLUR_WIDTHS_DEG = (0.32, 0.16, 0.08, 0.04, 0.02, 0.01)  # the widest first, which joins close rings
+_MAX_VALLEY_SHARE = 0.2  # largest density between two rings, as a share of the lower ring's
+_MAX_SPACING_SHARE = 0.25  # share of the ring spacing beyond which a point is doubtful
+_MAX_DOUBTFUL_SHARE = 0.02
 
 _HEIGHTS_M = tuple(np.arange(-0.1, 0.31, 0.01))  # tried heights of the lasers above the origin
 # The HDL-64E has two blocks of 32 lasers. KITTI's start 0.20 and 0.12 m above the origin, and the
@@ -24,9 +24,9 @@ _HEIGHTS_M = tuple(np.arange(-0.1, 0.31, 0.01))  # tried heights of the lasers a
 _UPPER_HEIGHTS_M = tuple(np.arange(0.165, 0.24, 0.005))
 _LOWER_HEIGHTS_M = tuple(np.arange(0.085, 0.18, 0.005))
 _BORDER_M, _BORDER_DEG = 0.165, -8.87
-_ENOUGH = 20_000  # points for the estimate of a height or a lean
-_MOST_LEAN_DEG = 1.5
-_LEANS_DEG = (  # bins of elevations, and the steps that are tried, in turns about both axes
+_MAX_SAMPLED_POINTS = 20_000  # points for the estimate of a height or a lean
+_MAX_LEAN_DEG = 1.5
+_LEAN_STEPS_DEG = (  # bins of elevations, and the steps that are tried, in turns about both axes
     (0.05, tuple(np.arange(-1.5, 1.55, 0.1))),
     (0.05, tuple(np.arange(-0.3, 0.35, 0.1))),
     (0.02, tuple(np.arange(-0.1, 0.11, 0.02))),
@@ -35,9 +35,9 @@ _LEANS_DEG = (  # bins of elevations, and the steps that are tried, in turns abo
 
 def rings_by_elevation(
     points: Float[np.ndarray, "num_points fields"],
-    most_doubtful: float = _DOUBTFUL_SHARE,
+    max_doubtful_share: float = _MAX_DOUBTFUL_SHARE,
     *,
-    leaning: bool = True,
+    try_leaning: bool = True,
 ) -> Int64[np.ndarray, " num_points"]:
     """Number the rings of a sweep in any order from the top, by the elevations of its points.
 
@@ -48,24 +48,26 @@ def rings_by_elevation(
 
     Args:
         points: Points of the sweep, x, y, z first [m], LiDAR frame.
-        most_doubtful: Share of the points that may lie between two rings.
-        leaning: Whether leaning axes are tried where an upright one separates no rings; takes a
-            second.
+        max_doubtful_share: Share of the points that may lie between two rings.
+        try_leaning: Whether to try leaning axes if an upright one separates no rings; takes
+            a second.
 
     Raises:
         ValueError: Elevations do not separate into 8 to 135 rings.
     """
-    best = min(map(_parted, _laser_elevations(points)), key=_doubt)
-    if leaning and best.doubtful > most_doubtful:
+    best = min(map(_separate_rings, _laser_elevations(points)), key=_doubtful_share)
+    if try_leaning and best.doubtful_share > max_doubtful_share:
         upright = map(_upright, (points, points), _ELEVATIONS)
-        found = (_parted(elevation) for each in upright for elevation in _laser_elevations(each))
-        best = min((best, *found), key=_doubt)
-    if best.doubtful > most_doubtful:
+        found = (
+            _separate_rings(elevation) for each in upright for elevation in _laser_elevations(each)
+        )
+        best = min((best, *found), key=_doubtful_share)
+    if best.doubtful_share > max_doubtful_share:
         raise ValueError(
-            "the points are not in the order of KITTI's own files, ring by ring, and their "
-            f"elevations do not part into rings either ({100 * best.doubtful:.0f} % of them lie "
-            "between any): give sweeps in the frame of the LiDAR itself, neither tilted by more "
-            f"than {_MOST_LEAN_DEG} degrees nor corrected for motion, with a field ring (.pcd, "
+            "the points are not ordered ring by ring as in KITTI's files, and their elevations do "
+            f"not separate into rings ({100 * best.doubtful_share:.0f} % of the points are between "
+            "rings): give sweeps in the LiDAR's own frame, tilted by at most "
+            f"{_MAX_LEAN_DEG} degrees and not corrected for motion, or with a field ring (.pcd, "
             ".ply), or in the order of KITTI's files"
         )
     borders = (best.rings_deg[1:] + best.rings_deg[:-1]) / 2
@@ -76,28 +78,30 @@ def rings_by_elevation(
 _Elevations = Float64[np.ndarray, " num_points"]
 
 
-class _Parted(NamedTuple):
+class _RingSeparation(NamedTuple):
     """Elevations of points and of their rings, and the share of points between rings."""
 
     elevation_deg: Float64[np.ndarray, " num_points"]
     rings_deg: Float64[np.ndarray, " num_rings"]
-    doubtful: float
+    doubtful_share: float
 
 
-def _doubt(parted: _Parted) -> float:
-    return parted.doubtful
+def _doubtful_share(separation: _RingSeparation) -> float:
+    return separation.doubtful_share
 
 
-def _parted(elevation_deg: Float64[np.ndarray, " num_points"]) -> _Parted:
+def _separate_rings(elevation_deg: Float64[np.ndarray, " num_points"]) -> _RingSeparation:
     """Separate rings with the widest blur that separates them well, else with the best one."""
-    best = _Parted(elevation_deg, np.zeros(0), 1.0)
-    for blur_deg in _BLURS_DEG:
-        rings_deg = _crowds(elevation_deg, blur_deg)
-        if not FEWEST_RINGS <= len(rings_deg) <= MOST_RINGS:
+    best = _RingSeparation(elevation_deg, np.zeros(0), 1.0)
+    for blur_deg in _BLUR_WIDTHS_DEG:
+        rings_deg = _cluster_centres_deg(elevation_deg, blur_deg)
+        if not MIN_RINGS <= len(rings_deg) <= MAX_RINGS:
             continue
-        doubtful = _share_between(elevation_deg, rings_deg)
-        best = min(best, _Parted(elevation_deg, rings_deg, doubtful), key=_doubt)
-        if doubtful <= _DOUBTFUL_SHARE:
+        doubtful_share = _share_between(elevation_deg, rings_deg)
+        best = min(
+            best, _RingSeparation(elevation_deg, rings_deg, doubtful_share), key=_doubtful_share
+        )
+        if doubtful_share <= _MAX_DOUBTFUL_SHARE:
             break
     return best
 
@@ -107,8 +111,10 @@ def elevations_deg(
 ) -> Float64[np.ndarray, " num_points"]:
     """Elevations of points [degrees] from a height above the LiDAR's origin."""
     x, y, z = points[:, :3].astype(np.float64).T
-    seen: Float64[np.ndarray, " num_points"] = np.degrees(np.arctan2(z - height_m, np.hypot(x, y)))
-    return seen
+    elevations: Float64[np.ndarray, " num_points"] = np.degrees(
+        np.arctan2(z - height_m, np.hypot(x, y))
+    )
+    return elevations
 
 
 def _laser_elevations(
@@ -141,8 +147,8 @@ def _sharpest_m(
     points: Float[np.ndarray, "num_points fields"], heights_m: Sequence[float]
 ) -> float:
     """Find the height from which the elevations of points cluster best."""
-    drawn = _drawn(points)
-    return max(heights_m, key=lambda height_m: _sharpness(elevations_deg(drawn, height_m)))
+    sampled = _subsample(points)
+    return max(heights_m, key=lambda height_m: _sharpness(elevations_deg(sampled, height_m)))
 
 
 def _upright(
@@ -150,14 +156,14 @@ def _upright(
     elevations: Callable[[Float64[np.ndarray, "num_points 3"]], _Elevations],
 ) -> Float64[np.ndarray, "num_points 3"]:
     """Rotate points about y and x so that their elevations cluster best."""
-    drawn = _drawn(points)[:, :3].astype(np.float64)
+    sampled = _subsample(points)[:, :3].astype(np.float64)
     lean_deg = np.zeros(2)
-    for bin_deg, steps_deg in _LEANS_DEG:
+    for bin_deg, steps_deg in _LEAN_STEPS_DEG:
         for axis in (0, 1):
             tried = [lean_deg + step_deg * np.eye(2)[axis] for step_deg in steps_deg]
             lean_deg = max(
                 tried,
-                key=lambda each: _sharpness(elevations(drawn @ _tilt(each).T), bin_deg),
+                key=lambda each: _sharpness(elevations(sampled @ _tilt(each).T), bin_deg),
             )
     turned: Float64[np.ndarray, "num_points 3"] = points[:, :3] @ _tilt(lean_deg).T
     return turned
@@ -171,10 +177,10 @@ def _tilt(lean_deg: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "3 3"]:
     return np.array(about_x) @ np.array(about_y)
 
 
-def _drawn(
+def _subsample(
     points: Float[np.ndarray, "num_points fields"],
-) -> Float[np.ndarray, "num_drawn fields"]:
-    return points[np.random.default_rng(0).permutation(len(points))[:_ENOUGH]]
+) -> Float[np.ndarray, "num_sampled fields"]:
+    return points[np.random.default_rng(0).permutation(len(points))[:_MAX_SAMPLED_POINTS]]
 
 
 def _sharpness(elevation_deg: _Elevations, bin_deg: float = _BIN_DEG) -> float:
@@ -184,7 +190,7 @@ def _sharpness(elevation_deg: _Elevations, bin_deg: float = _BIN_DEG) -> float:
     return float(np.square(counts).sum())
 
 
-def _crowds(
+def _cluster_centres_deg(
     elevation_deg: Float64[np.ndarray, " num_points"], blur_deg: float
 ) -> Float64[np.ndarray, " num_rings"]:
     """Find elevations of clusters, ascending, separated by valleys of the density."""
@@ -200,7 +206,7 @@ def _crowds(
     for top in tops:
         while kept:
             valley = density[kept[-1] : top].min()
-            if valley <= _VALLEY * min(density[kept[-1]], density[top]):
+            if valley <= _MAX_VALLEY_SHARE * min(density[kept[-1]], density[top]):
                 kept.append(int(top))
                 break
             if density[top] <= density[kept[-1]]:
@@ -208,8 +214,8 @@ def _crowds(
             kept.pop()
         if not kept:
             kept.append(int(top))
-    crowds: Float64[np.ndarray, " num_rings"] = lowest + (np.array(kept) + 0.5) * _BIN_DEG
-    return crowds
+    centres: Float64[np.ndarray, " num_rings"] = lowest + (np.array(kept) + 0.5) * _BIN_DEG
+    return centres
 
 
 def _share_between(
@@ -220,5 +226,5 @@ def _share_between(
     rungs = np.array([first, *rings_deg, last])
     above = np.searchsorted(rungs, elevation_deg).clip(1, len(rungs) - 1)
     place = (elevation_deg - rungs[above - 1]) / (rungs[above] - rungs[above - 1])
-    is_on_one = (np.abs(place) < _BETWEEN) | (np.abs(place - 1) < _BETWEEN)
+    is_on_one = (np.abs(place) < _MAX_SPACING_SHARE) | (np.abs(place - 1) < _MAX_SPACING_SHARE)
     return float(1 - is_on_one.mean())

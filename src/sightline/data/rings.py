@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, Shaped
 
 from sightline.data.ring_elevations import (
-    FEWEST_RINGS,
-    MOST_RINGS,
+    MAX_RINGS,
+    MIN_RINGS,
     elevations_deg,
     rings_by_elevation,
 )
@@ -17,19 +17,19 @@ from sightline.geometry.cloud_checks import holds_rings, is_echo
 NUM_RINGS = 64
 """Lasers of KITTI's sensor (Velodyne HDL-64E), numbered from the top: 0 to 63."""
 
-_SENSORS = (16, 32, 64, 128)  # lasers
-_SPARE = 1.06  # a ring that begins twice, straight ahead, is counted twice
-_WIDEST_STEP_DEG = 0.7  # largest spacing of 64 rings; that of 32 rings is about 1.3
+_SENSOR_BEAMS = (16, 32, 64, 128)  # lasers
+_MAX_RINGS_PER_BEAM = 1.06  # a ring that begins twice, straight ahead, is counted twice
+_MAX_STEP_DEG = 0.7  # largest spacing of 64 rings; that of 32 rings is about 1.3
 _SEAM_DEG = 30.0  # inside a ring the azimuth never decreases by so much
 _TOP_DOWN_SLACK_DEG = 8.0  # a ring on a near object seems higher: lasers sit above the origin
 
-_FEWEST_POINTS = 100  # with fewer points the order is unknown
-_SCATTERED = 0.004  # share of the spread of elevations: KITTI's neighbours differ by up to 0.0006
-_NAMED_SHARE = 0.5  # share of elevations' variance that a tilted LiDAR's ring numbers explain
-_AHEAD_DEG = 5.0  # largest usual start azimuth of whole sweeps in KITTI's order
-_STUB_POINTS = 3  # at a seam, where azimuths alternate
-_KEPT = 0.5  # share of another order's step between rings that KITTI's order must reach
-_IN_ORDER = 0.9  # correlation of ordered numbers with elevations
+_MIN_POINTS = 100  # with fewer points the order is unknown
+_MAX_NEIGHBOUR_SHARE = 0.004  # of the spread of elevations; KITTI's neighbours: up to 0.0006
+_MIN_EXPLAINED_SHARE = 0.5  # of the elevations' variance, explained by ring numbers
+_MAX_START_DEG = 5.0  # largest usual start azimuth of whole sweeps in KITTI's order
+_MAX_STUB_POINTS = 3  # at a seam, where azimuths alternate
+_MIN_STEP_RATIO = 0.5  # share of another order's step between rings that KITTI's order must reach
+_MIN_CORRELATION = 0.9  # correlation of ordered numbers with elevations
 
 
 def ring_numbers(
@@ -40,9 +40,8 @@ def ring_numbers(
     KITTI's files contain one ring after the other, the highest first, each counter-clockwise from
     straight ahead. So the azimuth of a whole sweep passes straight ahead one time less than it has
     rings: 63 times in KITTI. In a sweep cropped to the camera's view, a ring has two parts: ahead
-        to
-    the left edge, right edge to ahead. The azimuth jumps back from the left edge to the right one,
-    and the number increases there.
+    to the left edge, right edge to ahead. The azimuth jumps back from the left edge to the right
+    one, and the number increases there.
 
     So a cropped sweep is numbered as in the held-out-rings tables, not by laser: a number contains
     one laser's returns right of straight ahead and the next laser's left of it. Numbers start at 0
@@ -57,12 +56,12 @@ def ring_numbers(
     is_whole = is_whole_turn(points)
     rings = _count_starts(points, is_whole=is_whole)
     num_rings = int(rings[-1]) + 1 if len(rings) else 0
-    fewest, most = (FEWEST_RINGS, MOST_RINGS) if is_whole else (0, NUM_RINGS + 1)
-    if not fewest <= num_rings <= most:
+    min_rings, max_rings = (MIN_RINGS, MAX_RINGS) if is_whole else (0, NUM_RINGS + 1)
+    if not min_rings <= num_rings <= max_rings:
         raise ValueError(
-            f"the azimuth of the sweep starts again {num_rings - 1} times, where KITTI's order has "
-            f"{NUM_RINGS - 1} in a whole sweep and no more in a part of one: give the points in "
-            "the order of KITTI's own files"
+            f"the azimuth of the sweep restarts {num_rings - 1} times, expected {NUM_RINGS - 1} "
+            "times in a whole sweep in KITTI's order and at most as often in a cropped one: give "
+            "the points in the order of KITTI's files"
         )
     _check_top_down(_medians_deg(points, rings))
     return rings
@@ -76,19 +75,19 @@ def count_beams(points: Float[np.ndarray, "num_points fields"]) -> int:
     """
     if not is_whole_turn(points):
         return NUM_RINGS
-    return sensor_of(int(_count_starts(points, is_whole=True)[-1]) + 1)
+    return beams_of_sensor(int(_count_starts(points, is_whole=True)[-1]) + 1)
 
 
-def comes_by_firing(points: Float[np.ndarray, "num_points fields"]) -> bool:
+def is_firing_order(points: Float[np.ndarray, "num_points fields"]) -> bool:
     """Whether the points of a sweep are in firing order or unordered, not ring by ring.
 
     In a sweep ordered by ring, neighbouring points have almost the same elevation.
     """
-    if len(points) < _FEWEST_POINTS:
+    if len(points) < _MIN_POINTS:
         return False
     elevation = elevations_deg(points)
     spread = float(np.subtract(*np.quantile(elevation, (0.9, 0.1))))
-    return float(np.median(np.abs(np.diff(elevation)))) > _SCATTERED * spread
+    return float(np.median(np.abs(np.diff(elevation)))) > _MAX_NEIGHBOUR_SHARE * spread
 
 
 def rings_of_any_order(
@@ -103,16 +102,16 @@ def rings_of_any_order(
         ValueError: Rings are found neither by order nor by elevation.
     """
     try:
-        if comes_by_firing(points):
+        if is_firing_order(points):
             return rings_by_elevation(points), False
     except ValueError as error:
-        rings, is_kittis = _rings_by_order(points)
-        if rings is None or int(rings[-1]) + 1 < FEWEST_RINGS:
+        rings, is_kitti_order = _rings_by_order(points)
+        if rings is None or int(rings[-1]) + 1 < MIN_RINGS:
             raise error from None
-        return rings, is_kittis
-    rings, is_kittis = _rings_by_order(points)
+        return rings, is_kitti_order
+    rings, is_kitti_order = _rings_by_order(points)
     if rings is not None:
-        return rings, is_kittis
+        return rings, is_kitti_order
     try:
         return rings_by_elevation(points), False
     except ValueError:
@@ -123,36 +122,36 @@ def _rings_by_order(
     points: Float[np.ndarray, "num_points fields"],
 ) -> tuple[Int64[np.ndarray, " num_points"] | None, bool]:
     """Rings of a sweep ordered by ring, else None; also whether it is in KITTI's order."""
-    kittis = _ring_numbers_or_none(points)
-    if kittis is not None and _begins_as_kittis(points, kittis):
-        return kittis, True
+    kitti_rings = _ring_numbers_or_none(points)
+    if kitti_rings is not None and _starts_in_kitti_order(points, kitti_rings):
+        return kitti_rings, True
     found = []
-    if kittis is not None and int(kittis[-1]) + 1 >= FEWEST_RINGS:
-        found.append((_step_down_deg(points, kittis) / _KEPT, kittis))
+    if kitti_rings is not None and int(kitti_rings[-1]) + 1 >= MIN_RINGS:
+        found.append((_step_down_deg(points, kitti_rings) / _MIN_STEP_RATIO, kitti_rings))
     for turned in _other_orders(points):
         rings = _ring_numbers_or_none(turned)
-        if rings is not None and int(rings[-1]) + 1 >= FEWEST_RINGS:
+        if rings is not None and int(rings[-1]) + 1 >= MIN_RINGS:
             found.append((_step_down_deg(points, rings), _without_stubs(rings)))
-    _, best = max(found, key=lambda each: each[0], default=(0.0, kittis))
-    return best, best is kittis
+    _, best = max(found, key=lambda each: each[0], default=(0.0, kitti_rings))
+    return best, best is kitti_rings
 
 
-def _begins_as_kittis(
+def _starts_in_kitti_order(
     points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> bool:
-    if len(points) < _FEWEST_POINTS:
+    if len(points) < _MIN_POINTS:
         return True
     if is_whole_turn(points):
-        return bool(_from_ahead_deg(points)[0] < _AHEAD_DEG)
-    return int(rings[-1]) + 1 >= FEWEST_RINGS
+        return bool(_azimuth_from_front_deg(points)[0] < _MAX_START_DEG)
+    return int(rings[-1]) + 1 >= MIN_RINGS
 
 
 def _other_orders(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Iterator[Float[np.ndarray, "num_points fields"]]:
     """Yield rotated and mirrored sweeps, which convert other orders by ring to KITTI's."""
-    begin_deg = float(_azimuth_deg(points)[0])
-    seams_deg = (0.0, 90.0, 180.0, 270.0, begin_deg) if is_whole_turn(points) else (0.0,)
+    start_deg = float(_azimuth_deg(points)[0])
+    seams_deg = (0.0, 90.0, 180.0, 270.0, start_deg) if is_whole_turn(points) else (0.0,)
     for mirror in (1, -1):
         for seam_deg in seams_deg:
             turn = np.radians(-seam_deg)
@@ -175,7 +174,7 @@ def _ring_numbers_or_none(
 def _without_stubs(rings: Int64[np.ndarray, " num_points"]) -> Int64[np.ndarray, " num_points"]:
     """Renumber rings so that the few points before a seam have no own number."""
     counts = np.bincount(rings)
-    numbers: Int64[np.ndarray, " num_rings"] = np.cumsum(counts > _STUB_POINTS) - 1
+    numbers: Int64[np.ndarray, " num_rings"] = np.cumsum(counts > _MAX_STUB_POINTS) - 1
     return np.asarray(numbers.clip(min=0)[rings], dtype=np.int64)
 
 
@@ -199,18 +198,19 @@ def in_kitti_order(
         points: Points of the sweep, finite or not.
         rings: Number of each point's laser, from the top or from the bottom or in any order.
     """
-    if not holds_rings(rings, points, min_share=_NAMED_SHARE):
+    if not holds_rings(rings, points, min_share=_MIN_EXPLAINED_SHARE):
         return points
-    made = is_echo(points)
-    made_points, (numbers, which) = points[made], np.unique(rings[made], return_inverse=True)
-    elevation = elevations_deg(made_points)
-    heights_deg = np.array([np.median(elevation[which == n]) for n in range(len(numbers))])
+    has_echo = is_echo(points)
+    echo_points = points[has_echo]
+    numbers, indices = np.unique(rings[has_echo], return_inverse=True)
+    elevation = elevations_deg(echo_points)
+    heights_deg = np.array([np.median(elevation[indices == n]) for n in range(len(numbers))])
     # Near points of an HDL-64E may swap the medians of neighbours; numbers in order do not.
     with np.errstate(invalid="ignore", divide="ignore"):  # NaN for equal heights
         trend = float(np.corrcoef(numbers.astype(np.float64), heights_deg)[0, 1])
-    from_top = -trend * which if abs(trend) > _IN_ORDER else -heights_deg[which]
-    order = np.lexsort((_from_ahead_deg(made_points), from_top))
-    return np.concatenate((made_points[order], points[~made]))
+    from_top = -trend * indices if abs(trend) > _MIN_CORRELATION else -heights_deg[indices]
+    order = np.lexsort((_azimuth_from_front_deg(echo_points), from_top))
+    return np.concatenate((echo_points[order], points[~has_echo]))
 
 
 def turned_in_order(
@@ -222,17 +222,20 @@ def turned_in_order(
         points: Points before the rotation.
         turned: The same points after it.
     """
-    if comes_by_firing(points) or not len(points) or not is_whole_turn(points):
+    if is_firing_order(points) or not len(points) or not is_whole_turn(points):
         return turned
     rings = _ring_numbers_or_none(points)
     if rings is None:
         return turned
-    return turned[np.lexsort((_from_ahead_deg(turned), rings))]
+    return turned[np.lexsort((_azimuth_from_front_deg(turned), rings))]
 
 
-def sensor_of(num_rings: int) -> int:
+def beams_of_sensor(num_rings: int) -> int:
     """Number of beams of a sensor by its rings in whole sweeps: 16, 32, 64 or 128."""
-    return next((count for count in _SENSORS if num_rings <= _SPARE * count), _SENSORS[-1])
+    return next(
+        (count for count in _SENSOR_BEAMS if num_rings <= _MAX_RINGS_PER_BEAM * count),
+        _SENSOR_BEAMS[-1],
+    )
 
 
 def check_spacing(
@@ -250,10 +253,10 @@ def check_spacing(
     numbers = np.unique(rings)
     elevations = _medians_deg(points, rings)
     steps = (elevations[:-1] - elevations[1:]) / np.diff(numbers)
-    if len(steps) and np.median(steps) > _WIDEST_STEP_DEG:
+    if len(steps) and np.median(steps) > _MAX_STEP_DEG:
         raise ValueError(
             f"the rings of the sweep lie {np.median(steps):.1f} degrees apart, too far for the 64 "
-            "beams that a sweep cut to the image is taken to have: give the whole sweeps, whose "
+            "beams that are assumed for a sweep cropped to the image: give whole sweeps, whose "
             "beams are counted"
         )
 
@@ -267,12 +270,12 @@ def _count_starts(
     points: Float[np.ndarray, "num_points fields"], *, is_whole: bool
 ) -> Int64[np.ndarray, " num_points"]:
     """Number of restarts of the azimuth before each point."""
-    from_ahead = _from_ahead_deg(points) if is_whole else _azimuth_deg(points)
-    starts = np.diff(from_ahead, prepend=from_ahead[:1]) < (-180 if is_whole else -_SEAM_DEG)
+    azimuth_deg = _azimuth_from_front_deg(points) if is_whole else _azimuth_deg(points)
+    starts = np.diff(azimuth_deg, prepend=azimuth_deg[:1]) < (-180 if is_whole else -_SEAM_DEG)
     return np.cumsum(starts, dtype=np.int64)
 
 
-def _from_ahead_deg(
+def _azimuth_from_front_deg(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Float64[np.ndarray, " num_points"]:
     """Azimuths [deg] from 0, straight ahead, counter-clockwise to 360."""
@@ -306,5 +309,5 @@ def _check_top_down(medians_deg: Float64[np.ndarray, " num_rings"]) -> None:
         raise ValueError(
             f"ring {first + 1} of the sweep lies {rise[first]:.1f} degrees above an earlier one, "
             "but KITTI's order has the highest ring first: give the points in the order of "
-            "KITTI's own files"
+            "KITTI's files"
         )

@@ -5,7 +5,7 @@ import warnings
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-from sightline.data.frame_files import describe_left_out, require_frame_files
+from sightline.data.frame_lists import describe_left_out, read_sample_list, require_frame_files
 from sightline.data.kitti_labels import (
     CLASS_NAMES,
     MAX_LABEL_BYTES,
@@ -13,7 +13,6 @@ from sightline.data.kitti_labels import (
     parse_objects,
 )
 from sightline.data.result_checks import doubts_about_results
-from sightline.data.sample_list import read_sample_list
 from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
@@ -24,7 +23,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of a zip file
 _PLAIN_FILE = 0o100644 << 16
 _UNIX = 3
 _CLASSES = {name.lower() for name in (*CLASS_NAMES, "DontCare")}  # the benchmark ignores case
-_REMEDY = "write an empty file where nothing was found, or name a list of the frames that count"
+_REMEDY = "write an empty file for a frame without detections, or give a list of the frames"
 
 
 @named_arguments
@@ -49,7 +48,7 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
             whose end is before its start; contains the position.
     """
     if out.suffix.lower() != ".zip":
-        raise ValueError(f"{out} does not end in .zip, which the benchmark asks for; rename it")
+        raise ValueError(f"{out} does not end in .zip, which the benchmark requires; rename it")
     names = _frame_names(results, sample_list)
     contents, frames = [], []
     for name in names:
@@ -61,8 +60,8 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
         frames.append(objects)
     if not any(map(len, frames)):
         raise ValueError(
-            f"{results} has no detection in any of its {len(frames):,} result files: look whether "
-            "the detector ran, and at its score threshold"
+            f"{results} has no detection in any of its {len(frames):,} result files: check whether "
+            "the detector ran, and its score threshold"
         )
     for doubt in doubts_about_results(frames):
         warnings.warn(f"{results}: {doubt}", stacklevel=2)
@@ -85,20 +84,20 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
         if not names:
             but = f" but {left_out}" if left_out else ""
             raise ValueError(
-                f"{results} has no result files (*.txt){but}; give the folder that holds them, "
-                "named NNNNNN.txt in small letters"
+                f"{results} has no result files (*.txt){but}; give their folder, with "
+                "names NNNNNN.txt in lower case"
             )
         if left_out:
             warnings.warn(
-                f"{results}: left out of the archive: {left_out}; the benchmark takes NNNNNN.txt "
-                "beside each other",
+                f"{results}: left out of the archive: {left_out}; the benchmark expects only "
+                "NNNNNN.txt in one folder",
                 stacklevel=3,
             )
     for name in names:
         if not re.fullmatch("[0-9]{6}", name):
             raise FileError(
                 results / f"{name}.txt",
-                "is not named by six digits, as the benchmark's frames are",
+                "is not named by six digits as in the benchmark",
                 "rename it, or move it to another folder",
             )
     return names
@@ -110,16 +109,16 @@ def _check_objects(path: Path, objects: KittiObjects) -> None:
         if name.lower() not in _CLASSES:
             raise FileError(
                 path,
-                f"object {number} is of class {shortened(repr(name))}, which is none of KITTI's",
+                f"object {number} is of class {shortened(repr(name))}, which is no class of KITTI",
                 "write Car, Pedestrian or Cyclist",
             )
     left, top, right, bottom = objects.boxes2d.T
-    is_inside_out = (right < left) | (bottom < top)
-    if is_inside_out.any():
-        number = int(is_inside_out.argmax())
+    is_inverted = (right < left) | (bottom < top)
+    if is_inverted.any():
+        number = int(is_inverted.argmax())
         box = " ".join(f"{value:g}" for value in objects.boxes2d[number])
         raise FileError(
             path,
-            f"object {number + 1} has the box {box}, which ends before it begins",
+            f"object {number + 1} has the box {box}, whose maximum is below its minimum",
             "write x_min, y_min, x_max and y_max",
         )

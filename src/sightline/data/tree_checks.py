@@ -12,22 +12,7 @@ from sightline.data.between_frames import (
     check_object_frames,
     check_recording_frames,
 )
-from sightline.data.calibration_checks import check_matrices
-from sightline.data.calibration_text import (
-    CalibrationMatrices,
-    read_object_matrices,
-    read_raw_matrices,
-)
-from sightline.data.depth_tree import (
-    DepthFrame,
-    DriveSplit,
-    SelectedSplit,
-    list_drive_frames,
-    list_selected_frames,
-    selection_folder,
-)
 from sightline.data.drive_poses import check_drive_times
-from sightline.data.drive_tree import DriveFrame, list_drive
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -35,40 +20,53 @@ from sightline.data.frame_checks import (
     examine_object_frame,
     read_or_note,
 )
-from sightline.data.object_tree import (
+from sightline.data.kitti_calibration import (
+    CalibrationMatrices,
+    check_matrices,
+    read_object_matrices,
+    read_raw_matrices,
+)
+from sightline.data.kitti_trees import (
     CORRUPTED,
+    DepthFrame,
+    DriveFrame,
+    DriveSplit,
     ObjectFrame,
     Part,
+    SelectedSplit,
     find_velodyne,
+    list_drive,
+    list_drive_frames,
     list_object_frames,
+    list_selected_frames,
     part_folder,
+    selection_folder,
 )
+from sightline.data.lidar_mount import describe_height, describe_mount, pose_of_tree
 from sightline.data.other_layouts import refuse_other_layouts
 from sightline.data.recording_checks import (
     check_recording_calibration,
-    describe_mount,
     describe_recording,
     examine_recording_frame,
     reference_images,
 )
-from sightline.data.recording_times import check_times
-from sightline.data.recording_tree import (
+from sightline.data.recording_files import (
     CALIBRATIONS,
     DEPTH,
     IMAGES,
     LABELS,
     POINTS,
     RecordingFiles,
+    check_times,
     is_recording,
     list_recording,
     unpaired,
 )
-from sightline.data.tree_mount import describe_height, pose_of_tree
 from sightline.data.unread_files import (
     PartFolder,
     depth_folders,
     drive_folders,
-    find_twins,
+    find_name_clashes,
     find_unread,
     object_folders,
     recording_folders,
@@ -80,7 +78,7 @@ from sightline.files.safe_names import unprintable_names
 TRACKLETS = "tracklet_labels.xml"
 """File with labels of a raw drive, in their own format."""
 _REMEDY = "extract the archive again"
-_RECORDING_REMEDY = "add what is missing in a format of docs/recordings.md"
+_RECORDING_REMEDY = "add the missing files in a format of docs/recordings.md"
 
 Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
 
@@ -198,8 +196,12 @@ def _object_tree(folder: Path) -> Tree | None:
         for part, suffix in suffixes.items()
     ]
     tree = _tree(folder, "object frames", frames, expected, checks)
-    told = next((each.calibration for each in frames if each.points and each.calibration), None)
-    tree = _with_notes(tree, *_mount_of(frames, read_or_note(read_object_matrices, told, [])))
+    calibration_file = next(
+        (each.calibration for each in frames if each.points and each.calibration), None
+    )
+    tree = _with_notes(
+        tree, *_describe_pose(frames, read_or_note(read_object_matrices, calibration_file, []))
+    )
     return _with_unread(tree, object_folders(folder, velodyne))
 
 
@@ -250,7 +252,7 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     checks.append(_between_frames(partial(check_drive_frames, files.frames)))
     tree = _tree(folder, "raw frames", files.frames, expected, checks)
-    tree = _with_notes(tree, *_mount_of(files.frames, matrices))
+    tree = _with_notes(tree, *_describe_pose(files.frames, matrices))
     if (folder / TRACKLETS).is_file():
         tree = _with_notes(tree, f"{TRACKLETS} is not read: a raw drive has no labels")
     return _with_unread(tree, drive_folders(folder))
@@ -285,7 +287,7 @@ def _recording_tree(folder: Path) -> Tree | None:
     return _with_unread(tree, recording_folders(folder))
 
 
-def _mount_of(
+def _describe_pose(
     frames: Sequence[ObjectFrame] | Sequence[DriveFrame], matrices: CalibrationMatrices | None
 ) -> tuple[str, ...]:
     if matrices is None:
@@ -310,10 +312,10 @@ def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | Non
     if tree is None:
         return None
     unread = find_unread(folders)
-    hollow = [each.problem.path for each in unread if each.is_all]
-    gaps = [gap for gap in tree.gaps if not {gap.path, gap.path.parent} & set(hollow)]
-    twins = [twin for place in folders for twin in find_twins(place)]
-    return replace(tree, gaps=(*(each.problem for each in unread), *gaps, *twins))
+    unread_folders = {each.problem.path for each in unread if each.all_unread}
+    gaps = [gap for gap in tree.gaps if not {gap.path, gap.path.parent} & unread_folders]
+    clashes = [clash for place in folders for clash in find_name_clashes(place)]
+    return replace(tree, gaps=(*(each.problem for each in unread), *gaps, *clashes))
 
 
 def _recording_checks(files: RecordingFiles) -> list[Check]:
@@ -345,17 +347,17 @@ def _between_frames(run: Callable[[], list[Problem]]) -> Check:
 
 
 def _frame_check(frame: Frame, examine: Callable[[], Findings]) -> Check:
-    run = partial(_all_of, examine, frame.image)
+    run = partial(_run_frame_check, examine, frame.image)
     return Check(subject=f"frame {shortened(frame.sample_id)}", run=run)
 
 
-def _all_of(examine: Callable[[], Findings], image: Path | None) -> list[Problem]:
-    """All faults of a frame, and an image without a picture unless it was corrupted on purpose."""
+def _run_frame_check(examine: Callable[[], Findings], image: Path | None) -> list[Problem]:
+    """Find all faults of a frame, and a blank image unless it was corrupted on purpose."""
     found = examine()
-    if image is None or not found.has_dark_image or (image.parent.parent / CORRUPTED).is_dir():
+    if image is None or not found.has_blank_image or (image.parent.parent / CORRUPTED).is_dir():
         return found.all()
-    problem = "is of one colour and shows nothing"
-    remedy = "look whether the camera delivered anything, or remove the file"
+    problem = "has a single colour"
+    remedy = "check whether the camera delivered pictures, or remove the file"
     return [Problem(path=image, problem=problem, remedy=remedy), *found.all()]
 
 
@@ -389,7 +391,7 @@ def _tree(
         parts.append(PartCount(name=name, num_files=len(frames) - len(absent)))
         if len(absent) == len(frames):
             if part.optional and not part.folder.exists():
-                continue  # the summary reports it
+                continue  # reported in the summary
             gaps.append(
                 Problem(path=part.folder, problem="holds no files of the frames", remedy=remedy)
             )

@@ -26,7 +26,7 @@ LENS_REMEDY: Final = (
     "give the coefficients in the order of the model (k1, k2, p1, p2, k3 ..), as calibrated for "
     "this camera matrix"
 )
-_LEAST_SHARE = 0.25  # smallest share of the undistorted picture that must be filled
+_MIN_FILLED_SHARE = 0.25  # smallest share of the undistorted picture that must be filled
 _MAX_COEFFICIENT = 1e6
 _MAX_TANGENT = 100.0  # tangent of the farthest ray of a picture: 89 degrees
 _GRID = 33  # lines in each direction of the grid for checking the map
@@ -95,15 +95,15 @@ def check_lens(model: LensModel, coefficients: Sequence[float]) -> None:
     """
     if model not in COEFFICIENTS:
         raise ValueError(
-            f"there is no lens model {model}; give one of {', '.join(COEFFICIENTS)}, or straighten "
-            "the pictures elsewhere"
+            f"there is no lens model {model}; give one of {', '.join(COEFFICIENTS)}, or undistort "
+            "the pictures yourself"
         )
     is_sound = (np.abs(np.array(coefficients, dtype=np.float64)) <= _MAX_COEFFICIENT).all()
     if len(coefficients) not in COEFFICIENTS[model] or not is_sound:  # NaN compares false
         counts = " or ".join(map(str, COEFFICIENTS[model]))
         raise ValueError(
-            f"the lens has {len(coefficients)} coefficients of distortion, expected {counts} "
-            f"finite numbers of the model {model}, up to {_MAX_COEFFICIENT:g}"
+            f"the lens has {len(coefficients)} distortion coefficients, expected {counts} "
+            f"finite numbers for the model {model}, at most {_MAX_COEFFICIENT:g}"
         )
 
 
@@ -136,7 +136,7 @@ def lens_fault(
     rays = (pixels @ np.linalg.inv(camera).T)[..., :2]
     farthest = float(np.linalg.norm(rays, axis=-1).max())
     if not np.isfinite(farthest) or farthest > _MAX_TANGENT:
-        return f"sees {farthest:.4g} focal lengths aside in an image of {height}x{width}"
+        return f"covers {farthest:.4g} focal lengths from the axis in an image of {height}x{width}"
     turn = _first_turn(model, coefficients, farthest)
     moved = _distorted(model, coefficients, camera, rays)
     across, down = np.diff(moved, axis=1)[:-1], np.diff(moved, axis=0)[:, :-1]
@@ -146,8 +146,10 @@ def lens_fault(
         return f"folds the picture of {height}x{width} over itself{place}"
     inside = (moved >= 0) & (moved <= (width - 1, height - 1))
     share = float(inside.all(axis=-1).mean())
-    if share < _LEAST_SHARE:
-        return f"leaves {100 * share:.0f} % of the picture of {height}x{width}, the rest black"
+    if share < _MIN_FILLED_SHARE:
+        return (
+            f"fills only {100 * share:.0f} % of the picture of {height}x{width}, the rest is black"
+        )
     return None
 
 

@@ -7,12 +7,21 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sightline.data.depth_tree import DriveSplit, SelectedSplit, drive_bases, selection_folder
-from sightline.data.drive_tree import list_drive
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.object_tree import PART_SUFFIXES, Part, Velodyne, list_files, part_folder
+from sightline.data.kitti_trees import (
+    PART_SUFFIXES,
+    DriveSplit,
+    Part,
+    SelectedSplit,
+    Velodyne,
+    drive_bases,
+    list_drive,
+    list_files,
+    part_folder,
+    selection_folder,
+)
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.recording_tree import (
+from sightline.data.recording_files import (
     CALIBRATION_SUFFIXES,
     CALIBRATIONS,
     DEPTH,
@@ -23,11 +32,11 @@ from sightline.data.recording_tree import (
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 
-_BESIDE = frozenset(
+_NOTE_SUFFIXES = frozenset(
     (".txt", ".json", ".csv", ".md", ".yaml", ".yml", ".xml", ".ini", ".db", ".html", ".log", "")
 )
 """Suffixes of notes, lists and tables, which are allowed beside pictures and clouds."""
-_NOTES = (
+_NOTE_STEMS = (
     "timestamps",
     "timestamps_start",
     "timestamps_end",
@@ -37,7 +46,7 @@ _NOTES = (
     "thumbs",
 )
 """Names of files that contain no sensor data, even if there are no others."""
-_ALSO_CALLED: dict[Part, tuple[str, ...]] = {
+_FOLDER_ALIASES: dict[Part, tuple[str, ...]] = {
     "image": ("image", "images", "img", "imgs", "camera", "cameras", "cam", "rgb", "pictures"),
     "points": (
         *("points", "point", "velodyne", "velodynepoints", "lidar", "lidars", "laser", "cloud"),
@@ -45,9 +54,9 @@ _ALSO_CALLED: dict[Part, tuple[str, ...]] = {
     ),
 }
 """Other common names of a sensor's folder, only letters."""
-_OTHER_PARTS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
+_OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
 """Folders of other cameras and of a depth benchmark's selection."""
-_NAMED = 4  # suffixes listed in an error
+_MAX_LISTED = 4  # suffixes listed in an error
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,12 +72,12 @@ class PartFolder:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Unread:
+class UnreadFiles:
     """Ignored files of a folder."""
 
     problem: Problem
     part: Part
-    is_all: bool
+    all_unread: bool
     """Whether no file of the folder is read."""
 
 
@@ -134,24 +143,24 @@ def depth_folders(root: Path, split: DriveSplit | SelectedSplit) -> list[PartFol
     return [PartFolder(part=part, folder=place, suffixes=suffixes[part]) for part, place in places]
 
 
-def find_unread(folders: Sequence[PartFolder]) -> list[Unread]:
+def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
     """Find folders with ignored files or subfolders.
 
     Hidden files, notes (such as timestamps.txt) beside other files, and files with the same name as
     a read one are not counted.
     """
-    found = [_unread_of(each) for each in folders if not each.only]
+    found = [_find_unread_in(each) for each in folders if not each.only]
     return [each for each in found if each is not None]
 
 
-def find_twins(place: PartFolder) -> list[Problem]:
+def find_name_clashes(place: PartFolder) -> list[Problem]:
     """Find files that hide each other, here or on a case-insensitive file system."""
     read = list_files(place.folder, place.suffixes)
     problems = [
         Problem(
             path=path,
-            problem=f"is not read, as {read[path.stem].name} has its name, too",
-            remedy="keep one of them, or give the other a name of its own",
+            problem=f"is not read, because {read[path.stem].name} has the same name",
+            remedy="keep one of them, or rename one",
         )
         for path in (sorted(place.folder.iterdir()) if read else ())
         if read.get(path.stem, path) != path
@@ -164,21 +173,21 @@ def find_twins(place: PartFolder) -> list[Problem]:
         plain = unicodedata.normalize("NFC", stem).casefold()
         other = first.setdefault(plain, stem)
         if other != stem and not place.only:
-            problem = f"is called like {shortened(other)} but for capitals or accents' form"
-            remedy = "rename it: on some disks the results of one overwrite those of the other"
+            problem = f"differs from {shortened(other)} only in case or in the encoding of accents"
+            remedy = "rename it: on some disks, results of one overwrite those of the other"
             problems.append(Problem(path=path, problem=problem, remedy=remedy))
     return problems
 
 
-def _misnamed(place: PartFolder) -> Unread | None:
+def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
     """Find a sensor's folder with another name, if the expected folder is missing."""
-    if place.part not in _ALSO_CALLED or not place.folder.parent.is_dir():
+    if place.part not in _FOLDER_ALIASES or not place.folder.parent.is_dir():
         return None
     for other in sorted(place.folder.parent.iterdir()):
         plain = re.sub("[^a-z]", "", other.name.lower())
         if (
-            plain not in _ALSO_CALLED[place.part]
-            or other.name in _OTHER_PARTS
+            plain not in _FOLDER_ALIASES[place.part]
+            or other.name in _OTHER_CAMERA_FOLDERS
             or not other.is_dir()
         ):
             continue
@@ -186,19 +195,19 @@ def _misnamed(place: PartFolder) -> Unread | None:
         if files:
             described = Problem(
                 path=other,
-                problem=f"holds {len(files)} files that nobody reads, expected them in "
+                problem=f"holds {len(files)} files that are not read, expected them in "
                 f"{place.folder.name}",
                 remedy=f"rename the folder to {place.folder.name} or move it away",
             )
-            return Unread(problem=described, part=place.part, is_all=True)
+            return UnreadFiles(problem=described, part=place.part, all_unread=True)
     return None
 
 
-def _unread_of(place: PartFolder) -> Unread | None:
+def _find_unread_in(place: PartFolder) -> UnreadFiles | None:
     if not place.folder.is_dir():
-        return _misnamed(place)
+        return _find_misnamed(place)
     read = list_files(place.folder, place.suffixes)
-    beside: Collection[str] = _BESIDE if read else ()
+    note_suffixes: Collection[str] = _NOTE_SUFFIXES if read else ()
     counts: Counter[str] = Counter()
     below = []
     for path in place.folder.iterdir():
@@ -206,25 +215,27 @@ def _unread_of(place: PartFolder) -> Unread | None:
             continue
         if path.is_dir():
             below.append(path)
-        elif path.suffix.lower() in beside or path.stem.lower() in _NOTES:
+        elif path.suffix.lower() in note_suffixes or path.stem.lower() in _NOTE_STEMS:
             continue
         elif path.stem not in read:
             counts[path.suffix] += 1
     expected = f"expected {', '.join(place.suffixes)}"
     remedy = "convert them" if set(place.suffixes) & {".bin", *IMAGE_SUFFIXES} else "rename them"
     if counts:
-        listed = ", ".join(f"{num} {shortened(end, 12)}" for end, num in counts.most_common(_NAMED))
+        listed = ", ".join(
+            f"{num} {shortened(end, 12)}" for end, num in counts.most_common(_MAX_LISTED)
+        )
         total = sum(counts.values())
         if read:
             problem = (
-                f"holds {total} files that nobody reads ({listed}) beside {len(read)} that are"
+                f"holds {total} files that are not read ({listed}), beside {len(read)} that are"
             )
         else:
-            problem = f"holds {total} files that nobody reads ({listed})"
-    elif below and not read and any(any(each.iterdir()) for each in below[:_NAMED]):
+            problem = f"holds {total} files that are not read ({listed})"
+    elif below and not read and any(any(each.iterdir()) for each in below[:_MAX_LISTED]):
         problem = (
-            f"holds no file but {len(below)} folders, such as {shortened(min(below).name)}, into "
-            "which nobody looks"
+            f"holds no files, only {len(below)} folders such as {shortened(min(below).name)}, "
+            "which are not searched"
         )
         remedy = "move their files up"
     else:
@@ -232,4 +243,4 @@ def _unread_of(place: PartFolder) -> Unread | None:
     described = Problem(
         path=place.folder, problem=f"{problem}, {expected}", remedy=f"{remedy} or move them away"
     )
-    return Unread(problem=described, part=place.part, is_all=not read)
+    return UnreadFiles(problem=described, part=place.part, all_unread=not read)

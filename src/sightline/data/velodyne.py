@@ -22,7 +22,7 @@ _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
 _REMEDY = "extract the velodyne archive again"
 COLUMNS: Final = {
-    3: "three columns (x, y, z alone)",
+    3: "three columns (x, y, z)",
     4: "four columns",
     5: "five columns (ring or time)",
     6: "six columns (ring and time)",
@@ -58,7 +58,7 @@ def read_sweep(
     if finite.all():
         return points
     if drop_non_finite:
-        return _finite_alone(points, path)
+        return _drop_non_finite(points, path)
     raise FileError(
         path,
         f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first is point "
@@ -86,25 +86,25 @@ def sweep_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     return np.frombuffer(content, "<f4").reshape(-1, 4).astype(np.float32)
 
 
-def _finite_alone(
+def _drop_non_finite(
     points: Float32[np.ndarray, "num_points 4"], path: Path | str
 ) -> Float32[np.ndarray, "num_left 4"]:
     """Keep finite points, with 0 for non-finite reflectances; warns of the numbers of both."""
     kept: Float32[np.ndarray, "num_left 4"] = points[np.isfinite(points[:, :3]).all(axis=1)]
-    is_dark = ~np.isfinite(kept[:, 3])
-    kept[is_dark, 3] = 0
-    num_lost, num_dark = len(points) - len(kept), np.count_nonzero(is_dark)
-    said = []
+    has_no_reflectance = ~np.isfinite(kept[:, 3])
+    kept[has_no_reflectance, 3] = 0
+    num_lost, num_replaced = len(points) - len(kept), np.count_nonzero(has_no_reflectance)
+    losses = []
     if num_lost:
-        said.append(
-            f"{num_lost} of {len(points)} points, whose x, y, z are not finite, are left out: "
+        losses.append(
+            f"{num_lost} of {len(points)} points with non-finite x, y, z are left out: "
             f"{len(kept) or 'none'} {'are' if len(kept) != 1 else 'is'} left"
         )
-    if num_dark:
-        said.append(
-            f"{num_dark} of {len(kept)} points have a reflectance that is not finite: 0 is taken"
+    if num_replaced:
+        losses.append(
+            f"{num_replaced} of {len(kept)} points have a non-finite reflectance, which becomes 0"
         )
-    warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
+    warnings.warn(f"{path}: {'; '.join(losses)}", stacklevel=3)
     return kept
 
 
@@ -124,14 +124,14 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
     problem, remedy = fault
     if "intensities" in problem:
         remedy = (
-            "scale reflectances to 0 to 1: divide them by what stands for 1, often 255, or make "
+            "scale reflectances to 0 to 1: divide them by their full scale, often 255, or make "
             "the data a recording with max_intensity (docs/recordings.md)"
         )
     return Problem(path=Path(path), problem=f"holds {problem}", remedy=remedy)
 
 
 def hollow_sweep(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> list[Problem]:
-    """Doubts about a sweep of a few points or places, or whose reflectances say nothing.
+    """Find doubts about a sweep with few points or positions, or with useless reflectances.
 
     An empty sweep is no problem.
 
@@ -158,14 +158,14 @@ def _check_layout(content: bytes, path: Path | str) -> None:
         raise FileError(
             path,
             f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
-            f"give it the ending .{name.lower()} in a recording (docs/recordings.md), or "
+            f"use the suffix .{name.lower()} in a recording (docs/recordings.md), or "
             "write these four",
         )
     if is_big_endian(content):
         raise FileError(
             path,
             "holds big-endian numbers, expected little-endian float32 x, y, z, reflectance",
-            "write them in the other byte order (of numpy: '<f4')",
+            "write them in the other byte order (NumPy: '<f4')",
         )
     layout = other_layout(content)
     if layout is None:
@@ -175,9 +175,10 @@ def _check_layout(content: bytes, path: Path | str) -> None:
     kinds = f" of float{8 * kind.itemsize}" if kind.itemsize != 4 else ""
     raise FileError(
         path,
-        f"holds {len(content)} bytes: {width} bytes a point fit, {_POINT_BYTES} do not: probably "
-        f"{COLUMNS[columns]}{kinds}, expected float32 x, y, z, reflectance",
-        "write these four alone",
+        f"holds {len(content)} bytes: a multiple of {width} bytes per point, not of "
+        f"{_POINT_BYTES}: probably {COLUMNS[columns]}{kinds}, expected float32 x, y, z, "
+        "reflectance",
+        "write only these four",
     )
 
 

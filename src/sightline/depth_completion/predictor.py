@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, Float32, Real
 from torch import Tensor
 
-from sightline.data.object_tree import Part
+from sightline.data.kitti_trees import Part
 from sightline.depth_completion.config import DepthCompletionConfig, by_direction
 from sightline.depth_completion.corrections import drop_small_corrections, least_corrections
 from sightline.depth_completion.export_graph import export_graph

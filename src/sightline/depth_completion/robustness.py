@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final, Never
 
-from sightline.data.object_tree import Part
+from sightline.data.kitti_trees import Part
 from sightline.data.open import SampleDataset
 from sightline.evaluation.held_out_errors import held_out_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings

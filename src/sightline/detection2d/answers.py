@@ -12,7 +12,7 @@ from torch import Tensor
 
 from sightline.data import kitti_labels
 from sightline.data.image_file import write_rgb
-from sightline.data.object_results import detections2d_from_kitti, kitti_from_detections2d
+from sightline.data.kitti_conversion import detections2d_from_kitti, kitti_from_detections2d
 from sightline.detection2d.config import CLASSES, PostprocessConfig
 from sightline.detection2d.fusion import DetectorOutput
 from sightline.detection2d.placement import Placement, to_detections

@@ -16,7 +16,7 @@ from sightline.augmentation.scene_changes import resize
 from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
-from sightline.data.object_labels import kitti_from_labels
+from sightline.data.kitti_conversion import kitti_from_labels
 from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig, check_range
 from sightline.detection2d.loss import health, known_by_points
 from sightline.detection2d.placement import (

@@ -19,8 +19,8 @@ from sightline.augmentation.sweep_changes import (
     draw_ground_shape,
     stretch_objects,
 )
+from sightline.data.kitti_conversion import kitti_from_labels
 from sightline.data.kitti_labels import KittiObjects
-from sightline.data.object_labels import kitti_from_labels
 from sightline.data.open import SampleDataset
 from sightline.detection3d.checks import check_numbers
 from sightline.detection3d.config import Detection3DConfig

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sightline.data import kitti_labels
-from sightline.data.object_results import detections3d_from_kitti, kitti_from_detections
+from sightline.data.kitti_conversion import detections3d_from_kitti, kitti_from_detections
 from sightline.structures.level import level_calibration, level_detections, mounted_detections
 from sightline.structures.predictions import Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample

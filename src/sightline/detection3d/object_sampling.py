@@ -16,7 +16,7 @@ from beartype import beartype
 from jaxtyping import Bool, Float, Float32, Float64, Int64, jaxtyped
 from torch import Tensor
 
-from sightline.data.object_results import kitti_from_detections
+from sightline.data.kitti_conversion import kitti_from_detections
 from sightline.data.open import SampleDataset
 from sightline.detection3d.checks import check_different, check_numbers, check_range
 from sightline.geometry.boxes2d import Boxes2D

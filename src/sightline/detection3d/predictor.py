@@ -8,7 +8,7 @@ from typing import Any, Final
 import torch
 from torch import Tensor
 
-from sightline.data.object_tree import Part
+from sightline.data.kitti_trees import Part
 from sightline.detection3d.detector import Detector3D, propose, refine
 from sightline.detection3d.export_graph import REGIONS_A_RUN, export_graphs, region_portions
 from sightline.detection3d.network_task import NETWORK_TASK

@@ -26,7 +26,7 @@ from jaxtyping import Float, Float32, Int64, jaxtyped
 from safetensors.torch import save
 from torch import Tensor
 
-from sightline.data.object_tree import Part, Velodyne
+from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sightline.data.depth_png import read_depth_png
-from sightline.data.object_tree import describe_absent
+from sightline.data.kitti_trees import describe_absent
+from sightline.data.map_png import read_depth_png
 from sightline.evaluation.depth_breakdown import (
     DepthBand,
     ErrorSums,

@@ -23,12 +23,12 @@ from torch import Tensor
 from sightline.augmentation.sample_changes import crop, keep_rings, points_in_view
 from sightline.data.rings import (
     NUM_RINGS,
+    beams_of_sensor,
     check_spacing,
     count_beams,
     is_whole_turn,
     ring_numbers,
     rings_of_any_order,
-    sensor_of,
 )
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
@@ -163,7 +163,7 @@ def _rings_in_view(
     numbers, is_ring_by_ring = rings_of_any_order(sweep.numpy())
     if not is_ring_by_ring:
         rings, order = torch.sort(torch.from_numpy(numbers)[is_in_view], stable=True)
-        return sweep[is_in_view][order], rings, sensor_of(int(numbers.max()) + 1), False
+        return sweep[is_in_view][order], rings, beams_of_sensor(int(numbers.max()) + 1), False
     points, sensor_beams = sweep[is_in_view], count_beams(sweep.numpy())
     if sensor_beams == NUM_RINGS and not is_whole_turn(points.numpy()):
         # numbered after the cut, like sweeps that are already cut

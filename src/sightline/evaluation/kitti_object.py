@@ -8,9 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from sightline.data.frame_files import hold_the_same, require_frame_files, where_frame_files_are
+from sightline.data.frame_lists import (
+    have_equal_files,
+    locate_frame_files,
+    read_sample_list,
+    require_frame_files,
+)
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
-from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
 from sightline.evaluation.kitti_object_distance import check_edges, score_by_distance
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
@@ -132,7 +136,7 @@ def compare_objects(
         for folder in (results_dir, against_dir)
     )
     remarks = []
-    if hold_the_same(Path(results_dir), Path(against_dir), first.names):
+    if have_equal_files(Path(results_dir), Path(against_dir), first.names):
         remarks.append(
             f"WARNING: {results_dir} and {against_dir} hold the same results to the byte: name "
             "another folder to compare with."
@@ -254,7 +258,7 @@ def read_frames(
 def _missing_results(results_dir: Path, names: Sequence[str]) -> set[str]:
     missing = {name for name in names if not (results_dir / f"{name}.txt").exists()}
     if len(missing) == len(names):
-        elsewhere = where_frame_files_are(results_dir, names) if results_dir.is_dir() else None
+        elsewhere = locate_frame_files(results_dir, names) if results_dir.is_dir() else None
         raise ValueError(
             f"{results_dir} has no result file of any of {len(names):,} frames; "
             f"{elsewhere or 'name the folder of the results'}"
@@ -287,7 +291,7 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))
     if not names:
-        elsewhere = where_frame_files_are(labels_dir, ()) if labels_dir.is_dir() else None
+        elsewhere = locate_frame_files(labels_dir, ()) if labels_dir.is_dir() else None
         remedy = elsewhere or "give KITTI's folder label_2"
         raise ValueError(f"{labels_dir} has no label files (*.txt); {remedy}")
     return names

@@ -8,19 +8,19 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
-from sightline.data.calibration_text import CalibrationMatrices, read_object_matrices
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_boxes import box_corners, project_box
+from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects, read_labels
-from sightline.data.object_tree import (
+from sightline.data.kitti_trees import (
     ObjectFrame,
     Part,
     find_velodyne,
     list_files,
     list_object_frames,
 )
-from sightline.data.pixels import seen_by_camera, sparse_depth_map
+from sightline.data.pixels import crop_to_view, sparse_depth_map
 from sightline.data.velodyne import read_sweep
 from sightline.evaluation.realism_points import FreeCar, Ground, fit_ground, free_cars
 from sightline.jobs.progress import track
@@ -136,7 +136,7 @@ def _look_at_points(
 ) -> None:
     if (points[:, 0] < 0).any():
         measures.points_in_sweep.append(len(points))
-    seen = seen_by_camera(points, matrices, size)
+    seen = crop_to_view(points, matrices, size)
     measures.points_in_image.append(len(seen))
     measures.reflectances.append(seen[:, 3])
     height, width = min(_CROP[0], size[0]), min(_CROP[1], size[1])

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 
 _GROUND_M: Final = (5.0, 40.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset, sweeps_folder
 from sightline.health import alignment_checks, camera_checks, lidar_checks
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment

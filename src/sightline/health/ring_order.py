@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from sightline.data.ring_elevations import FEWEST_RINGS, rings_by_elevation
+from sightline.data.ring_elevations import MIN_RINGS, rings_by_elevation
 from sightline.health.sphere import to_sphere
 
 SEAM_DEG = 30.0
@@ -35,7 +35,7 @@ def ring_by_ring(
     spread = float(np.subtract(*np.quantile(elevation_deg, (0.9, 0.1))))
     apart = np.abs(elevation_deg[_APART:] - elevation_deg[:-_APART])
     is_scattered = float(np.median(apart)) > _SCATTERED * spread
-    if is_scattered or number_rings(azimuth_deg)[-1] + 1 < FEWEST_RINGS:
+    if is_scattered or number_rings(azimuth_deg)[-1] + 1 < MIN_RINGS:
         by_ring = _rings_from_below(points, elevation_deg, is_scattered=is_scattered)
         if by_ring is not None:
             return points[np.lexsort((azimuth_deg, -by_ring))]
@@ -64,7 +64,7 @@ def _rings_from_below(
 ) -> Int64[np.ndarray, " num_points"] | None:
     """Number rings by elevation; None for points possibly ring by ring that show no other rings."""
     try:
-        return -rings_by_elevation(points, _MAX_DOUBTFUL_SHARE, leaning=False)
+        return -rings_by_elevation(points, _MAX_DOUBTFUL_SHARE, try_leaning=False)
     except ValueError:
         return _groups_by_elevation(elevation_deg) if is_scattered else None
 

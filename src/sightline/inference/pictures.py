@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from sightline.data.image_file import write_rgb
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.structures.sample import CameraLidarSample
 

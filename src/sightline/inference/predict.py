@@ -6,7 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.output_dirs import Claim, check_outside_dataset, claim_folders, data_name

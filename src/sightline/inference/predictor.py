@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
-    from sightline.data.object_tree import Part
+    from sightline.data.kitti_trees import Part
     from sightline.structures.predictions import Perception
     from sightline.structures.sample import CameraLidarSample
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Part, Velodyne, part_folder
+from sightline.data.kitti_trees import Part, Velodyne, part_folder
 from sightline.data.open import SampleDataset, open_dataset
-from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import (
     DIFFICULTIES,

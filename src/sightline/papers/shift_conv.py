@@ -17,7 +17,7 @@ import torch
 from sightline.augmentation.sample_changes import crop
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.model import DepthCompletionNet

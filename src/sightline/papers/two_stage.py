@@ -15,7 +15,7 @@ import numpy as np
 
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.files import read_answer

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from sightline.data.object_tree import Part
+from sightline.data.kitti_trees import Part
 from sightline.files.plain_file import read_bytes
 from sightline.structures.sample import SENSOR_FIELDS
 from sightline.tasks import further_keys, task_names

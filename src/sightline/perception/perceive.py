@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.object_tree import Velodyne, describe_absent
+from sightline.data.kitti_trees import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
 from sightline.files.atomic import atomic_write_text
 from sightline.geometry.wrong_types import named_arguments

@@ -16,7 +16,7 @@ from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
 
 if TYPE_CHECKING:
-    from sightline.data.object_tree import Part
+    from sightline.data.kitti_trees import Part
 
 LEFT_OUT: Final = "none"
 """Name of weights that disables a task."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sightline.data.image_file import write_rgb
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.jobs.output_dirs import data_name

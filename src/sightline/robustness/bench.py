@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.object_tree import Velodyne, suggest_frames
+from sightline.data.kitti_trees import Velodyne, suggest_frames
 from sightline.data.open import SampleDataset, sweeps_folder
 from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened

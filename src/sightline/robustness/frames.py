@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from sightline.corruptions.suites import Case
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Part, Velodyne, list_object_frames
+from sightline.data.kitti_trees import Part, Velodyne, list_object_frames
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.data.recording import RecordingDataset
 from sightline.jobs.output_dirs import data_name

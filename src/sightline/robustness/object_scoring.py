@@ -18,7 +18,7 @@ from sightline.evaluation.kitti_object_rules import (
 from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 
 if TYPE_CHECKING:
-    from sightline.data.object_tree import Part
+    from sightline.data.kitti_trees import Part
     from sightline.data.open import SampleDataset
     from sightline.evaluation.object_report import ObjectEntry, ObjectReport
     from sightline.structures.sample import CameraLidarSample

@@ -10,7 +10,7 @@ from typing import Any, Final, get_args
 
 from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.problem import plain_line

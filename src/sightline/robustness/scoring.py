@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from jaxtyping import UInt8
 
     from sightline.corruptions.corruption import Corrupted
-    from sightline.data.object_tree import Part
+    from sightline.data.kitti_trees import Part
     from sightline.data.open import SampleDataset
     from sightline.structures.sample import CameraLidarSample
 

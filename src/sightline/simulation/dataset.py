@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from sightline.data.object_labels import labels_from_kitti
-from sightline.data.pixels import seen_by_camera
+from sightline.data.kitti_conversion import labels_from_kitti
+from sightline.data.pixels import crop_to_view
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration
 from sightline.simulation.settings import SimulationConfig
@@ -66,5 +66,5 @@ class SimulatedDataset(Dataset[CameraLidarSample]):
         """
         index = sample_index(index, self.num_frames)
         frame = simulate_frame(self.config, index, self.streets)
-        seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
+        seen = crop_to_view(frame.points, frame.calibration, frame.image_size)
         return sample_of(replace(frame, points=seen, sample_id=self.sample_ids[index]))

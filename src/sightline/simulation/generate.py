@@ -10,17 +10,16 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.calibration_text import (
+from sightline.data.image_file import write_rgb
+from sightline.data.kitti_calibration import (
     CalibrationMatrices,
     object_calibration_text,
     raw_calibration_texts,
 )
-from sightline.data.depth_png import write_depth_png
-from sightline.data.image_file import write_rgb
-from sightline.data.instance_png import write_instance_png
 from sightline.data.kitti_labels import write_objects
-from sightline.data.object_tree import Velodyne
-from sightline.data.pixels import seen_by_camera, sparse_depth_map
+from sightline.data.kitti_trees import Velodyne
+from sightline.data.map_png import write_depth_png, write_instance_png
+from sightline.data.pixels import crop_to_view, sparse_depth_map
 from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import FileError
@@ -68,7 +67,7 @@ class FrameFiles:
 
     def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
         """Write all files atomically."""
-        seen = seen_by_camera(frame.points, frame.calibration, frame.image_size)
+        seen = crop_to_view(frame.points, frame.calibration, frame.image_size)
         sparse_depth = sparse_depth_map(frame.points, frame.calibration, frame.image_size)
         write_sweep(self.points, frame.points if velodyne == "velodyne" else seen)
         if self.image is not None and frame.image is not None:

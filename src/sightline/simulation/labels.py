@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int32
 from scipy.ndimage import find_objects
 
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.kitti_boxes import box_corners, project_box
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects, objects_from_rows
 from sightline.data.pixels import wrap_angle
 from sightline.simulation.camera.samples import View, camera_view

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final, Literal, get_args
 
-from sightline.data.object_tree import Velodyne
+from sightline.data.kitti_trees import Velodyne
 
 LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 """Names in `lidar.LIDARS`."""

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float32, Float64, Int32, UInt8
 
-from sightline.data.calibration_text import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
 from sightline.simulation.camera.camera import CameraConfig, render_camera

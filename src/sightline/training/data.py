@@ -15,7 +15,7 @@ import numpy as np
 from lightning.pytorch.utilities import rank_zero_only
 from torch.utils.data import DataLoader, Dataset
 
-from sightline.data.object_tree import Part
+from sightline.data.kitti_trees import Part
 from sightline.data.open import SampleDataset
 from sightline.files.settings import NetworkConfig
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate

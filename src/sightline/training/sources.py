@@ -5,12 +5,12 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Part, Velodyne
+from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, open_dataset
 from sightline.data.recording import RecordingDataset
-from sightline.data.sample_list import read_sample_list
 from sightline.files.plain_text import shortened
 from sightline.jobs.output_dirs import KITTI_SPLITS
 

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64, UInt8
 
-from sightline.data.depth_png import MAX_DEPTH_M, STEPS_PER_METRE
+from sightline.data.map_png import MAX_DEPTH_M, STEPS_PER_METRE
 from sightline.files.atomic import atomic_path
 from sightline.files.problem import install_command
 from sightline.geometry.calibration import Calibration

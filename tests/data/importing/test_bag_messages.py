@@ -78,7 +78,7 @@ def test_a_picture_that_was_sent_as_a_file_stays_as_it_is():
     _, encoded = cv2.imencode(".jpg", IMAGE)
     sent = SimpleNamespace(format="jpeg", data=encoded.ravel())
     assert picture_file_of(sent, "/camera") == PictureFile(
-        suffix=".jpg", content=encoded.tobytes(), size=IMAGE.shape[:2], shows_nothing=False
+        suffix=".jpg", content=encoded.tobytes(), size=IMAGE.shape[:2], is_blank=False
     )
     sent.data = encoded.ravel()[: len(encoded) // 2]
     with pytest.raises(ValueError, match=r"topic /camera.* is cut short"):

@@ -20,7 +20,7 @@ from sightline.data.importing.frames import (
     find_way,
     rigid_from_quaternion,
 )
-from sightline.data.object_tree import describe_absent
+from sightline.data.kitti_trees import describe_absent
 from sightline.data.recording_calibration import (
     Lens,
     RecordingCalibration,

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from sightline.data.frame_checks import shows_nothing
+from sightline.data.frame_checks import is_blank
 from sightline.data.image_file import decode_pixels
 from sightline.data.image_header import parse_image_header
 from sightline.data.point_files import columns_of
@@ -86,7 +86,7 @@ class PictureFile:
     content: bytes
     size: tuple[int, int]
     """Height, width [px]."""
-    shows_nothing: bool
+    is_blank: bool
     """Whether the picture has a single colour."""
 
 
@@ -115,7 +115,7 @@ def picture_file_of(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
         suffix=".jpg" if header.file_format == "jpeg" else ".png",
         content=content,
         size=header.size,
-        shows_nothing=shows_nothing(pixels),
+        is_blank=is_blank(pixels),
     )
 
 

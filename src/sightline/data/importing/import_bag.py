@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Int64
 
-from sightline.data.frame_checks import shows_nothing
+from sightline.data.frame_checks import is_blank
 from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import calibration_of_bag
@@ -37,13 +37,13 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
+from sightline.data.lidar_mount import describe_rotation
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
     recording_calibration_text,
 )
-from sightline.data.recording_checks import describe_turn
-from sightline.data.recording_tree import IMAGES, POINTS
+from sightline.data.recording_files import IMAGES, POINTS
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.geometry.cloud_checks import cloud_fault, echoes
@@ -120,7 +120,7 @@ def import_bag(
             *pairs.notes,
             *notes,
             *frames.notes(),
-            *describe_turn(angle_deg, "clouds are written"),
+            *describe_rotation(angle_deg, "clouds are written"),
             *describe_view(out),
         ),
     )
@@ -222,12 +222,12 @@ class _Frames:
         if topic.kind == COMPRESSED_IMAGE:
             file = picture_file_of(message.content, topic.name)
             self._check_size(file.size, message)
-            self.dark[name] = file.shows_nothing
+            self.dark[name] = file.is_blank
             path = self.out / IMAGES / f"{name}{file.suffix}"
             return partial(atomic_write_bytes, path, file.content)
         picture = picture_of(message.content, topic.name)
         self._check_size((picture.shape[0], picture.shape[1]), message)
-        self.dark[name] = shows_nothing(picture)
+        self.dark[name] = is_blank(picture)
         return partial(write_rgb, self.out / IMAGES / f"{name}.png", picture)
 
     def _check_size(self, size: tuple[int, int], message: Message) -> None:

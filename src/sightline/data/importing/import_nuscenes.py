@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.calibration_checks import check_intrinsics
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.nuscenes import Moment, Moments, Tables
 from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
@@ -29,9 +28,10 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
+from sightline.data.kitti_calibration import check_intrinsics
 from sightline.data.kitti_labels import write_objects
 from sightline.data.recording_calibration import RecordingCalibration, checked_matrices
-from sightline.data.recording_tree import CALIBRATIONS, IMAGES, LABELS, POINTS
+from sightline.data.recording_files import CALIBRATIONS, IMAGES, LABELS, POINTS
 from sightline.data.velodyne import COLUMNS, other_format
 from sightline.files.atomic import atomic_link
 from sightline.files.plain_file import read_bytes

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Float64
 
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes import Annotation
 from sightline.data.kitti_boxes import ImageBox, box_corners, project_box
+from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import (
     NO_ALPHA,
     NO_LOCATION,

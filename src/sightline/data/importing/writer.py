@@ -11,10 +11,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.calibration_checks import check_intrinsics
-from sightline.data.calibration_text import CalibrationMatrices
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
+from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
 from sightline.data.point_files import checked_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -24,10 +23,10 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     describe_recording,
     examine_recording_frame,
-    first_whole,
+    first_complete_frame,
     view_of_recording,
 )
-from sightline.data.recording_tree import (
+from sightline.data.recording_files import (
     CALIBRATIONS,
     IMAGES,
     LABELS,
@@ -138,7 +137,7 @@ def counted_cloud(
     Raises:
         FileError: See `checked_cloud`.
     """
-    points = checked_cloud(read.copy(), max_intensity, source, are_losses_told=False)
+    points = checked_cloud(read.copy(), max_intensity, source, warn_losses=False)
     return points, CloudTally.of(name, read, points)
 
 
@@ -254,6 +253,6 @@ def names_present(out: Path, *folders: str) -> set[str]:
 def describe_view(out: Path) -> tuple[str, ...]:
     """Lines on the fit of the written calibration, with a warning if necessary."""
     frames = list_recording(out).frames
-    view = view_of_recording(first_whole(frames))
+    view = view_of_recording(first_complete_frame(frames))
     doubt = None if view is None else view.doubt
     return (*describe_recording(frames), *(() if doubt is None else (f"warning: {doubt}",)))

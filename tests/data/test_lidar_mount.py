@@ -1,5 +1,3 @@
-"""LiDARs of KITTI's object trees and raw drives that are mounted tilted, turned or upside down."""
-
 import math
 import warnings
 
@@ -13,9 +11,9 @@ from sightline.data.kitti_files import (
     write_points,
     write_raw_calibration,
 )
-from sightline.data.object_tree import list_object_frames
+from sightline.data.kitti_trees import list_object_frames
+from sightline.data.lidar_mount import pose_of_tree
 from sightline.data.open import open_dataset
-from sightline.data.tree_mount import pose_of_tree
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.tilt import Tilt
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -72,13 +70,13 @@ def test_a_tilted_lidar_is_found_by_the_road_said_once_and_levelled(
     tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
     write_frames(tmp_path, kind, mounted_by(tilt))
     dataset, (said,) = opened(tmp_path)
-    assert "by the road in its clouds the LiDAR is tilted, " in said
+    assert "the road in its clouds shows that the LiDAR is tilted, " in said
     sample = dataset[1]
     found = sample.level_from_lidar.numpy()
     assert found[2, :3] @ tilt.up > math.cos(math.radians(1.0))
     assert sample.lidar_height_m == pytest.approx(1.73, abs=0.1)
     (summary,) = summarize_tree(tmp_path)
-    assert "by the road that it sees the LiDAR is tilted, " in str(summary)
+    assert "by the road in its clouds the LiDAR is tilted, " in str(summary)
     assert list(check_tree(tmp_path)) == []
 
 
@@ -162,7 +160,7 @@ def test_another_height_over_the_road_is_said_once_and_taken(tmp_path, kind, low
     assert f"the LiDAR is {dataset[0].lidar_height_m:.2f} m above it, not 1.73 m" in said
     assert "lidar_height_m (docs/recordings.md)" in said
     (summary,) = summarize_tree(tmp_path)
-    assert "m above it, not 1.73 m as KITTI's" in str(summary)
+    assert "m above it, not 1.73 m like KITTI's" in str(summary)
     assert list(check_tree(tmp_path)) == []
 
 

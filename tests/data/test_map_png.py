@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sightline.data.depth_png import MAX_DEPTH_M, read_depth_png, write_depth_png
+from sightline.data.map_png import MAX_DEPTH_M, read_depth_png, write_depth_png
 from tests.data.trees import depth_map
 
 steps = arrays.arrays(np.uint16, arrays.array_shapes(min_dims=2, max_dims=2, max_side=9))

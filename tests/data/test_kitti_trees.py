@@ -1,6 +1,6 @@
 import pytest
 
-from sightline.data.object_tree import suggest_frames
+from sightline.data.kitti_trees import suggest_frames
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,155 @@
+"""Lists of frames, and folders with one file per frame."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from sightline.files.plain_text import read_piped_text, read_text, shortened
+from sightline.files.safe_names import relative_parts
+from sightline.geometry.arguments import wrong_type
+
+_PACKAGED = Path(__file__).with_name("sample_lists")
+_MAX_SEARCHED = 50  # largest number of searched folders and frames
+_SUFFIX = ".txt"
+_RECORD_SUFFIX = ".json"
+_MAX_LISTED = 4  # suffixes in a description
+
+
+def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) -> tuple[str, ...]:
+    """Read the frames of a list, in its order.
+
+    Args:
+        sample_list: The frames themselves; or the name, without ".txt", of a list in the package
+            ("kitti-object-train": 3712 frames, "kitti-object-val": 3769, as commonly published) or
+            in `root`/ImageSets; or the path of a file or a pipe with one frame per line.
+        root: The data set's folder.
+
+    Raises:
+        TypeError: The list has another type.
+        ValueError: There is no such list, it is empty, names a frame twice, or contains an invalid
+            file name.
+    """
+    if isinstance(sample_list, str | Path):
+        path = _find(sample_list, Path(root))
+        text = read_piped_text(path) if path.is_fifo() else read_text(path)
+        lines = (line.strip() for line in text.split("\n"))
+        frames, source = tuple(line for line in lines if line), str(path)
+    else:
+        if not isinstance(sample_list, Iterable):
+            raise wrong_type("sample_list", sample_list, "the frames' names; give a list of text")
+        frames, source = tuple(sample_list), "the list of frames"
+        invalid = next((frame for frame in frames if not isinstance(frame, str)), None)
+        if invalid is not None:
+            raise ValueError(
+                f"{source} holds {invalid!r}, expected text such as '000001'; give names as text"
+            )
+    if not frames:
+        raise ValueError(f"{source} names no frames, expected one per line; name another list")
+    for number, frame in enumerate(frames, start=1):
+        relative_parts(frame, source, f"frame {number}")  # becomes part of files' names
+    if len(set(frames)) < len(frames):
+        repeated = next(frame for frame, count in Counter(frames).items() if count > 1)
+        raise ValueError(
+            f"{source} names frame '{shortened(repeated)}' twice; remove one of the lines"
+        )
+    return frames
+
+
+def _find(sample_list: str | Path, root: Path) -> Path:
+    candidates = (
+        Path(sample_list),
+        _PACKAGED / f"{sample_list}.txt",
+        root / "ImageSets" / f"{sample_list}.txt",
+    )
+    for candidate in candidates:
+        if candidate.is_file() or candidate.is_fifo():
+            return candidate
+    known = sorted(path.stem for path in _PACKAGED.glob("*.txt"))
+    known += sorted(path.stem for path in (root / "ImageSets").glob("*.txt"))
+    raise ValueError(
+        f"there is no list {str(sample_list)!r}; give the path of a file with one frame per line, "
+        f"or one of {', '.join(known)}"
+    )
+
+
+def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
+    """Checks that every frame has its file, before any is read.
+
+    Args:
+        folder: Folder with NAME.txt for each frame.
+        names: Names of the frames.
+        kind: Kind of the files, for errors.
+        remedy: Remedy for a missing file, for errors.
+
+    Raises:
+        ValueError: There is no such folder, or frames have no file in it; contains their number.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder; give the folder of the {kind} files")
+    present = {path.name for path in folder.iterdir()}
+    missing = [name for name in names if f"{name}{_SUFFIX}" not in present]
+    if missing:
+        elsewhere = locate_frame_files(folder, names) if len(missing) == len(names) else None
+        raise ValueError(
+            f"{folder} has no {kind} file for {len(missing):,} of {len(names):,} frames, the first "
+            f"is {shortened(missing[0])}{_SUFFIX}: {elsewhere or remedy}"
+        )
+
+
+def have_equal_files(first: Path, second: Path, names: Sequence[str]) -> bool:
+    """Whether two folders have identical files for each frame, or both have none."""
+    if first.resolve() == second.resolve():
+        return True
+    pairs = ((first / f"{name}{_SUFFIX}", second / f"{name}{_SUFFIX}") for name in names)
+    return all(_content(one) == _content(other) for one, other in pairs)
+
+
+def _content(path: Path) -> bytes | None:
+    return path.read_bytes() if path.is_file() else None
+
+
+def describe_left_out(folder: Path) -> str | None:
+    """Describe files with other suffixes and subfolders, with counts; None: there are none.
+
+    Hidden files and the record of the command that wrote the results (.json) are not counted.
+    """
+    entries = [each for each in sorted(folder.iterdir()) if not each.name.startswith(".")]
+    folders = [each for each in entries if each.is_dir()]
+    files = [
+        each for each in entries if each.is_file() and each.suffix not in (_SUFFIX, _RECORD_SUFFIX)
+    ]
+    parts = []
+    for ending, count in Counter(each.suffix for each in files).most_common(_MAX_LISTED):
+        first = next(each.name for each in files if each.suffix == ending)
+        named = f"{shortened(ending, 12)} " if ending else ""
+        kind = f"{named}file{'' if count == 1 else 's'}"
+        parts.append(f"{count:,} {kind} (the first is {shortened(first)})")
+    if folders:
+        below = sum(1 for each in folders[:_MAX_SEARCHED] for _ in each.glob(f"*{_SUFFIX}"))
+        kind = "folder" if len(folders) == 1 else "folders"
+        first = shortened(folders[0].name)
+        parts.append(
+            f"{len(folders):,} {kind} (the first is {first}) with {below:,} {_SUFFIX} files"
+        )
+    return ", ".join(parts) or None
+
+
+def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
+    """Remedy for a folder without files of the frames: their folder, or the names found."""
+    entries = sorted(folder.iterdir())
+    for below in [each for each in entries if each.is_dir()][:_MAX_SEARCHED]:
+        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
+            return f"they are in {below}, as KITTI's own program writes them; name that folder"
+    files = [each for each in entries if each.is_file() and not each.name.startswith(".")]
+    others = [each for each in files if each.suffix == _SUFFIX]
+    if others:
+        return (
+            f"it holds {len(others):,} files of other frames, such as {shortened(others[0].name)}; "
+            "name a list of those frames, or another folder"
+        )
+    if files:
+        return (
+            f"it holds {len(files):,} files of another format, such as {shortened(files[0].name)}; "
+            f"write one NAME{_SUFFIX} for each frame"
+        )
+    return None

@@ -1,0 +1,305 @@
+"""Lists the files of KITTI's trees without reading them: objects, depth completion, raw drives."""
+
+import difflib
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.files.plain_text import shortened
+
+CORRUPTED: Final = "corruption"
+"""Folder of a split with a record of each frame's corruption; clean trees have none."""
+Velodyne = Literal["velodyne", "velodyne_reduced"]
+Part = Literal["image", "points", "calibration", "objects", "depth"]
+"""Part of a sample. Only simulated trees have `depth`: dense true depth as 16-bit PNGs."""
+
+PART_SUFFIXES: Final[dict[Part, tuple[str, ...]]] = {
+    "image": IMAGE_SUFFIXES,
+    "points": (".bin",),
+    "calibration": (".txt",),
+    "objects": (".txt",),
+    "depth": (".png",),
+}
+"""Suffixes of each part's files, in lower case; other files are ignored."""
+_MAX_COMPARED = 10_000  # largest number of frames compared with a misspelt name
+_MAX_LISTED = 5  # frames listed in an error
+
+DriveSplit = Literal["train", "val"]
+SelectedSplit = Literal["val_selection_cropped", "test_depth_completion_anonymous"]
+Camera = Literal["image_02", "image_03"]
+
+_DATE_LENGTH = len("2011_09_26")
+_IMAGE_FOLDERS = ("image_02/data", "image_02")
+_POINTS_FOLDERS = ("velodyne_points/data", "velodyne_points", "velodyne")
+_TIMES_FOLDERS = ("velodyne_points", "velodyne", "image_02", "")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ObjectFrame:
+    """Files of one frame; None: missing."""
+
+    sample_id: str
+    image: Path | None = None
+    points: Path | None = None
+    calibration: Path | None = None
+    objects: Path | None = None
+    depth: Path | None = None
+
+
+def part_folder(part: Part, velodyne: Velodyne = "velodyne") -> str:
+    """Name of a part's folder; KITTI's name if KITTI has the part."""
+    if part == "points":
+        return velodyne
+    names = {"image": "image_2", "calibration": "calib", "objects": "label_2", "depth": "depth"}
+    return names[part]
+
+
+def find_velodyne(folder: Path) -> Velodyne:
+    """Folder of a split's sweeps: `velodyne`, unless only `velodyne_reduced` contains sweeps."""
+    if _has_sweeps(folder / "velodyne") or not _has_sweeps(folder / "velodyne_reduced"):
+        return "velodyne"
+    return "velodyne_reduced"
+
+
+def _has_sweeps(folder: Path) -> bool:
+    return folder.is_dir() and any(
+        path.suffix.lower() in PART_SUFFIXES["points"] and not path.name.startswith(".")
+        for path in folder.iterdir()
+    )
+
+
+def list_object_frames(
+    folder: Path, parts: Collection[Part], velodyne: Velodyne = "velodyne"
+) -> dict[str, ObjectFrame]:
+    """List all frames of `folder` (e.g. `training`) with any of the parts, sorted by name.
+
+    Hidden files and files without KITTI's suffixes (in any case) are ignored.
+    """
+    files = {
+        part: list_files(folder / part_folder(part, velodyne), PART_SUFFIXES[part])
+        for part in parts
+    }
+    return {
+        frame_id: ObjectFrame(
+            sample_id=frame_id,
+            image=files.get("image", {}).get(frame_id),
+            points=files.get("points", {}).get(frame_id),
+            calibration=files.get("calibration", {}).get(frame_id),
+            objects=files.get("objects", {}).get(frame_id),
+            depth=files.get("depth", {}).get(frame_id),
+        )
+        for frame_id in sorted({frame_id for listed in files.values() for frame_id in listed})
+    }
+
+
+def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
+    """List the files of a folder with one of the suffixes, in any case, sorted by stem.
+
+    Of two files with the same stem the earlier suffix wins, lower case first. A missing folder is
+    empty. Hidden files are left out.
+
+    Args:
+        folder: Folder of the files.
+        suffixes: Suffixes in lower case, with their dots.
+    """
+    if not folder.is_dir():
+        return {}
+    paths = [
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in suffixes and not path.name.startswith(".")
+    ]
+    paths.sort(key=lambda path: (path.stem, -suffixes.index(path.suffix.lower()), path.suffix))
+    return {path.stem: path for path in paths}
+
+
+def find_file(folder: Path, name: str) -> Path | None:
+    """Find a file by its name, in lower case, else by its name in any case."""
+    if not folder.is_dir():
+        return None
+    if (folder / name).exists():
+        return folder / name
+    return next((path for path in sorted(folder.iterdir()) if path.name.lower() == name), None)
+
+
+def describe_absent(frame_ids: Sequence[str]) -> str:
+    """List the first few frames, and the number of the others."""
+    named = ", ".join(map(shortened, frame_ids[:_MAX_LISTED]))
+    more = len(frame_ids) - _MAX_LISTED
+    return f"{named} and {more} more" if more > 0 else named
+
+
+def suggest_frames(frame_id: str, known: Sequence[str]) -> str:
+    """Suggest names similar to that of a missing frame."""
+    number = int(frame_id) if frame_id.isascii() and frame_id.isdecimal() else None
+    same = [
+        each
+        for each in known
+        if number is not None and each.isascii() and each.isdecimal() and int(each) == number
+    ]
+    close = same or difflib.get_close_matches(frame_id, known[:_MAX_COMPARED], n=3)
+    suggestion = f"perhaps {' or '.join(map(shortened, close))} is meant; " if close else ""
+    first, last = shortened(known[0]), shortened(known[-1])
+    return f"{suggestion}there are {len(known):,}, from {first} to {last}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DepthFrame:
+    """Files of one frame; None: missing."""
+
+    sample_id: str
+    image: Path | None
+    sparse: Path | None
+    """Sparse depth map, the projected sweep."""
+    truth: Path | None
+    intrinsics: Path | None
+    """File of nine numbers; or a `calib_cam_to_cam.txt` if `camera` is given."""
+    camera: Camera | None = None
+
+
+def list_drive_frames(
+    root: Path, split: DriveSplit, raw_root: Path, cameras: Sequence[Camera]
+) -> list[DepthFrame]:
+    """List all frames of `train` or `val` with a sparse map or a ground truth, in order.
+
+    Searches DRIVE/proj_depth/{groundtruth,velodyne_raw}/CAMERA/N.png below `root`/SPLIT and below
+    that folder in `data_depth_annotated` and `data_depth_velodyne`; images and calibration in
+    `raw_root` as DATE/DRIVE/CAMERA/data/N.png and DATE/calib_cam_to_cam.txt.
+    """
+    bases = drive_bases(root, split)
+    drives = sorted(
+        {path.parent.name for base in bases for path in base.glob("*/proj_depth") if path.is_dir()}
+    )
+    return [
+        frame
+        for drive in drives
+        for camera in cameras
+        for frame in _frames_of_drive(drive, bases, raw_root / drive[:_DATE_LENGTH], camera)
+    ]
+
+
+def drive_bases(root: Path, split: DriveSplit) -> list[Path]:
+    """List the possible parent folders of drives."""
+    return [
+        root / archive / split for archive in ("", "data_depth_annotated", "data_depth_velodyne")
+    ]
+
+
+def selection_folder(root: Path, split: SelectedSplit) -> Path:
+    """Folder of a selection: in `root`, in its folder depth_selection, or `root` itself."""
+    candidates = (root / split, root / "depth_selection" / split, root)
+    return next((base for base in candidates if (base / "velodyne_raw").is_dir()), candidates[0])
+
+
+def list_selected_frames(root: Path, split: SelectedSplit) -> list[DepthFrame]:
+    """List all frames of a selection, in order.
+
+    The files are image/N.png, velodyne_raw/N.png, intrinsics/N.txt and, for validation,
+    groundtruth_depth/N.png. N of the cropped selection contains the kind of file:
+    DRIVE_image_FRAME_CAMERA, DRIVE_velodyne_raw_FRAME_CAMERA, DRIVE_groundtruth_depth_FRAME_CAMERA.
+    """
+    folder = selection_folder(root, split)
+    images = list_files(folder / "image", IMAGE_SUFFIXES)
+    intrinsics = list_files(folder / "intrinsics", (".txt",))
+    sparse = _renamed(list_files(folder / "velodyne_raw", (".png",)), "_velodyne_raw_")
+    truth = _renamed(list_files(folder / "groundtruth_depth", (".png",)), "_groundtruth_depth_")
+    return [
+        DepthFrame(
+            sample_id=name,
+            image=images.get(name),
+            sparse=sparse.get(name),
+            truth=truth.get(name),
+            intrinsics=intrinsics.get(name),
+        )
+        for name in sorted({*images, *sparse, *truth})
+    ]
+
+
+def _frames_of_drive(
+    drive: str, bases: Sequence[Path], day: Path, camera: Camera
+) -> list[DepthFrame]:
+    sparse: dict[str, Path] = {}
+    truth: dict[str, Path] = {}
+    for base in bases:
+        maps = base / drive / "proj_depth"
+        sparse |= list_files(maps / "velodyne_raw" / camera, (".png",))
+        truth |= list_files(maps / "groundtruth" / camera, (".png",))
+    images = list_files(day / drive / camera / "data", IMAGE_SUFFIXES)
+    calibration = day / "calib_cam_to_cam.txt"
+    return [
+        DepthFrame(
+            sample_id=f"{drive}_image_{number}_{camera}",
+            image=images.get(number),
+            sparse=sparse.get(number),
+            truth=truth.get(number),
+            intrinsics=calibration if calibration.is_file() else None,
+            camera=camera,
+        )
+        for number in sorted({*sparse, *truth})
+    ]
+
+
+def _renamed(files: dict[str, Path], kind: str) -> dict[str, Path]:
+    return {name.replace(kind, "_image_"): path for name, path in files.items()}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DriveFrame:
+    """Files of one frame; None: missing."""
+
+    sample_id: str
+    """Name of the files, e.g. "0000000005"."""
+    image: Path | None
+    points: Path | None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DriveFiles:
+    """Files of a drive."""
+
+    frames: tuple[DriveFrame, ...]
+    """All frames with an image or a sweep, in order."""
+    image_folder: Path
+    points_folder: Path
+    calibration: Path | None
+    """Folder of `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`."""
+    timestamps: Path | None
+    """File with one line per frame, or line N for the frame numbered N."""
+    oxts: Path | None
+    """Folder of GPS and IMU readings, one file per frame."""
+
+
+def list_drive(folder: Path) -> DriveFiles:
+    """Lists a drive in the official layout, or in the flat one.
+
+    Official: image_02/data/N.png, velodyne_points/data/N.bin, timestamps.txt next to each `data`,
+    oxts/data/N.txt, the calibration in the parent folder (of the day). Flat: image_02/N.png,
+    velodyne/N.bin and the calibration in the folder itself.
+    """
+    image_folder = _first_folder(folder, _IMAGE_FOLDERS)
+    points_folder = _first_folder(folder, _POINTS_FOLDERS)
+    images, points = list_files(image_folder, IMAGE_SUFFIXES), list_files(points_folder, (".bin",))
+    calibrations = (
+        place for place in (folder, folder.parent) if (place / "calib_cam_to_cam.txt").is_file()
+    )
+    times = (find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS)
+    oxts = folder / "oxts" / "data"
+    return DriveFiles(
+        frames=tuple(
+            DriveFrame(sample_id=number, image=images.get(number), points=points.get(number))
+            # By length first: 2 comes before 10 without leading zeros, too.
+            for number in sorted({*images, *points}, key=lambda name: (len(name), name))
+        ),
+        image_folder=image_folder,
+        points_folder=points_folder,
+        calibration=next(calibrations, None),
+        timestamps=next((path for path in times if path is not None), None),
+        oxts=oxts if oxts.is_dir() else None,
+    )
+
+
+def _first_folder(folder: Path, places: tuple[str, ...]) -> Path:
+    candidates = [folder / place for place in places]
+    return next((place for place in candidates if place.is_dir()), candidates[0])

@@ -1,0 +1,182 @@
+"""Mounting of a LiDAR: its pose over the road, from a few clouds of a data set."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float32
+
+from sightline.data.entry_checks import select_spread
+from sightline.data.frame_checks import read_or_note
+from sightline.data.kitti_calibration import CalibrationMatrices
+from sightline.data.kitti_trees import DriveFrame, ObjectFrame
+from sightline.data.point_files import read_cloud
+from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
+from sightline.data.velodyne import read_sweep
+from sightline.files.problem import FileError
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.mount import turn_ahead
+from sightline.geometry.road_height import (
+    LidarPose,
+    describe_lowness,
+    lidar_pose,
+    mount_doubts,
+    road_height_m,
+    upright_turn,
+)
+from sightline.geometry.tilt import Tilt
+
+_MIN_TILT_DEG: Final = 4.0
+"""Smallest tilt to level: above the apparent tilt of any cloud of KITTI (3.3 degrees)."""
+_MIN_HEIGHT_DIFFERENCE_M: Final = 0.5
+"""Smallest difference to KITTI's height to use: errors on KITTI reach 0.43 m for single clouds
+and 0.16 m for medians of three."""
+_NUM_ROAD_CLOUDS = 5  # clouds for the pose over the road, spread over a recording
+_KITTI_POSE: Final = LidarPose(height_m=None, tilt=None)
+
+
+def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarPose:
+    """Estimate the pose of a LiDAR over the road from the first cloud, the last and one between.
+
+    A LiDAR tilted by less than 4 degrees is assumed to be level, and one whose height differs by
+    less than 0.5 m from KITTI's, or whose clouds hardly show the road, to be mounted like KITTI's.
+
+    Args:
+        frames: All frames of a tree, so that any selection has the same pose.
+    """
+    paths = select_spread([frame.points for frame in frames if frame.points is not None])
+    read = (read_or_note(read_sweep, path, []) for path in paths)
+    sweeps = [sweep for sweep in read if sweep is not None]  # others: reported by their readers
+    pose = lidar_pose(sweeps)
+    if pose.tilt is not None and pose.tilt.angle_deg < _MIN_TILT_DEG:
+        pose = replace(pose, tilt=None)
+    if pose.tilt is None and not (_has_other_height(pose) and _is_road_visible(sweeps)):
+        return _KITTI_POSE
+    # Clouds with other axes have no such pose: they are reported by their own check.
+    has_other_axes = any(upright_turn(sweep) is not None for sweep in sweeps)
+    return _KITTI_POSE if has_other_axes else pose
+
+
+def warn_of_mount(pose: LidarPose, folder: Path) -> None:
+    """Warn of a found tilt and of a height other than KITTI's, with their consequences."""
+    remedy = "make the data a recording with"
+    if pose.tilt is not None:
+        warnings.warn(
+            f"{folder}: the road in its clouds shows that the LiDAR is tilted, {pose.tilt}: "
+            "detectors get levelled clouds, and predictions stay in the LiDAR's frame; to set the "
+            f"tilt, {remedy} lidar_tilt_deg (docs/recordings.md)",
+            stacklevel=4,
+        )
+    for description in describe_height(pose):
+        warnings.warn(
+            f"{folder}: {description}; to set the height, {remedy} lidar_height_m "
+            "(docs/recordings.md)",
+            stacklevel=4,
+        )
+
+
+def describe_height(pose: LidarPose) -> tuple[str, ...]:
+    """Describe a LiDAR's height in a clause; empty: like KITTI's."""
+    if pose.height_m is None or not _has_other_height(pose):
+        return ()
+    return (
+        f"the road in its clouds shows that the LiDAR is {pose.height_m:.2f} m above it, not "
+        f"{KITTI_LIDAR_HEIGHT_M} m like KITTI's: detectors get clouds shifted in z by the "
+        f"difference{describe_lowness(pose.height_m)}",
+    )
+
+
+def _is_road_visible(sweeps: Sequence[Float32[np.ndarray, "_num_points 4"]]) -> bool:
+    return 2 * sum(road_height_m(sweep) is not None for sweep in sweeps) > len(sweeps)
+
+
+def _has_other_height(pose: LidarPose) -> bool:
+    height_m = pose.height_m
+    return height_m is not None and abs(height_m - KITTI_LIDAR_HEIGHT_M) > _MIN_HEIGHT_DIFFERENCE_M
+
+
+def describe_mount(
+    matrices: CalibrationMatrices, tilt: Tilt | None, source: str = "by the road in its clouds"
+) -> tuple[str, ...]:
+    """Describe a LiDAR's rotation and tilt, in a clause each; empty: none.
+
+    Args:
+        matrices: Calibration of the LiDAR.
+        tilt: Tilt of the LiDAR; None: level.
+        source: Source of the tilt.
+    """
+    level = np.eye(4) if tilt is None else tilt.level_from_lidar
+    turn = describe_rotation(turn_ahead(matrices.camera_from_lidar @ level.T)[1])
+    if tilt is None:
+        return turn
+    return *turn, f"{source} the LiDAR is tilted, {tilt}: detectors get levelled clouds"
+
+
+def describe_rotation(angle_deg: float, subject: str = "detectors get clouds") -> tuple[str, ...]:
+    """Describe the rotation of clouds in a clause; empty: 0 degrees."""
+    if not angle_deg:
+        return ()
+    return (
+        f"the camera looks {angle_deg:.0f} degrees (counter-clockwise) from the LiDAR's x axis: "
+        f"{subject} rotated, so that x points in the camera's direction",
+    )
+
+
+def pose_of_recording(
+    frames: Sequence[ObjectFrame], calibration: RecordingCalibration | None = None
+) -> LidarPose:
+    """Estimate the LiDAR's pose over the road from some clouds of a recording.
+
+    Args:
+        frames: All frames of the recording, so that any selection has the same pose.
+        calibration: Calibration; its tilt is used if given.
+    """
+    return lidar_pose(_some_clouds(frames), None if calibration is None else calibration.lidar_tilt)
+
+
+def mount_doubts_of_recording(
+    frames: Sequence[ObjectFrame], calibration: RecordingCalibration
+) -> tuple[str, ...]:
+    """Describe differences between a calibration's mounting and the road in some clouds.
+
+    Args:
+        frames: All frames of the recording.
+        calibration: Calibration of the recording.
+    """
+    if calibration.lidar_tilt is None and calibration.lidar_height_m is None:
+        return ()
+    return mount_doubts(_some_clouds(frames), calibration.lidar_height_m, calibration.lidar_tilt)
+
+
+def has_points(frames: Sequence[ObjectFrame]) -> bool:
+    """Whether some clouds of a recording are readable and contain points.
+
+    If not, this is the problem to report, instead of a small share of visible points.
+    """
+    return any(len(cloud) for cloud in _some_clouds(frames))
+
+
+def _some_clouds(
+    frames: Sequence[ObjectFrame],
+) -> list[Float32[np.ndarray, "_num_points 4"]]:
+    return [_cloud_or_empty(frame) for frame in frames_with_clouds(frames)]
+
+
+def frames_with_clouds(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
+    """Select frames with a cloud and a calibration, spread over all."""
+    complete = [frame for frame in frames if frame.points and frame.calibration]
+    step = max(len(complete) // _NUM_ROAD_CLOUDS, 1)
+    return complete[::step][:_NUM_ROAD_CLOUDS]
+
+
+def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
+    assert frame.points is not None, "frames without a cloud are left out"
+    assert frame.calibration is not None, "frames without a calibration are left out"
+    try:
+        calibration = read_recording_calibration(frame.calibration)
+        return read_cloud(frame.points, calibration.max_intensity)
+    except FileError:
+        return np.zeros((0, 4), np.float32)  # the reader of the frame reports it

@@ -1,0 +1,175 @@
+"""Files of a recording: their list, and the reader and checks of times.txt."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+
+from sightline.data.frame_checks import read_or_note
+from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.data.kitti_trees import ObjectFrame, describe_absent, find_file, list_files
+from sightline.data.point_files import CLOUD_SUFFIXES
+from sightline.files.plain_text import parse_numbers, read_text, shortened
+from sightline.files.problem import FileError, Problem
+
+IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
+CALIBRATIONS: Final = "calibration"
+"""Name of the folder with one file per frame, and stem of the single file for all frames."""
+TIMES_NAME: Final = "times.txt"
+
+CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
+_REMEDY: Final = "write lines like `000001 0.1`"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RecordingFiles:
+    """Files of a recording."""
+
+    folder: Path
+    frames: tuple[ObjectFrame, ...]
+    """Frames with an image or a cloud, sorted by name; each with its calibration."""
+    times: Path | None
+
+
+def is_recording(folder: Path) -> bool:
+    """Whether a folder has images or clouds and a recording's calibration."""
+    return _has_sensor(folder) and bool(
+        _common_calibration(folder) or list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
+    )
+
+
+def lacks_calibration(folder: Path) -> bool:
+    """Whether a folder is a recording except for a missing calibration."""
+    return _has_sensor(folder) and not is_recording(folder)
+
+
+def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
+    """Problem of a recording in which no image has a cloud of the same name; else None.
+
+    Recordings of a single sensor are no problem.
+    """
+    images = [frame.sample_id for frame in frames if frame.image]
+    clouds = [frame.sample_id for frame in frames if frame.points]
+    if not images or not clouds or set(images) & set(clouds):
+        return None
+    return Problem(
+        path=folder,
+        problem=f"has no image and cloud of one name: images are called {images[0]} .., clouds "
+        f"{clouds[0]} ..",
+        remedy="give the files of a frame one name",
+    )
+
+
+def list_recording(folder: Path) -> RecordingFiles:
+    """Lists a recording: images/NAME.jpg, points/NAME.pcd, calibration.yaml and optional files.
+
+    Pictures have the suffix .png, .jpg or .jpeg, clouds .bin, .npy or .pcd, in any case. A
+    calibration is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for
+    each. Labels (KITTI's), depth (16-bit PNGs) and times.txt (in any case) are optional.
+    """
+    images = list_files(folder / IMAGES, IMAGE_SUFFIXES)
+    clouds = list_files(folder / POINTS, CLOUD_SUFFIXES)
+    labels, depths = list_files(folder / LABELS, (".txt",)), list_files(folder / DEPTH, (".png",))
+    common = _common_calibration(folder)
+    own = list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
+    return RecordingFiles(
+        folder=folder,
+        frames=tuple(
+            ObjectFrame(
+                sample_id=name,
+                image=images.get(name),
+                points=clouds.get(name),
+                calibration=own.get(name, common),
+                objects=labels.get(name),
+                depth=depths.get(name),
+            )
+            for name in sorted({*images, *clouds})
+        ),
+        times=find_file(folder, TIMES_NAME),
+    )
+
+
+def _has_sensor(folder: Path) -> bool:
+    return any((folder / name).is_dir() for name in (IMAGES, POINTS))
+
+
+def _common_calibration(folder: Path) -> Path | None:
+    return list_files(folder, CALIBRATION_SUFFIXES).get(CALIBRATIONS)
+
+
+def read_times(path: Path) -> dict[str, Decimal]:
+    """Reads the lines "NAME SECONDS" of a times.txt exactly; floats of epoch seconds are inexact.
+
+    Raises:
+        FileError: A line is no name and time, contains an invisible character (including other line
+            ends), or repeats the name of a frame.
+    """
+    times: dict[str, Decimal] = {}
+    lines: dict[str, int] = {}
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        if not line.strip(" \t"):
+            continue
+        if not line.replace("\t", " ").isprintable():
+            problem = f"line {number} holds invisible characters: {shortened(line, 40)}"
+            raise FileError(path, problem, f"{_REMEDY}, each ended by a line feed")
+        words = line.rsplit(maxsplit=1)
+        if len(words) < 2:
+            problem = f"line {number} has no frame name and time in seconds"
+            raise FileError(path, problem, _REMEDY)
+        name, seconds = words[0].strip(), words[1]
+        parse_numbers([seconds], path, f"line {number}:")
+        if name in times:
+            problem = f"line {number} repeats frame {shortened(name)} of line {lines[name]}"
+            raise FileError(path, problem, "keep one line per frame")
+        times[name], lines[name] = Decimal(seconds), number
+    return times
+
+
+def check_times(path: Path, frames: Sequence[str]) -> list[Problem]:
+    """Find all problems of a times.txt: its own fault, else differences to the frames."""
+    problems: list[Problem] = []
+    times = read_or_note(read_times, path, problems)
+    return problems if times is None else times_doubts(path, times, frames)
+
+
+def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]) -> list[Problem]:
+    """Find differences between times and frames, and times that do not increase.
+
+    Args:
+        path: The file.
+        times: Times of the file.
+        frames: Names of all frames of the recording, in order.
+    """
+    known = set(frames)
+    unknown = [name for name in times if name not in known]
+    timed = [name for name in frames if name in times]
+    untimed = [name for name in frames if name not in times]
+    faults: list[tuple[str, str]] = []
+    if not timed:
+        found = f"frames are called {shortened(frames[0])} .." if frames else "there are no frames"
+        names = f"it has {describe_absent(unknown)}" if unknown else "it is empty"
+        faults.append((f"has no time of any frame: {names}, {found}", "give each frame a line"))
+        unknown, untimed = [], []
+    if unknown:
+        problem = f"{len(unknown)} of {len(times)} lines name no frame ({describe_absent(unknown)})"
+        faults.append((problem, "correct their names, or remove them"))
+    if untimed:
+        problem = (
+            f"lacks a time of {len(untimed)} of {len(frames)} frames ({describe_absent(untimed)})"
+        )
+        faults.append((problem, "give each frame a line"))
+    not_rising = [after for before, after in pairwise(timed) if times[after] <= times[before]]
+    if not_rising:
+        num_equal = sum(times[after] == times[before] for before, after in pairwise(timed))
+        faults.append(
+            (
+                f"has times that do not rise from frame to frame: {len(not_rising)} of "
+                f"{len(timed)}, {num_equal} of them equal, such as that of "
+                f"{shortened(not_rising[0])}",
+                "correct them, or number the frames in the order in which they were taken, with "
+                "leading zeros",
+            )
+        )
+    return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
