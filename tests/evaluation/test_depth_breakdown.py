@@ -115,7 +115,7 @@ def test_a_report_holds_bands_returns_and_the_difference_to_another_method(folde
     assert by_score["RMSE"]["low"] is None
     with Console(width=100, record=True, file=io.StringIO()) as console:
         console.print(report.table())
-    assert "No interval: 3 of 10 images" in console.export_text()
+    assert "at least 10 images, got 3" in console.export_text()
 
 
 @pytest.mark.parametrize("against", ["near", "copy"])

@@ -100,16 +100,29 @@ def test_the_area_counts_every_score_and_not_only_the_slots(tmp_path):
     found = [replace(line, score=5 - place) for place, line in enumerate(labels[:3])]
     found.append(FOUND.moved(image=900, score=9))
     folders = write_frames(tmp_path, [(text_of(labels), text_of(found))])
-    entry = evaluate_objects(*folders, bootstrap=3).entries[0]
+    entry = evaluate_objects(*folders).entries[0]
     assert entry.all_points.ap == pytest.approx(100 * 3 / 4 * 3 / 4)
-    assert entry.all_points.low == entry.all_points.high == entry.all_points.ap  # one frame
     assert entry.ap_r40 < 10
 
 
 def test_perfect_detections_have_an_area_of_100_however_few(tmp_path):
-    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text()), ("", "")])
+    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * 10)
     entry = evaluate_objects(*folders, bootstrap=50).entries[0]
     assert entry.all_points == replace(entry.all_points, ap=100.0, low=100.0, high=100.0)
+
+
+@pytest.mark.parametrize(("count", "has_interval"), [(9, False), (10, True)])
+def test_intervals_need_ten_frames(tmp_path, count, has_interval):
+    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * count)
+    report = evaluate_objects(*folders, bootstrap=50)
+    for entry in report.to_json()["entries"]:
+        assert entry["AP_all_points_95"] == ([100, 100] if has_interval else None)
+    assert any("at least 10 frames, got 9" in note for note in report.notes()) != has_interval
+    console = Console(width=80, record=True)
+    console.print(report.table())
+    assert ("95 % interval" in console.export_text()) == has_interval
+    without = evaluate_objects(*folders)
+    assert not any("resampling" in note for note in without.notes())
 
 
 def test_without_objects_that_count_there_is_no_area(tmp_path):

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 from scipy import ndimage
 
-from sightline.evaluation.paired_intervals import FEWEST_FRAMES, note_without_interval
+from sightline.evaluation.bootstrap import MIN_FRAMES, PERCENTILES, note_without_interval
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -28,7 +28,6 @@ _OFF_M: Final = 1.0
 _SOUND_M: Final = 0.3
 _FAR_M: Final = 40.0
 _MM_PER_M: Final = 1e3
-_INTERVAL: Final = (2.5, 97.5)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,7 +64,7 @@ class PairedDifference:
     score: str
     mean: float
     low: float | None
-    """Lower end of the 95 % interval over resampled images; None of fewer than `FEWEST_FRAMES`."""
+    """Lower end of the 95 % interval over resampled images; None of fewer than `MIN_FRAMES`."""
     high: float | None
     better: int
     """Images with a lower score than the other method."""
@@ -165,11 +164,11 @@ def paired_difference(
     """
     differences = np.asarray(ours, dtype=np.float64) - np.asarray(theirs, dtype=np.float64)
     low, high = None, None
-    if len(differences) >= FEWEST_FRAMES:
+    if len(differences) >= MIN_FRAMES:
         drawn = np.random.default_rng(seed).integers(
             len(differences), size=(resamples, len(differences))
         )
-        low, high = np.percentile(differences[drawn].mean(axis=1), _INTERVAL).tolist()
+        low, high = np.percentile(differences[drawn].mean(axis=1), PERCENTILES).tolist()
     return PairedDifference(
         score=score,
         mean=float(differences.mean()),

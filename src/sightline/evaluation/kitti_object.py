@@ -61,7 +61,8 @@ def evaluate_objects(
         labels_dir: One file per frame, 15 fields per line.
         sample_list: Frames to evaluate; see `read_sample_list`. None: all with labels.
         overlaps: Overlaps that a match must exceed, by class and metric.
-        bootstrap: Resamples of the frames for `AP_all_points`, up to 100,000; 0: no interval.
+        bootstrap: Resamples of the frames for the interval of `AP_all_points`, up to 100,000; 0: no
+            interval. Fewer than 10 frames have none.
         seed: Seed of the resamples.
         by_distance: Edges of distance bands [m] that are scored separately, too; ascending.
         missing_as_empty: Whether a frame without a result file counts as one without detections.

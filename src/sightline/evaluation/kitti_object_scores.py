@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from sightline.evaluation.bootstrap import PERCENTILES, draw_frames
 from sightline.evaluation.kitti_object_matching import (
     MatchingTask,
     count_at,
@@ -12,7 +13,7 @@ from sightline.evaluation.kitti_object_matching import (
     select,
 )
 from sightline.evaluation.kitti_object_pairs import MatchingData
-from sightline.evaluation.kitti_object_resampling import ResampledCurve, draw_frames
+from sightline.evaluation.kitti_object_resampling import ResampledCurve
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,
     DIFFICULTIES,
@@ -125,7 +126,8 @@ def _mean_r40(slots: Float64[np.ndarray, "41"]) -> float:
 def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP | None:
     """Compute AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
 
-    It is None if no object counts; there is no interval without resamples with such an object.
+    It is None if no object counts. There is no interval of fewer than `MIN_FRAMES` frames, or without
+    resamples with such an object.
     """
     if task.n_gt == 0:
         return None
@@ -135,5 +137,5 @@ def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP
     resampled = [curve.ap_all_points(weights) for weights in drawn]
     if not resampled:
         return BootstrapAP(ap=ap)
-    low, high = np.percentile(resampled, (2.5, 97.5))
+    low, high = np.percentile(resampled, PERCENTILES)
     return BootstrapAP(ap=ap, low=float(low), high=float(high))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from sightline.evaluation.bootstrap import MIN_FRAMES, note_without_interval
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
 from sightline.evaluation.object_tables import (
     add_notes,
@@ -30,7 +31,8 @@ class BootstrapAP:
     ap: float
     """Area under the monotone precision-recall curve, percent."""
     low: float | None = None
-    """2.5 % quantile over resampled frames, percent; None if no resample has such objects."""
+    """2.5 % quantile over resampled frames, percent; None of fewer than `MIN_FRAMES` frames, or if
+    no resample has such objects."""
     high: float | None = None
     """97.5 % quantile over resampled frames, percent; None in the same case."""
 
@@ -136,7 +138,8 @@ class ObjectReport:
     entries: tuple[ObjectEntry, ...]
     """Entries by class, then metric, then difficulty."""
     num_resamples: int = 0
-    """Number of bootstrap resamples for the intervals of `all_points`; 0: there are none."""
+    """Number of bootstrap resamples for the intervals of `all_points`, which need `MIN_FRAMES`
+    frames; 0: there are none."""
     frames_without_results: int = 0
     """Number of frames without a result file, which count as empty."""
     bands: tuple[DistanceBand, ...] = ()
@@ -204,7 +207,7 @@ class ObjectReport:
                 rows.append(("AOS R11", [percentage(level.aos_r11) for level in levels]))
             points = [level.all_points for level in levels]
             rows.append(("AP all points", [percentage(p.ap if p else None) for p in points]))
-            if self.num_resamples:
+            if self.num_resamples and self.frames >= MIN_FRAMES:
                 rows.append(("95 % interval", [_interval(p) for p in points]))
             rows.append(("max recall", [percentage(100 * level.max_recall) for level in levels]))
             if any(level.flipped_share is not None for level in levels):
@@ -228,6 +231,8 @@ class ObjectReport:
             count = self.frames_without_results
             which = "1 frame had" if count == 1 else f"{count:,} frames had"
             notes.append(f"{which} no result file and counted as empty.")
+        if self.num_resamples and self.frames < MIN_FRAMES:
+            notes.append(note_without_interval(self.frames, "frames"))
         return [*notes, *self.remarks, *_slots_notes(self.entries)]
 
 
