@@ -62,19 +62,21 @@ SPACED = [spaced(n, y=1.7, z=20.0) for n in range(50)]
         (lambda line: replace(line, x=line.z, y=-line.x, z=-1.0),
          "50 of 50 3D boxes of results lie behind the camera"),
         (lambda line: replace(line, x2=line.x2 - line.x1, y2=line.y2 - line.y1),
-         "2D boxes of results are probably x_min, y_min, width, height: taken so they meet 50 of"),
+         "2D boxes of results are probably x_min, y_min, width, height: read so they match 50 of"),
         (lambda line: replace(line, x1=(line.x1 + line.x2) / 2, y1=(line.y1 + line.y2) / 2,
                               x2=line.x2 - line.x1, y2=line.y2 - line.y1),
          "2D boxes of results are probably centre x, centre y, width, height"),
         (lambda line: replace(line, x1=line.y1, y1=line.x1, x2=line.y2, y2=line.x2),
-         "2D boxes of results are probably y_min, x_min, y_max, x_max: taken so they meet 50 of 50 "
+         "2D boxes of results are probably y_min, x_min, y_max, x_max: read so they match 50 of 50 "
          "labelled objects clearly better in the image, and 0 worse"),
         (lambda line: replace(line, x1=line.x1 / 2, y1=line.y1 / 2, x2=line.x2 / 2, y2=line.y2 / 2),
          "2D boxes of results are probably pixels of an image of half the size"),
         (lambda line: replace(line, y1=line.y1 + 200, y2=line.y2 + 200),
-         "3D boxes of results meet labels and 2D boxes do not: of 50 labelled objects 0 are met"),
+         "3D boxes of results match labels and 2D boxes do not: of 50 labelled objects 0 are"
+         " matched"),
         (lambda line: spaced((line.x - CAR.x) / 5, y=1.7, z=60.0),
-         "2D boxes of results meet labels and 3D boxes do not: of 50 labelled objects 50 are met"),
+         "2D boxes of results match labels and 3D boxes do not: of 50 labelled objects 50 are"
+         " matched"),
         (lambda line: replace(line, alpha=0.0), "alpha of all 50 results is 0"),
         (lambda line: replace(line, x1=0.1, y1=0.2, x2=0.2, y2=0.4),
          "all 2D boxes of results lie within the first pixel"),

@@ -48,7 +48,8 @@ def objects_command(
             text file with one name per line. Default: all that have labels.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
         bootstrap: Number of resamples of the frames for the interval of AP_all_points, from 10
-            frames on; 0: no interval. With --against, for the interval of each difference; there 0 means 1000.
+            frames on; 0: no interval. With --against, for the interval of each difference; there 0
+            means 1000.
         seed: Seed of the resamples.
         by_distance: End distances from the camera [m] of bands that are scored separately, e.g. 20
             40.

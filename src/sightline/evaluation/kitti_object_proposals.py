@@ -86,7 +86,7 @@ def evaluate_proposals(
         boxes, codes = _best_proposals(proposals, max_proposals)
         is_evaluated |= find_evaluated(boxes, codes)
         parts.append(_find_truths(len(parts), labels, boxes, codes))
-    tally.boxes.counts_repeats = False  # recall does not mind
+    tally.conventions.counts_repeats = False  # recall does not mind
     truths = _Truths(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     entries = tuple(
         _entry(truths, len(parts), int(code), int(metric), float(iou), level)

@@ -126,8 +126,8 @@ def _mean_r40(slots: Float64[np.ndarray, "41"]) -> float:
 def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP | None:
     """Compute AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
 
-    It is None if no object counts. There is no interval of fewer than `MIN_FRAMES` frames, or without
-    resamples with such an object.
+    It is None if no object counts. There is no interval of fewer than `MIN_FRAMES` frames, or
+    without resamples with such an object.
     """
     if task.n_gt == 0:
         return None

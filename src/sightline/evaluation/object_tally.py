@@ -8,8 +8,8 @@ from typing import Final
 
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.label_checks import in_degrees
-from sightline.evaluation.box_conventions import BoxConventions
 from sightline.evaluation.kitti_object_rules import CLASSES, class_code
+from sightline.evaluation.result_conventions import ResultConventions
 from sightline.files.plain_text import shortened
 
 _KNOWN: Final = frozenset(
@@ -31,13 +31,13 @@ class ObjectTally:
     """Number of results with an angle beyond two pi."""
     labelled_in_degrees: int = 0
     """Number of labels with such an angle."""
-    boxes: BoxConventions = field(default_factory=BoxConventions)
+    conventions: ResultConventions = field(default_factory=ResultConventions)
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Count a frame."""
         self.found.update(results.class_names)
         self.labelled.update(labels.class_names)
-        self.boxes.add(results, labels)
+        self.conventions.add(results, labels)
         self.found_in_degrees += int(in_degrees(results).sum())
         self.labelled_in_degrees += int(in_degrees(labels).sum())
         lacks = (results.dimensions_hwl <= 0).any(axis=1)
@@ -94,7 +94,7 @@ class ObjectTally:
                 f"{self.found_in_degrees:,} of {total:,} results have angles beyond two pi, "
                 "probably degrees: they were taken for radians, as KITTI's files have them."
             )
-        return (*remarks, *self.boxes.remarks())
+        return (*remarks, *self.conventions.remarks())
 
 
 def tallied(
