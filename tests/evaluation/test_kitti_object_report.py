@@ -20,7 +20,7 @@ from sightline.evaluation.kitti_object_rules import (
     parse_overlaps,
 )
 from sightline.evaluation.kitti_object_scores import score_objects
-from sightline.evaluation.object_rows import write_object_rows
+from sightline.evaluation.object_report import write_object_rows
 from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
 from tests.reference import kitti_object as reference
 

@@ -74,7 +74,7 @@ def objects_command(
     check_writable_folder(plots)
     from sightline.evaluation.kitti_object import compare_objects, evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
-    from sightline.evaluation.object_rows import write_object_rows
+    from sightline.evaluation.object_report import write_object_rows
 
     if against is not None:
         comparison = compare_objects(

@@ -144,8 +144,8 @@ def lost_returns(sums: ErrorSums) -> LostReturns:
 
 def paired_difference(
     score: str,
-    ours: Sequence[float],
-    theirs: Sequence[float],
+    scores: Sequence[float],
+    others: Sequence[float],
     *,
     resamples: int = 2000,
     seed: int = 0,
@@ -157,12 +157,12 @@ def paired_difference(
 
     Args:
         score: Name of the score; lower is better.
-        ours: The first method's scores, one per image.
-        theirs: The other's, in the same order.
+        scores: The first method's values, one per image.
+        others: The other's, in the same order.
         resamples: Number of resampled sets.
         seed: Seed of the resampling.
     """
-    differences = np.asarray(ours, dtype=np.float64) - np.asarray(theirs, dtype=np.float64)
+    differences = np.asarray(scores, dtype=np.float64) - np.asarray(others, dtype=np.float64)
     low, high = None, None
     if len(differences) >= MIN_FRAMES:
         drawn = np.random.default_rng(seed).integers(
@@ -196,10 +196,10 @@ def breakdown_tables(
     from rich.table import Table
 
     def table(title: str, *columns: str) -> Table:
-        made = Table(title=title, title_justify="left")
+        empty = Table(title=title, title_justify="left")
         for column in columns:
-            made.add_column(column, justify="right", no_wrap=True)
-        return made
+            empty.add_column(column, justify="right", no_wrap=True)
+        return empty
 
     tables = []
     if bands:
@@ -209,7 +209,7 @@ def breakdown_tables(
         for band in bands:
             tables[-1].add_row(band.name, f"{band.pixels / pixels:.1%}", *_cells(band))
     if returns is not None:
-        title = "sound returns (within 0.3 m of the truth) that the prediction leaves by > 1 m"
+        title = "sound returns (within 0.3 m of the truth) that the prediction misses by > 1 m"
         tables.append(table(title, "returns", "number", "lost"))
         far = (returns.sound_beyond_40m, returns.lost_share_beyond_40m)
         for name, number, lost in (

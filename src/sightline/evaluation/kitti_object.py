@@ -12,10 +12,9 @@ from sightline.data.frame_files import hold_the_same, require_frame_files, where
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
 from sightline.data.sample_list import read_sample_list
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
-from sightline.evaluation.kitti_object_distance import check_edges, score_by_distance
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
-from sightline.evaluation.kitti_object_scores import score_objects
+from sightline.evaluation.kitti_object_scores import check_edges, score_by_distance, score_objects
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
@@ -167,7 +166,7 @@ def check_resampling(bootstrap: int, seed: int) -> None:
     if bootstrap > _MAX_RESAMPLES:
         raise ValueError(
             f"bootstrap must be at most {_MAX_RESAMPLES:,}, got {bootstrap}: more resamples take "
-            "time and make the interval no better"
+            "time and do not improve the interval"
         )
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
@@ -243,12 +242,12 @@ def read_frames(
         "write an empty one where nothing was found, take frames without one as empty "
         "(missing_as_empty, --missing-as-empty), or name a list of the frames to score",
     )
-    shown: Iterable[str] = track(names, description="reading results") if progress else names
+    tracked: Iterable[str] = track(names, description="reading results") if progress else names
     return (
         _read_frame(
             None if name in empty else results_dir / f"{name}.txt", labels_dir / f"{name}.txt"
         )
-        for name in shown
+        for name in tracked
     )
 
 

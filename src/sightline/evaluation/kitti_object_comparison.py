@@ -112,7 +112,7 @@ class ObjectComparison:
         }
 
     def table(self) -> "Table":
-        """Make a table of both scores of both submissions, the difference and its interval."""
+        """Make a table of both submissions: R40, all points, their differences and intervals."""
         table = score_table(
             f"{self.first} less {self.second}, {self.frames:,} frames, AP in percent"
         )
