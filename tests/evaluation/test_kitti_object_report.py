@@ -269,9 +269,9 @@ def test_rows_for_spreadsheets_hold_what_the_report_says(street, tmp_path):
         points = entry.all_points
         assert row["AP_all_points"] == ("" if points is None else str(points.ap))
     assert {row["distance"] for row in rows} == {"all", "0-25 m", "25 m on"}
-    told, *notes = document.read_text().split("\n\n")
+    table_text, *notes = document.read_text().split("\n\n")
     assert [note.strip() for note in notes] == report.notes()
-    lines = told.splitlines()
+    lines = table_text.splitlines()
     assert len(lines) == len(rows) + 2
     assert {line.count("|") for line in lines} == {len(rows[0]) + 1}
     assert lines[2].split(" | ")[5] == f"{report.entries[0].ap_r40:.2f}"
@@ -287,7 +287,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
     report = evaluate_objects(results, labels, missing_as_empty=True)
     assert report.frames_without_results == 1
     assert [e.to_json() for e in report.entries] == [e.to_json() for e in expected.entries]
-    assert "1 frame had no result file" in said(report)
+    assert "1 frame had no result file" in printed(report)
     for path in results.glob("*.txt"):
         path.unlink()
     with pytest.raises(ValueError, match="no result file of any of 30 frames"):
@@ -297,7 +297,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
 def test_where_nothing_was_found_at_all_the_table_says_so(tmp_path):
     report = evaluate_objects(*write_frames(tmp_path, [(text_of([CAR]), "")]))
     assert report.entries == ()
-    assert "No result is of a scored class: nothing" in " ".join(said(report).split())
+    assert "No result is of a scored class: nothing" in " ".join(printed(report).split())
 
 
 def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_path):
@@ -305,7 +305,7 @@ def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_
     found = [replace(car, score=0.9 - 0.1 * n) for n, car in enumerate(cars)]
     report = evaluate_objects(*write_frames(tmp_path, [(text_of(cars), text_of(found))]))
     assert {round(entry.ap_r40, 6) for entry in report.entries} == {7.5}
-    assert "4 of Car, easy, found without a fault give R40 7.5" in " ".join(said(report).split())
+    assert "4 of Car, easy, all found give R40 7.5" in " ".join(printed(report).split())
 
 
 def test_bands_with_few_objects_are_told_below_their_table(tmp_path):
@@ -316,10 +316,10 @@ def test_bands_with_few_objects_are_told_below_their_table(tmp_path):
     near = min(math.hypot(car.x, car.z) for car in cars)
     report = evaluate_objects(*folders, by_distance=(near + 0.01,))
     assert not report.notes()
-    assert "1 of Car, easy, found without a fault give R40 0.0" in " ".join(said(report).split())
+    assert "1 of Car, easy, all found give R40 0.0" in " ".join(printed(report).split())
 
 
-def said(report):
+def printed(report):
     console = Console(width=100)
     with console.capture() as captured:
         console.print(report.table())

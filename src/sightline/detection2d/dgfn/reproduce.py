@@ -44,7 +44,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.object_report import ObjectEntry, ObjectReport
 from sightline.export.names import EngineChoice
-from sightline.files.output_links import check_links
+from sightline.files.atomic import check_links
 from sightline.jobs.output_dirs import acquire_output_dir
 from sightline.jobs.progress import track
 from sightline.jobs.run import JobResult
