@@ -118,9 +118,7 @@ def test_scores_that_rank_false_results_first_are_told(tmp_path, sign, is_told):
     assert ("scores of results are probably reversed" in notes) == is_told
 
 
-@pytest.mark.parametrize(
-    ("shift", "expected"), [(0, ""), (1, "the next frame"), (-1, "frame before")]
-)
+@pytest.mark.parametrize(("shift", "cause"), [(0, ""), (1, "the next frame"), (-1, "frame before")])
 def test_results_of_the_frame_beside_are_told(tmp_path, shift, cause):
     streets = [[line.moved(image=37 * n, ground=2 * n) for line in SPACED[:3]] for n in range(12)]
     found = [[replace(line, score=line.x1) for line in street] for street in streets]
