@@ -210,7 +210,7 @@ def test_an_output_that_cannot_be_written_is_named_in_one_line(capsys, tmp_path)
 def test_the_demo_names_what_it_wrote(capsys, tmp_path):
     status, out, err = run(capsys, "demo", "--out", str(tmp_path))
     assert status == 0
-    assert err.startswith("sightline demo: depth-completion, ")
+    assert err.startswith("sightline: demo: depth-completion, ")
     assert "some 100 seconds on two CPU cores" in err.splitlines()[0]
     named = [line.split(maxsplit=1)[1] for line in out.splitlines()[1:]]
     assert str(tmp_path / "report.html") in named

@@ -247,7 +247,7 @@ def test_frames_that_some_disks_take_for_one_are_told(tmp_path, name, other):
 
 def test_names_that_no_screen_shows_are_told_by_check_as_on_opening(tmp_path):
     write_recording(tmp_path, ("a\nb", "c"))
-    with pytest.raises(FileError, match=r"has 1 frames whose names") as raised:
+    with pytest.raises(FileError, match=r"has 1 frames with names") as raised:
         open_dataset(tmp_path)
     assert [str(problem) for problem in check_tree(tmp_path)] == [str(raised.value)]
 

@@ -56,7 +56,7 @@ def test_a_list_may_come_through_a_pipe():
 
 
 def test_a_pipe_that_nobody_writes_to_is_not_waited_for_without_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(plain_file, "_PATIENCE_S", 0.01)
+    monkeypatch.setattr(plain_file, "_TIMEOUT_S", 0.01)
     os.mkfifo(tmp_path / "names")
     with pytest.raises(FileError, match=r"names: gives nothing for 0\.01 s; name a file"):
         read_sample_list(tmp_path / "names", tmp_path)
@@ -65,7 +65,7 @@ def test_a_pipe_that_nobody_writes_to_is_not_waited_for_without_end(tmp_path, mo
 def test_a_pipe_that_gives_nothing_or_no_end_is_refused(monkeypatch):
     source, sink = os.pipe()
     with os.fdopen(source, "rb"), os.fdopen(sink, "wb") as file:
-        monkeypatch.setattr(plain_file, "_PATIENCE_S", 0.01)
+        monkeypatch.setattr(plain_file, "_TIMEOUT_S", 0.01)
         with pytest.raises(FileError, match=r"gives nothing for 0\.01 s; name a file"):
             read_sample_list(f"/dev/fd/{source}", "elsewhere")
         monkeypatch.setattr(plain_text, "_MAX_BYTES", 10)

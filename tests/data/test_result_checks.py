@@ -136,14 +136,14 @@ def test_scores_on_other_scales_than_shares_and_percent_raise_no_doubt(scores):
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_one_doubt_names_the_other_convention(change):
-    changed, said = CHANGES[change]
+    changed, expected = CHANGES[change]
     doubts = list(doubts_about_results([changed(each) for each in FRAMES]))
     assert len(doubts) == 1
-    assert said in doubts[0]
+    assert expected in doubts[0]
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         (lambda each: replace(each, boxes2d=each.boxes2d[:, [1, 0, 3, 2]]),
          "probably y_min, x_min, y_max, x_max: read so "),
@@ -167,26 +167,26 @@ def test_one_doubt_names_the_other_convention(change):
          "fall with the height of their 2D boxes (rank correlation -1.00)"),
     ],
 )  # fmt: skip
-def test_boxes_angles_and_scores_that_contradict_each_other_are_told(change, said):
+def test_boxes_angles_and_scores_that_contradict_each_other_are_told(change, expected):
     sound = [exact(each) for each in FRAMES]
     assert list(doubts_about_results(sound)) == []
     (doubt,) = doubts_about_results([change(each) for each in sound])
-    assert said in doubt
+    assert expected in doubt
 
 
 @pytest.mark.parametrize(
-    ("convert", "said"),
+    ("convert", "expected"),
     [
         (lambda boxes: boxes[:, [1, 0, 3, 2]], "read as y_min, x_min, y_max, x_max all are inside"),
         (half, "lie in the upper left quarter"),
         (lambda boxes: 2 * boxes, "read as pixels of an image of twice the size all are inside"),
     ],
 )
-def test_2d_boxes_alone_are_judged_by_the_image(convert, said):
+def test_2d_boxes_alone_are_judged_by_the_image(convert, expected):
     flat = [without_3d(exact(each)) for each in FRAMES]
     assert list(doubts_about_results(flat)) == []
     (doubt,) = doubts_about_results([replace(e, boxes2d=convert(e.boxes2d)) for e in flat])
-    assert said in doubt
+    assert expected in doubt
 
 
 def test_negative_scores_that_rise_with_the_height_raise_no_doubt():

@@ -14,7 +14,7 @@ from sightline.evaluation.calibration import (
     evaluate_calibration,
     write_calibrated,
 )
-from sightline.evaluation.calibration_errors import find_outcomes
+from sightline.evaluation.calibration_errors import find_outcomes, optimal_lrp
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_matching import (
     count_at,
@@ -24,7 +24,6 @@ from sightline.evaluation.kitti_object_matching import (
 )
 from sightline.evaluation.kitti_object_pairs import find_pairs
 from sightline.evaluation.kitti_object_rules import CLASSES, DIFFICULTIES, METRICS, STRICT
-from sightline.evaluation.localization_recall_precision import optimal_lrp
 from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
 from tests.reference import calibration as reference
 from tests.reference import kitti_object
@@ -113,8 +112,8 @@ def test_scores_that_are_the_precision_have_no_error(tmp_path):
     data = ScoredFrames(results_dir=folders[0], labels_dir=folders[1])
     entry = evaluate_calibration(data).entries[0]
     assert (entry.n_gt, entry.n_true, entry.n_false) == (4, 4, 4)
-    assert entry.as_they_are.precision.error == 0
-    assert entry.as_they_are.overlap.error == pytest.approx(0)
+    assert entry.uncalibrated.precision.error == 0
+    assert entry.uncalibrated.overlap.error == pytest.approx(0)
     assert entry.lrp.error == pytest.approx(0.5)
     assert entry.lrp.localization == pytest.approx(0)
 
@@ -124,7 +123,7 @@ def test_any_overlap_counts_boxes_that_lie_badly(tmp_path):
     shifted = replace(car, score=0.5).moved(image=50)  # IoU 1/3
     folders = write_frames(tmp_path, [(car.text(), shifted.text())])
     data = ScoredFrames(results_dir=folders[0], labels_dir=folders[1])
-    calibration = evaluate_calibration(data).entries[0].as_they_are
+    calibration = evaluate_calibration(data).entries[0].uncalibrated
     assert calibration.overlap.error == pytest.approx(0.5)
     assert calibration.any_overlap.error == pytest.approx(0.5 - 1 / 3)
 
@@ -136,12 +135,12 @@ def test_calibrated_results_have_less_error_and_the_same_order(street, tmp_path)
     report = evaluate_calibration(street, fit_on=fit_on, calibrators=("platt", "isotonic"))
     car = report.entries[0]
     for each in car.calibrated.values():
-        assert each.precision.error < 0.6 * car.as_they_are.precision.error
+        assert each.precision.error < 0.6 * car.uncalibrated.precision.error
     written = write_calibrated(street, tmp_path / "out", report, "platt")
     assert written == 60
     again = ScoredFrames(results_dir=tmp_path / "out", labels_dir=street.labels_dir)
     entry = evaluate_calibration(again).entries[0]
-    assert entry.as_they_are.precision.error == pytest.approx(
+    assert entry.uncalibrated.precision.error == pytest.approx(
         car.calibrated["platt"].precision.error
     )
     assert [

@@ -100,22 +100,22 @@ def test_a_report_holds_bands_returns_and_the_difference_to_another_method(folde
         against=folders / "exact",
         progress=False,
     )
-    told = report.to_json()
-    assert [band["name"] for band in told["bands"]] == [
+    content = report.to_json()
+    assert [band["name"] for band in content["bands"]] == [
         *("0-20 m", "20-80 m"),
         *("measured", "between", "beyond"),
     ]
-    near, far = told["bands"][:2]
+    near, far = content["bands"][:2]
     assert near["bias_mm"] == pytest.approx(-near["mae_mm"])
     assert far["nearer_share"] == 1.0
-    assert told["returns"][0]["lost_share_beyond_40m"] == 1.0
-    by_score = {row["score"]: row for row in told["against"]}
+    assert content["returns"][0]["lost_share_beyond_40m"] == 1.0
+    by_score = {row["score"]: row for row in content["against"]}
     assert by_score["MAE"]["mean"] == pytest.approx(report.mean.mae_mm)
     assert by_score["RMSE"]["better"] == 0
     assert by_score["RMSE"]["low"] is None
     with Console(width=100, record=True, file=io.StringIO()) as console:
         console.print(report.table())
-    assert "No interval: 3 of 10 images" in console.export_text()
+    assert "at least 10 images, got 3" in console.export_text()
 
 
 @pytest.mark.parametrize("against", ["near", "copy"])

@@ -44,10 +44,10 @@ def test_differences_and_intervals_are_those_of_scoring_every_resample_from_its_
         difference, low, high = paired_interval(
             *texts, name, metric, level, num_resamples=12, seed=4
         )
-        for figure, pair in enumerate((entry.r40, entry.all_points)):
-            assert pair.difference == pytest.approx(difference[figure], abs=1e-9)
-            assert pair.low == pytest.approx(low[figure], abs=1e-9)
-            assert pair.high == pytest.approx(high[figure], abs=1e-9)
+        for column, pair in enumerate((entry.r40, entry.all_points)):
+            assert pair.difference == pytest.approx(difference[column], abs=1e-9)
+            assert pair.low == pytest.approx(low[column], abs=1e-9)
+            assert pair.high == pytest.approx(high[column], abs=1e-9)
     assert seen >= 2
 
 
@@ -90,8 +90,8 @@ def test_resamples_that_all_miss_the_only_object_give_no_interval(tmp_path):
     frames = [(CAR.text(), FOUND.text())] + [("", "")] * 9
     folders = write_frames(tmp_path, frames)
     one = {"bootstrap": 1, "seed": 6}  # which draws the other nine frames
-    told = compare_objects(*folders, folders[0], **one).to_json()
-    assert told["entries"][0]["AP_R40"]["difference_95"] is None
+    content = compare_objects(*folders, folders[0], **one).to_json()
+    assert content["entries"][0]["AP_R40"]["difference_95"] is None
     points = evaluate_objects(*folders, **one).entries[0].all_points
     assert (points.ap, points.low, points.high) == (100, None, None)
 
@@ -125,9 +125,9 @@ def test_few_frames_have_differences_and_no_interval(tmp_path, capsys):
         report = tmp_path / "differences.json"
         command = ["evaluate", "objects", str(results), str(labels), "--against", str(against)]
         assert main([*command, "--bootstrap", "5", "--json", str(report)]) == 0
-        told = " ".join(capsys.readouterr().out.split())
-        assert ("95 %" in told) == has_interval
-        assert (f"No interval: {count} of 10 frames" in told) != has_interval
+        text = " ".join(capsys.readouterr().out.split())
+        assert ("95 %" in text) == has_interval
+        assert (f"at least 10 frames, got {count}" in text) != has_interval
         pair = json.loads(report.read_text())["entries"][0]["AP_all_points"]
         assert pair["difference"] == 100
         assert pair["difference_95"] == ([100, 100] if has_interval else None)
@@ -138,8 +138,8 @@ def test_the_command_prints_differences_and_writes_them(street, tmp_path, capsys
     report = tmp_path / "differences.json"
     command = ["evaluate", "objects", str(results), str(labels), "--against", str(against)]
     assert main([*command, "--bootstrap", "5", "--json", str(report)]) == 0
-    told = capsys.readouterr().out
-    assert all(word in told for word in ("R40, difference", "all points, difference", "95 %"))
+    text = capsys.readouterr().out
+    assert all(word in text for word in ("R40, difference", "all points, difference", "95 %"))
     content = json.loads(report.read_text())
     assert content["resamples"] == 5
     assert {entry["metric"] for entry in content["entries"]} == {"bbox", "bev", "3d"}

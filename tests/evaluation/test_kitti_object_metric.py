@@ -31,8 +31,8 @@ def test_frames_given_in_parts_score_as_their_files_do(tmp_path):
         assert scores[f"{name}_R11"].item() == pytest.approx(entry.ap_r11)
         points = 0.0 if entry.all_points is None else entry.all_points.ap
         assert scores[f"{name}_all_points"].item() == pytest.approx(points)
-    assert any("read that one" in note for note in metric.notes("validation/x"))
-    assert metric.notes("validation/x")[-1] == "best.ckpt goes by validation/x, R40, all the same."
+    assert any("use that one" in note for note in metric.notes("validation/x"))
+    assert metric.notes("validation/x")[-1] == "best.ckpt is still selected by validation/x, R40."
     metric.reset()
     assert metric.report().frames == 0
 

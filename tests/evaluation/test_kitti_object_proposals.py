@@ -28,7 +28,7 @@ def test_recall_is_that_counted_by_hand(tmp_path):
         for truths, found in by_hand.frames:
             mine = [each for each in found if each.name == name.lower()]
             level = ("easy", "moderate", "hard", None).index(difficulty)
-            wanted = [
+            counted = [
                 each
                 for each in truths
                 if each.name == name.lower()
@@ -36,11 +36,11 @@ def test_recall_is_that_counted_by_hand(tmp_path):
             ]
             hits = [
                 any(by_hand.overlap(each, truth, metric) >= iou for each in mine)
-                for truth in wanted
+                for truth in counted
             ]
-            counts.append((sum(hits), len(wanted)))
+            counts.append((sum(hits), len(counted)))
         n_found, n_gt = sum(c[0] for c in counts), sum(c[1] for c in counts)
-        recalls = [found / wanted for found, wanted in counts if wanted]
+        recalls = [found / total for found, total in counts if total]
         assert (entry.n_gt, entry.n_found) == (n_gt, n_found)
         assert entry.recall == pytest.approx(100 * n_found / n_gt)
         mean = 100 * sum(recalls) / len(recalls)

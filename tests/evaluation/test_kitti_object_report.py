@@ -20,7 +20,7 @@ from sightline.evaluation.kitti_object_rules import (
     parse_overlaps,
 )
 from sightline.evaluation.kitti_object_scores import score_objects
-from sightline.evaluation.object_rows import write_object_rows
+from sightline.evaluation.object_report import write_object_rows
 from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
 from tests.reference import kitti_object as reference
 
@@ -100,16 +100,29 @@ def test_the_area_counts_every_score_and_not_only_the_slots(tmp_path):
     found = [replace(line, score=5 - place) for place, line in enumerate(labels[:3])]
     found.append(FOUND.moved(image=900, score=9))
     folders = write_frames(tmp_path, [(text_of(labels), text_of(found))])
-    entry = evaluate_objects(*folders, bootstrap=3).entries[0]
+    entry = evaluate_objects(*folders).entries[0]
     assert entry.all_points.ap == pytest.approx(100 * 3 / 4 * 3 / 4)
-    assert entry.all_points.low == entry.all_points.high == entry.all_points.ap  # one frame
     assert entry.ap_r40 < 10
 
 
 def test_perfect_detections_have_an_area_of_100_however_few(tmp_path):
-    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text()), ("", "")])
+    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * 10)
     entry = evaluate_objects(*folders, bootstrap=50).entries[0]
     assert entry.all_points == replace(entry.all_points, ap=100.0, low=100.0, high=100.0)
+
+
+@pytest.mark.parametrize(("count", "has_interval"), [(9, False), (10, True)])
+def test_intervals_need_ten_frames(tmp_path, count, has_interval):
+    folders = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * count)
+    report = evaluate_objects(*folders, bootstrap=50)
+    for entry in report.to_json()["entries"]:
+        assert entry["AP_all_points_95"] == ([100, 100] if has_interval else None)
+    assert any("at least 10 frames, got 9" in note for note in report.notes()) != has_interval
+    console = Console(width=80, record=True)
+    console.print(report.table())
+    assert ("95 % interval" in console.export_text()) == has_interval
+    without = evaluate_objects(*folders)
+    assert not any("resampling" in note for note in without.notes())
 
 
 def test_without_objects_that_count_there_is_no_area(tmp_path):
@@ -256,9 +269,9 @@ def test_rows_for_spreadsheets_hold_what_the_report_says(street, tmp_path):
         points = entry.all_points
         assert row["AP_all_points"] == ("" if points is None else str(points.ap))
     assert {row["distance"] for row in rows} == {"all", "0-25 m", "25 m on"}
-    told, *notes = document.read_text().split("\n\n")
+    table_text, *notes = document.read_text().split("\n\n")
     assert [note.strip() for note in notes] == report.notes()
-    lines = told.splitlines()
+    lines = table_text.splitlines()
     assert len(lines) == len(rows) + 2
     assert {line.count("|") for line in lines} == {len(rows[0]) + 1}
     assert lines[2].split(" | ")[5] == f"{report.entries[0].ap_r40:.2f}"
@@ -274,7 +287,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
     report = evaluate_objects(results, labels, missing_as_empty=True)
     assert report.frames_without_results == 1
     assert [e.to_json() for e in report.entries] == [e.to_json() for e in expected.entries]
-    assert "1 frame had no result file" in said(report)
+    assert "1 frame had no result file" in printed(report)
     for path in results.glob("*.txt"):
         path.unlink()
     with pytest.raises(ValueError, match="no result file of any of 30 frames"):
@@ -284,7 +297,7 @@ def test_a_frame_without_results_may_be_taken_as_empty_and_is_told(street):
 def test_where_nothing_was_found_at_all_the_table_says_so(tmp_path):
     report = evaluate_objects(*write_frames(tmp_path, [(text_of([CAR]), "")]))
     assert report.entries == ()
-    assert "No result is of a scored class: nothing" in " ".join(said(report).split())
+    assert "No result is of a scored class: nothing" in " ".join(printed(report).split())
 
 
 def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_path):
@@ -292,7 +305,7 @@ def test_few_objects_cannot_fill_the_recall_positions_and_the_table_says_so(tmp_
     found = [replace(car, score=0.9 - 0.1 * n) for n, car in enumerate(cars)]
     report = evaluate_objects(*write_frames(tmp_path, [(text_of(cars), text_of(found))]))
     assert {round(entry.ap_r40, 6) for entry in report.entries} == {7.5}
-    assert "4 of Car, easy, found without a fault give R40 7.5" in " ".join(said(report).split())
+    assert "4 of Car, easy, all found give R40 7.5" in " ".join(printed(report).split())
 
 
 def test_bands_with_few_objects_are_told_below_their_table(tmp_path):
@@ -303,10 +316,10 @@ def test_bands_with_few_objects_are_told_below_their_table(tmp_path):
     near = min(math.hypot(car.x, car.z) for car in cars)
     report = evaluate_objects(*folders, by_distance=(near + 0.01,))
     assert not report.notes()
-    assert "1 of Car, easy, found without a fault give R40 0.0" in " ".join(said(report).split())
+    assert "1 of Car, easy, all found give R40 0.0" in " ".join(printed(report).split())
 
 
-def said(report):
+def printed(report):
     console = Console(width=100)
     with console.capture() as captured:
         console.print(report.table())

@@ -16,14 +16,14 @@ def notes_of(tmp_path, labels, results):
 
 
 @pytest.mark.parametrize(
-    ("labels", "results", "said"),
+    ("labels", "results", "expected"),
     [
         ([CAR], [FOUND, replace(FOUND, name="vehicle"), replace(FOUND, name="bus")],
          "2 of 3 results were left out: their classes are not scored (bus 1, vehicle 1;"),
         ([CAR, replace(CAR, name="automobile"), replace(CAR, name="Van")], [FOUND],
          "1 of 3 labels were left out: their classes are none of KITTI's (automobile 1)"),
         ([CAR, replace(CAR, name="Cyclist")], [FOUND],
-         "Nothing of Cyclist is among the results: its one labelled object is missed"),
+         "No result is of Cyclist: its one labelled object is missed"),
         ([CAR], [FOUND, replace(FOUND, name="Pedestrian")],
          "No label is of Pedestrian: its 1 results cannot score above 0"),
         ([CAR], [FOUND, replace(FOUND, **MISSING)],
@@ -32,15 +32,15 @@ def notes_of(tmp_path, labels, results):
         ([replace(CAR, name="DontCare")], [FOUND], "WARNING: no label is of a scored class"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_scored_is_said_with_counts(tmp_path, labels, results, said):
-    assert said in notes_of(tmp_path, labels, results)
+def test_what_cannot_be_scored_is_said_with_counts(tmp_path, labels, results, expected):
+    assert expected in notes_of(tmp_path, labels, results)
 
 
 @pytest.mark.parametrize("angle", ["alpha", "ry"])
 def test_angles_in_degrees_are_told_of_results_and_of_labels(tmp_path, angle):
     turned = replace(CAR, **{angle: -88.0})
-    told = notes_of(tmp_path, [CAR, turned], [replace(turned, score=0.5)])
-    assert "1 of 2 labels and 1 of 1 results have angles beyond two pi, probably degrees" in told
+    notes = notes_of(tmp_path, [CAR, turned], [replace(turned, score=0.5)])
+    assert "1 of 2 labels and 1 of 1 results have angles beyond two pi, probably degrees" in notes
 
 
 def spaced(number, **changes):
@@ -53,7 +53,7 @@ SPACED = [spaced(n, y=1.7, z=20.0) for n in range(50)]
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         (lambda line: replace(line, h=line.l, l=line.h),
          "sizes of Car in the results are probably in the order length, width, height"),
@@ -62,46 +62,48 @@ SPACED = [spaced(n, y=1.7, z=20.0) for n in range(50)]
         (lambda line: replace(line, x=line.z, y=-line.x, z=-1.0),
          "50 of 50 3D boxes of results lie behind the camera"),
         (lambda line: replace(line, x2=line.x2 - line.x1, y2=line.y2 - line.y1),
-         "2D boxes of results are probably x_min, y_min, width, height: taken so they meet 50 of"),
+         "2D boxes of results are probably x_min, y_min, width, height: read so they match 50 of"),
         (lambda line: replace(line, x1=(line.x1 + line.x2) / 2, y1=(line.y1 + line.y2) / 2,
                               x2=line.x2 - line.x1, y2=line.y2 - line.y1),
          "2D boxes of results are probably centre x, centre y, width, height"),
         (lambda line: replace(line, x1=line.y1, y1=line.x1, x2=line.y2, y2=line.x2),
-         "2D boxes of results are probably y_min, x_min, y_max, x_max: taken so they meet 50 of 50 "
+         "2D boxes of results are probably y_min, x_min, y_max, x_max: read so they match 50 of 50 "
          "labelled objects clearly better in the image, and 0 worse"),
         (lambda line: replace(line, x1=line.x1 / 2, y1=line.y1 / 2, x2=line.x2 / 2, y2=line.y2 / 2),
          "2D boxes of results are probably pixels of an image of half the size"),
         (lambda line: replace(line, y1=line.y1 + 200, y2=line.y2 + 200),
-         "3D boxes of results meet labels and 2D boxes do not: of 50 labelled objects 0 are met"),
+         "3D boxes of results match labels and 2D boxes do not: of 50 labelled objects 0 are"
+         " matched"),
         (lambda line: spaced((line.x - CAR.x) / 5, y=1.7, z=60.0),
-         "2D boxes of results meet labels and 3D boxes do not: of 50 labelled objects 50 are met"),
+         "2D boxes of results match labels and 3D boxes do not: of 50 labelled objects 50 are"
+         " matched"),
         (lambda line: replace(line, alpha=0.0), "alpha of all 50 results is 0"),
         (lambda line: replace(line, x1=0.1, y1=0.2, x2=0.2, y2=0.4),
          "all 2D boxes of results lie within the first pixel"),
     ],
 )  # fmt: skip
-def test_boxes_of_another_convention_are_told(tmp_path, change, said):
-    told = notes_of(tmp_path, SPACED, [replace(change(line), score=line.x1) for line in SPACED])
-    assert said in told
-    assert told.count("WARNING") == 1
+def test_boxes_of_another_convention_are_told(tmp_path, change, expected):
+    notes = notes_of(tmp_path, SPACED, [replace(change(line), score=line.x1) for line in SPACED])
+    assert expected in notes
+    assert notes.count("WARNING") == 1
 
 
 TURNED = [spaced(n, y=1.7, z=20.0, ry=0.4) for n in range(50)]
 
 
 @pytest.mark.parametrize(
-    ("ry", "said"),
+    ("ry", "expected"),
     [
         (-0.4, "rotation_y of results is probably negated: of 50 results at a labelled object 50"),
         (-0.4 - math.pi / 2, "rotation_y of results is probably the LiDAR frame's yaw"),
         (0.4 - math.pi, "50 of 50 results at a labelled object face the opposite way"),
     ],
 )
-def test_boxes_that_face_another_way_than_labels_are_told(tmp_path, ry, said):
+def test_boxes_that_face_another_way_than_labels_are_told(tmp_path, ry, expected):
     found = [spaced(n, y=1.7, z=20.0, ry=ry) for n in range(50)]
-    told = notes_of(tmp_path, TURNED, [replace(line, score=line.x1) for line in found])
-    assert said in told
-    assert told.count("WARNING") == 1
+    notes = notes_of(tmp_path, TURNED, [replace(line, score=line.x1) for line in found])
+    assert expected in notes
+    assert notes.count("WARNING") == 1
     sound = notes_of(tmp_path, TURNED, [replace(line, score=line.x1) for line in TURNED])
     assert "WARNING" not in sound
 
@@ -112,31 +114,31 @@ def test_scores_that_rank_false_results_first_are_told(tmp_path, sign, is_told):
     false = [replace(line.moved(ground=2.5, image=55), score=sign * 0.5 * 1e-4 * line.x1)
              for line in SPACED]  # fmt: skip
     false = [replace(line, y1=line.y1 + 300, y2=line.y2 + 300) for line in false]
-    told = notes_of(tmp_path, SPACED, true + false)
-    assert ("scores of results are probably reversed" in told) == is_told
+    notes = notes_of(tmp_path, SPACED, true + false)
+    assert ("scores of results are probably reversed" in notes) == is_told
 
 
-@pytest.mark.parametrize(("shift", "said"), [(0, ""), (1, "the next frame"), (-1, "frame before")])
-def test_results_of_the_frame_beside_are_told(tmp_path, shift, said):
+@pytest.mark.parametrize(("shift", "cause"), [(0, ""), (1, "the next frame"), (-1, "frame before")])
+def test_results_of_the_frame_beside_are_told(tmp_path, shift, cause):
     streets = [[line.moved(image=37 * n, ground=2 * n) for line in SPACED[:3]] for n in range(12)]
     found = [[replace(line, score=line.x1) for line in street] for street in streets]
     files = [
         (text_of(street), text_of(found[(place + shift) % 12]))
         for place, street in enumerate(streets)
     ]
-    told = " ".join(evaluate_objects(*write_frames(tmp_path, files)).notes())
-    assert ("results are probably those of" in told) == bool(said)
-    assert said in told
+    notes = " ".join(evaluate_objects(*write_frames(tmp_path, files)).notes())
+    assert ("results are probably those of" in notes) == bool(cause)
+    assert cause in notes
 
 
 def test_equal_scores_are_told(tmp_path):
-    told = notes_of(tmp_path, SPACED, [replace(line, score=0.5) for line in SPACED])
-    assert "WARNING: all 50 scores of results are 0.5: nothing ranks them" in told
+    notes = notes_of(tmp_path, SPACED, [replace(line, score=0.5) for line in SPACED])
+    assert "WARNING: all 50 scores of results are 0.5: nothing ranks them" in notes
 
 
 def test_results_that_are_there_twice_are_counted(tmp_path):
-    told = notes_of(tmp_path, SPACED, 2 * [replace(line, score=-line.x1) for line in SPACED])
-    assert "50 of 100 results of scored classes are there twice" in told
+    notes = notes_of(tmp_path, SPACED, 2 * [replace(line, score=-line.x1) for line in SPACED])
+    assert "50 of 100 results of scored classes are there twice" in notes
 
 
 def test_of_sound_results_nothing_is_said_but_that_objects_are_few(tmp_path):
@@ -150,16 +152,16 @@ def test_files_that_no_frame_has_are_counted(tmp_path):
     for name in ("000007.txt", "000009.txt"):
         (results / name).write_text(FOUND.text())
     (labels / "000003.TXT").write_text(CAR.text())
-    told = " ".join(evaluate_objects(results, labels).notes())
+    notes = " ".join(evaluate_objects(results, labels).notes())
     assert (
         "2 result files were left out: no label file has their name (the first is 000007.txt)"
-        in told
+        in notes
     )
-    assert "1 label files were left out: they end in .TXT" in told
+    assert "1 label files were left out: they end in .TXT" in notes
     listed = " ".join(evaluate_objects(results, labels, sample_list=["000000"]).notes())
     assert "left out" not in listed
 
 
 def test_names_from_files_reach_a_note_as_plain_characters(tmp_path):
-    told = notes_of(tmp_path, [CAR], [FOUND, replace(FOUND, name="\x1b[31mred")])
-    assert "\\x1b[31mred 1" in told
+    notes = notes_of(tmp_path, [CAR], [FOUND, replace(FOUND, name="\x1b[31mred")])
+    assert "\\x1b[31mred 1" in notes

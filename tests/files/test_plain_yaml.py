@@ -35,10 +35,10 @@ def test_aliases_stand_for_values_as_dumps_write_them(tmp_path):
             + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 10)),
             r"line 6 stands for more than 65536 values by its aliases",
         ),
-        ("a: &a [*a]\n", r"line 1 has an alias \(\*\) of what it stands in"),
-        ("a: &a {x: 1}\nb: {<<: *a}\n", "line 2 has a merge or no name"),
-        ("b: {<<: {x: 1}}\n", "line 1 has a merge or no name"),
-        ("? [1, 2]\n: 3\n", "line 1 has a merge or no name"),
+        ("a: &a [*a]\n", r"line 1 has an alias \(\*\) of a value that contains it"),
+        ("a: &a {x: 1}\nb: {<<: *a}\n", "line 2 has a merge or no key"),
+        ("b: {<<: {x: 1}}\n", "line 1 has a merge or no key"),
+        ("? [1, 2]\n: 3\n", "line 1 has a merge or no key"),
         ("a: 1\nb: 2\na: 3\n", "line 3 has 'a' a second time"),
         ("[" * 50_000, "nested more than 12 deep"),
         ('{"a":' * 10_000, "nested more than 12 deep"),
@@ -69,9 +69,9 @@ def test_numbers_of_other_bases_and_in_groups_are_refused_by_line(tmp_path, numb
 
 
 def test_exponents_need_neither_point_nor_sign_as_in_json(tmp_path):
-    said = "a: [7e2, -1E-3, 2.5e+1, 2.5e1, .5e1, .inf, +0, -0.5, 1.e1]"
+    text = "a: [7e2, -1E-3, 2.5e+1, 2.5e1, .5e1, .inf, +0, -0.5, 1.e1]"
     expected = [700.0, -0.001, 25.0, 25.0, 5.0, float("inf"), 0, -0.5, 10.0]
-    assert read(tmp_path, said) == {"a": expected}
+    assert read(tmp_path, text) == {"a": expected}
 
 
 def test_a_control_character_is_named(tmp_path):

@@ -11,7 +11,7 @@ def test_a_plain_name_is_returned_as_it_is(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "fault"),
     [
         ("", "is empty"),
         ("..", "begins with a dot"),
@@ -27,8 +27,8 @@ def test_a_plain_name_is_returned_as_it_is(name):
         (7, "is no text"),
     ],
 )
-def test_any_other_name_is_refused_with_its_place_in_one_printable_line(name, said):
-    with pytest.raises(FileError, match=rf"scene.json: row 1: the name .* {said}") as caught:
+def test_any_other_name_is_refused_with_its_place_in_one_printable_line(name, fault):
+    with pytest.raises(FileError, match=rf"scene.json: row 1: the name .* {fault}") as caught:
         checked_name(name, "scene.json", "row 1: the name")
     assert str(caught.value).isprintable()
 

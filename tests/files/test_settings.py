@@ -1,4 +1,4 @@
-"""What is said of settings that do not fit: the key, what is expected, and what was given."""
+"""Errors of invalid settings: key, expectation and value."""
 
 from dataclasses import dataclass, field
 
@@ -29,7 +29,7 @@ class Whole:
 
 
 @pytest.mark.parametrize(
-    ("part", "said"),
+    ("part", "message"),
     [
         ({"names": "a"}, r'"names": Expected a list, such as \[a, b\]. Got value: a$'),
         ({"names": [1]}, r'"names": Expected text. Got value: 1$'),
@@ -38,8 +38,8 @@ class Whole:
         ({"count": 0}, r"^count must be at least 1, got 0$"),
     ],
 )
-def test_a_value_that_does_not_fit_is_told_by_its_key_in_plain_words(part, said):
-    with pytest.raises(ValueError, match=said) as refused:
+def test_a_value_that_does_not_fit_is_told_by_its_key_in_plain_words(part, message):
+    with pytest.raises(ValueError, match=message) as refused:
         parse_settings(Whole, {"part": part})
     assert "class" not in str(refused.value)
 
@@ -51,7 +51,7 @@ def test_what_fits_is_read():
 
 def test_settings_that_differ_are_named_one_by_one_within_their_part():
     given = config_to_dict(Whole(part=Part(names=("a",), count=2)))
-    said = differing_settings(given, Whole())
-    assert said == "part.count 2 instead of 1, part.names ['a'] instead of []"
+    message = differing_settings(given, Whole())
+    assert message == "part.count 2 instead of 1, part.names ['a'] instead of []"
     assert differing_settings({"part": None}, Whole()).startswith("part None instead of {")
     assert differing_settings(config_to_dict(Whole()), Whole()) == ""

@@ -54,13 +54,13 @@ def bytes_of(content, **settings):
 
 
 def refused(path):
-    """What is said of a file that is refused: one line that names it."""
+    """Error of a refused file: one line with its name."""
     with pytest.raises(ValueError, match=path.name) as caught:
         read_weights(path)
-    said = str(caught.value).replace(str(path.parent), "")
-    assert said.isprintable()
-    assert len(said) < LONGEST
-    return said
+    message = str(caught.value).replace(str(path.parent), "")
+    assert message.isprintable()
+    assert len(message) < LONGEST
+    return message
 
 
 def test_weights_come_back_as_they_were_written(tmp_path):
@@ -126,10 +126,10 @@ def test_a_file_that_was_cut_short_is_refused_wherever_it_ends(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("metadata", "said"),
+    ("metadata", "message"),
     [
-        (None, "does not tell what network"),
-        ({"format": "pt"}, "does not tell what network"),
+        (None, "does not say which network"),
+        ({"format": "pt"}, "does not say which network"),
         ({"sightline": "{}"}, "in an unknown way"),
         ({"sightline": json.dumps({"task": 3})}, "in an unknown way"),
         ({"sightline": json.dumps(DESCRIPTION | {"provenance": {"seed": 3}})}, "an unknown way"),
@@ -138,9 +138,9 @@ def test_a_file_that_was_cut_short_is_refused_wherever_it_ends(tmp_path):
     ],
     ids=["none", "other", "empty", "wrong", "no text", "deep", "long"],
 )
-def test_weights_that_do_not_tell_what_they_are_for_are_refused(tmp_path, metadata, said):
+def test_weights_that_do_not_tell_what_they_are_for_are_refused(tmp_path, metadata, message):
     save_file({"a": torch.zeros(1)}, tmp_path / "w", metadata)
-    assert said in refused(tmp_path / "w")
+    assert message in refused(tmp_path / "w")
 
 
 def test_a_checkpoint_is_read_whatever_its_name(tmp_path):
@@ -150,7 +150,7 @@ def test_a_checkpoint_is_read_whatever_its_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"state_dict": None}, "no checkpoint of sightline"),
         ({"state_dict": [1, 2]}, "no checkpoint of sightline"),
@@ -164,10 +164,10 @@ def test_a_checkpoint_is_read_whatever_its_name(tmp_path):
         ({"state_dict": {"network.a": torch.tensor([torch.inf])}}, "holds NaN or infinite"),
     ],
 )
-def test_a_checkpoint_that_holds_something_else_is_refused(tmp_path, changes, said):
+def test_a_checkpoint_that_holds_something_else_is_refused(tmp_path, changes, message):
     path = tmp_path / "last.ckpt"
     path.write_bytes(bytes_of(checkpoint(**changes)))
-    assert said in refused(path)
+    assert message in refused(path)
 
 
 def test_weights_that_are_not_finite_are_refused_by_the_tensors_name(tmp_path):
@@ -190,10 +190,10 @@ def test_a_file_with_code_is_refused_without_advice_how_to_run_it(tmp_path, is_a
     mark, path = tmp_path / "mark", tmp_path / "last.ckpt"
     content = checkpoint(callbacks=RunsCode(mark))
     path.write_bytes(bytes_of(content) if is_archive else pickle.dumps(content))
-    said = refused(path)
+    message = refused(path)
     assert not mark.exists()
-    assert "weights_only" not in said
-    assert "could run code" in said or not is_archive
+    assert "weights_only" not in message
+    assert "could run code" in message or not is_archive
 
 
 def test_an_archive_that_is_packed_is_not_unpacked(tmp_path):
@@ -230,10 +230,10 @@ def test_a_damaged_file_gives_weights_or_one_line_that_names_it(
     try:
         weights = read_weights(path)
     except ValueError as error:
-        said = str(error).replace(str(path), "PATH")
-        assert "PATH" in said
-        assert said.isprintable()
-        assert len(said) < LONGEST
+        message = str(error).replace(str(path), "PATH")
+        assert "PATH" in message
+        assert message.isprintable()
+        assert len(message) < LONGEST
     else:
         assert all(tensor.isfinite().all() for tensor in weights.tensors.values())
 
@@ -249,7 +249,7 @@ def test_weights_of_half_precision_are_widened(half):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"weight": None}, "the tensor weight is missing"),
         ({"extra": torch.zeros(1)}, "no place for the tensor extra"),
@@ -257,8 +257,8 @@ def test_weights_of_half_precision_are_widened(half):
         ({"weight": torch.zeros(2, 3).double()}, r"weight is float64 \[2, 3\], expected float32"),
     ],
 )
-def test_a_network_takes_no_weights_of_another(changes, said):
+def test_a_network_takes_no_weights_of_another(changes, message):
     network = nn.Linear(3, 2)
     tensors = {**network.state_dict(), **changes}
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         fill_network(network, {name: each for name, each in tensors.items() if each is not None})

@@ -163,5 +163,5 @@ def test_cases_without_results_are_left_out_with_a_note(written, tmp_path):
 
 def test_few_objects_are_noted_beside_the_scores(written):
     _, _, report = written
-    assert any("read that one" in note for note in report.notes())
+    assert any("use that one" in note for note in report.notes())
     assert report.absent_cases == ()

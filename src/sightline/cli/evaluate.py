@@ -47,8 +47,9 @@ def objects_command(
         sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name per line. Default: all that have labels.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
-        bootstrap: Number of resamples of the frames for the interval of AP_all_points; 0: no
-            interval. With --against, for the interval of each difference; there 0 means 1000.
+        bootstrap: Number of resamples of the frames for the interval of AP_all_points, from 10
+            frames on; 0: no interval. With --against, for the interval of each difference; there 0
+            means 1000.
         seed: Seed of the resamples.
         by_distance: End distances from the camera [m] of bands that are scored separately, e.g. 20
             40.
@@ -73,7 +74,7 @@ def objects_command(
     check_writable_folder(plots)
     from sightline.evaluation.kitti_object import compare_objects, evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
-    from sightline.evaluation.object_rows import write_object_rows
+    from sightline.evaluation.object_report import write_object_rows
 
     if against is not None:
         comparison = compare_objects(

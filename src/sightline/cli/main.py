@@ -24,7 +24,7 @@ from sightline.cli.evaluate import (
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
 from sightline.cli.interrupts import HOW_TO_FINISH, raised_signal
-from sightline.cli.output import fail, gathered_warnings, say
+from sightline.cli.output import fail, gathered_warnings, say, warn
 from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
@@ -128,11 +128,9 @@ def demo(out: Path = Path("demo")) -> None:
     from sightline.inference.demo import run_demo
 
     names = task_names()
-    print(
-        f"sightline demo: {', '.join(names)} on two embedded frames, with scores and pictures; "
-        "some 100 seconds on two CPU cores, longer beside other jobs",
-        file=sys.stderr,
-        flush=True,
+    warn(
+        f"demo: {', '.join(names)} on two embedded frames, with scores and pictures; some 100 "
+        "seconds on two CPU cores, longer beside other jobs"
     )
     say(*run_demo(out, [find_task(name).demo for name in names]).split("\n"))
 

@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from sightline.data.box_readings import image_ious
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.kitti_trees import CORRUPTED
+from sightline.data.result_boxes import image_ious
 from sightline.files.problem import Problem
 
 _MIN_MEDIAN_IOU: Final = 0.4

@@ -1,35 +1,62 @@
-"""Doubts about result files without labels: boxes, places and scores of another convention."""
+"""Doubts about result files without labels: boxes, angles and scores in another convention."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float64
 
-from sightline.data.box_readings import FEWEST_RESULTS
-from sightline.data.kitti_labels import KittiObjects
+from sightline.data.kitti_boxes import box_corners, project_box
+from sightline.data.kitti_labels import NO_ALPHA, NO_ROTATION, KittiObjects
 from sightline.data.label_checks import in_degrees, order_of_sizes
-from sightline.data.result_angles import remarks_on_alphas
-from sightline.data.result_image_boxes import remarks_on_image_boxes, remarks_on_rotations
-from sightline.data.scored_boxes import ScoredBoxes, joined, scored_boxes
+from sightline.data.result_boxes import (
+    BOX2D_CONVENTIONS,
+    MIN_RESULTS,
+    Boxes,
+    ScoredBoxes,
+    angle_between,
+    image_ious,
+    is_clearly_better,
+    join_boxes,
+    matches_better,
+    scored_boxes,
+)
 
-_FOCAL_PX: Final = 721.5  # of KITTI's camera; its drives differ by up to 2 %
-_HORIZON_PX: Final = 172.9  # row of the principal point
+_IMAGE_FROM_CAMERA: Final = np.array(
+    [[721.5, 0, 609.6, 0], [0, 721.5, 172.9, 0], [0, 0, 1, 0]], dtype=np.float64
+)
+"""Camera of most of KITTI's drives; those of the others differ by up to 2 % and 13 px."""
+_IMAGE_SIZE: Final = (376, 1242)
+"""Largest height and width [px] of KITTI's images."""
 _IMAGE_HEIGHT_PX: Final = 370  # boxes that end lower are cut
+_OUTSIDE_SHARE: Final = 0.1
+"""Share of the image's size by which boxes may exceed it, as those of labels do."""
+_MAX_PROJECTED: Final = 500
+"""Maximum number of projected boxes, spread evenly."""
+_ROTATION_IOU: Final = 0.03
+"""Difference of IoU from which a box shows the sign of its rotation."""
+_MIN_HALF_SIZE: Final = 20
+"""Minimum number of boxes that all lie in the upper left quarter only if the image is of half the
+size."""
 _CENTRE_SHARES: Final = (0.42, 0.75)
 """Median of (end of the 2D box - bottom of the 3D box) over the 2D box's height. Of 3,000 draws of
 KITTI's labels in 10 frames or more, bottoms are at 0.28 at most, and centres taken for them at 0.51
 to 0.70."""
-_FEWEST_FOR_HEIGHT: Final = 50
-_LOWEST_CENTRE_M: Final = 1.2
-"""Median of y. Of 3,000 draws of KITTI's labels in 30 frames, bottoms are at 1.48 m or more below
-the camera, and centres at 1.09 m or less."""
+_MIN_FOR_HEIGHT: Final = 50
+_MIN_MEDIAN_Y_M: Final = 1.2
+"""Minimum median of y. Of 3,000 draws of KITTI's labels in 30 frames, bottoms are at 1.48 m or more
+below the camera, and centres at 1.09 m or less."""
+_EQUAL_ANGLES_RAD: Final = 0.05
+"""Largest difference of equal angles; KITTI's files have two digits."""
+_CONTRADICTION_RAD: Final = 0.5
+"""Difference of alpha from its formula from which they contradict each other."""
 _PERCENT: Final = 100.0
-_LEAST_CORRELATION: Final = 0.1
+_SOUND_CORRELATION: Final = 0.1
 """Rank correlation of scores and heights of 2D boxes that shows sound scores, even if all are
 negative. The shipped detectors have 0.03 to 0.5 on 90 real frames."""
 _REVERSED_CORRELATION: Final = 0.3
 """Rank correlation of reversed scores, negated; sound ones have 0.12 at most, with 72 cyclists."""
-_FEWEST_FOR_RANK: Final = 50
+_MIN_FOR_RANK: Final = 50
 
 
 def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
@@ -39,29 +66,29 @@ def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
         frames: Results of all frames, of KITTI's camera; at least one.
     """
     scored = [scored_boxes(each) for each in frames]
-    boxes = joined(scored)
+    boxes = join_boxes(scored)
     yield from remarks_on_repeats(sum(each.num_repeated() for each in scored), len(boxes.names))
     yield from _remarks_on_sizes(boxes)
-    turned = sum(int(in_degrees(each).sum()) for each in frames)
-    if turned:
+    num_degrees = sum(int(in_degrees(each).sum()) for each in frames)
+    if num_degrees:
         yield (
-            f"{turned:,} results have angles beyond two pi, probably degrees: KITTI's files have "
-            "radians, from -pi to pi."
+            f"{num_degrees:,} results have angles beyond two pi, probably degrees: KITTI's files "
+            "have radians, from -pi to pi."
         )
-    in_image = (*remarks_on_boxes2d(boxes),) or (*remarks_on_image_boxes(boxes),)
+    in_image = (*remarks_on_boxes2d(boxes),) or (*_remarks_on_projection(boxes),)
     yield from in_image
     behind = (*remarks_on_depths(boxes),)
-    places = behind or (() if in_image else (*_remarks_on_bottoms(boxes),))
-    yield from places
-    if not turned:
-        doubts = () if in_image or places else (*remarks_on_rotations(boxes),)
-        yield from doubts or (() if behind else remarks_on_alphas(boxes))
+    locations = behind or (() if in_image else (*_remarks_on_bottoms(boxes),))
+    yield from locations
+    if not num_degrees:
+        rotations = () if in_image or locations else (*_remarks_on_rotations(boxes),)
+        yield from rotations or (() if behind else remarks_on_alphas(boxes))
     yield from remarks_on_scores(scored)
-    yield from remarks_on_rank(boxes)
+    yield from _remarks_on_rank(boxes)
 
 
 def remarks_on_repeats(repeated: int, total: int) -> Iterator[str]:
-    """Yield a sentence on results that are twice in their frame."""
+    """Yield a sentence on results that occur twice in their frame."""
     if repeated:
         yield (
             f"{repeated:,} of {total:,} results of scored classes are there twice in their frame: "
@@ -82,7 +109,7 @@ def remarks_on_depths(boxes: ScoredBoxes) -> Iterator[str]:
     """Yield a sentence on 3D boxes that mostly lie behind the camera."""
     depths = boxes.locations[np.isfinite(boxes.locations).all(axis=1), 2]
     behind = int((depths < 0).sum())
-    if len(depths) >= FEWEST_RESULTS and behind > len(depths) / 2:
+    if len(depths) >= MIN_RESULTS and behind > len(depths) / 2:
         yield (
             f"{behind:,} of {len(depths):,} 3D boxes of results lie behind the camera: x, y, z of "
             "KITTI's files are in the camera's frame (right, down, forward), not in the LiDAR's."
@@ -92,52 +119,66 @@ def remarks_on_depths(boxes: ScoredBoxes) -> Iterator[str]:
 def remarks_on_scores(frames: Sequence[ScoredBoxes]) -> Iterator[str]:
     """Yield sentences on scores that are all equal, or probably percent."""
     scores = np.concatenate([each.scores for each in frames])
-    if len(scores) < FEWEST_RESULTS:
+    if len(scores) < MIN_RESULTS:
         return
-    least, largest = float(scores.min()), float(scores.max())
-    if least == largest:
+    low, high = float(scores.min()), float(scores.max())
+    if low == high:
         yield (
-            f"all {len(scores):,} scores of results are {least:g}: nothing ranks them, and the "
+            f"all {len(scores):,} scores of results are {low:g}: nothing ranks them, and the "
             "average precision is of a single threshold; write each detection's own score."
         )
-    elif least >= 0 and 1 < largest <= _PERCENT:
+    elif low >= 0 and 1 < high <= _PERCENT:
         narrow = sum(0 < float(each.scores.max(initial=0)) <= 1 for each in frames)
         yield (
-            f"scores of results reach {largest:g} and are probably percent: KITTI's evaluation "
+            f"scores of results reach {high:g} and are probably percent: KITTI's evaluation "
             "ranks by any scale that all frames share, Sightline's own scores are 0 to 1"
             + (f"; in {narrow:,} of {len(frames):,} frames none is above 1." if narrow else ".")
         )
 
 
-def remarks_on_rank(boxes: ScoredBoxes) -> Iterator[str]:
-    """Yield a sentence on scores that are probably negated, by the heights of the 2D boxes.
-
-    Large objects are the easier ones, so scores rise with the height.
-    """
-    heights = boxes.boxes2d[:, 3] - boxes.boxes2d[:, 1]
-    scores = boxes.scores
-    if len(scores) < FEWEST_RESULTS or np.ptp(scores) == 0 or np.ptp(heights) == 0:
+def remarks_on_alphas(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on alphas that are not rotation_y minus the bearing of the location."""
+    has_alpha = boxes.alphas != NO_ALPHA
+    alphas = boxes.alphas[has_alpha]
+    if len(alphas) < MIN_RESULTS:
         return
-    ranks = [
-        np.unique(each, return_inverse=True)[1].astype(np.float64) for each in (scores, heights)
-    ]
-    correlation = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
-    ending = "the highest score ranks first in KITTI's evaluation: give the surest the highest one."
-    if float(scores.max()) < 0 and correlation < _LEAST_CORRELATION:
+    has_3d = has_alpha & boxes.has_3d & (boxes.rotations_y != NO_ROTATION)
+    rotations, (x, _, z) = boxes.rotations_y[has_3d], boxes.locations[has_3d].T
+    bearing = np.arctan2(x, z)
+    error = angle_between(boxes.alphas[has_3d], rotations - bearing)
+    if not alphas.any():
+        if not len(error) or np.median(error) > _EQUAL_ANGLES_RAD:
+            yield (
+                f"alpha of all {len(alphas):,} results is 0: orientation similarity is scored by "
+                "it; write rotation_y - atan2(x, z), or -10 where it is unknown."
+            )
+        return
+    alphas = boxes.alphas[has_3d]
+    others = {
+        "rotation_y itself": rotations,
+        "that of a negated rotation_y": -rotations - bearing,
+        "negated": bearing - rotations,
+        "rotation_y plus the bearing": rotations + bearing,
+    }
+    ending = "KITTI's alpha is rotation_y - atan2(x, z), and only alpha is scored as orientation."
+    for name, expected in others.items():
+        other = angle_between(alphas, expected)
+        better = int(((other < _EQUAL_ANGLES_RAD) & (error > 2 * _EQUAL_ANGLES_RAD)).sum())
+        worse = int(((error < _EQUAL_ANGLES_RAD) & (other > 2 * _EQUAL_ANGLES_RAD)).sum())
+        if is_clearly_better(better, worse, len(alphas)):
+            yield f"alpha of {better:,} of {len(alphas):,} results is probably {name}: {ending}"
+            return
+    contradicting = int((error > _CONTRADICTION_RAD).sum())
+    if len(alphas) >= MIN_RESULTS and contradicting > len(alphas) / 2:
         yield (
-            f"all {len(scores):,} scores of results are negative, and negated unless they are "
-            f"logarithms of probabilities; {ending}"
-        )
-    elif correlation < -_REVERSED_CORRELATION and len(scores) >= _FEWEST_FOR_RANK:
-        yield (
-            f"scores of results fall with the height of their 2D boxes (rank correlation "
-            f"{correlation:.2f}) and are probably reversed; {ending}"
+            f"alpha of {contradicting:,} of {len(alphas):,} results contradicts rotation_y and the "
+            f"location by more than {_CONTRADICTION_RAD:g} rad: {ending}"
         )
 
 
 def _remarks_on_sizes(boxes: ScoredBoxes) -> Iterator[str]:
     has_sizes = np.isfinite(boxes.sizes_hwl).all(axis=1)
-    if np.count_nonzero(has_sizes) < FEWEST_RESULTS:
+    if np.count_nonzero(has_sizes) < MIN_RESULTS:
         return
     order = order_of_sizes(boxes.sizes_hwl[has_sizes], boxes.names[has_sizes])
     if order is not None:
@@ -147,17 +188,102 @@ def _remarks_on_sizes(boxes: ScoredBoxes) -> Iterator[str]:
         )
 
 
+def _remarks_on_projection(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on 2D boxes that are not where KITTI's images or the 3D boxes are."""
+    ending = "KITTI's are x_min, y_min, x_max, y_max in pixels of the image as it was delivered."
+    projected, boxes2d = _projected(boxes)
+    ious = image_ious(projected, boxes2d)
+    for name, convert in BOX2D_CONVENTIONS.items():
+        other = image_ious(projected, convert(boxes2d))
+        better, worse = (
+            int(matches_better(*pair).sum()) for pair in ((other, ious), (ious, other))
+        )
+        if is_clearly_better(better, worse, len(ious)):
+            yield (
+                f"2D boxes of results are probably {name}: read so {better:,} of {len(ious):,} "
+                f"agree with their 3D boxes, which {worse:,} do as they are written; {ending}"
+            )
+            return
+    yield from _remarks_on_bounds(boxes.boxes2d, ending)
+
+
+def _remarks_on_bounds(boxes2d: Boxes, ending: str) -> Iterator[str]:
+    """Yield a sentence on 2D boxes beyond KITTI's images, or all in a quarter of them."""
+    total, outside = len(boxes2d), _num_outside(boxes2d)
+    height, width = _IMAGE_SIZE
+    quarter = (width / 2 + 1, height / 2 + 1)
+    if outside >= MIN_RESULTS and outside > total * _OUTSIDE_SHARE:
+        inside = [
+            name
+            for name, convert in BOX2D_CONVENTIONS.items()
+            if not _num_outside(convert(boxes2d))
+        ]
+        likely = f" (read as {' or '.join(inside)} all are inside)" if inside else ""
+        yield (
+            f"{outside:,} of {total:,} 2D boxes of results end beyond KITTI's images of at most "
+            f"{width} x {height} px{likely}; {ending}"
+        )
+    elif total >= _MIN_HALF_SIZE and (boxes2d[:, 2:] <= quarter).all():
+        yield (
+            f"all {total:,} 2D boxes of results lie in the upper left quarter and are probably "
+            f"pixels of an image of half the size; {ending}"
+        )
+
+
+def _num_outside(boxes2d: Boxes) -> int:
+    height, width = _IMAGE_SIZE
+    margin = 1 + _OUTSIDE_SHARE
+    low, high = -_OUTSIDE_SHARE * width, (width * margin, height * margin)
+    return int(((boxes2d < low).any(axis=1) | (boxes2d[:, 2:] > high).any(axis=1)).sum())
+
+
+def _remarks_on_rotations(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on 3D boxes that fit their 2D boxes when they are turned the other way."""
+    projected, boxes2d = _projected(boxes)
+    mirrored, _ = _projected(boxes, rotation_sign=-1)
+    ious, other = image_ious(projected, boxes2d), image_ious(mirrored, boxes2d)
+    better = int(((other > ious + _ROTATION_IOU) & (other > 0.5)).sum())
+    worse = int(((ious > other + _ROTATION_IOU) & (ious > 0.5)).sum())
+    if is_clearly_better(better, worse, better + worse) and better >= 2 * MIN_RESULTS:
+        yield (
+            f"rotation_y of results is probably negated: of {better + worse:,} boxes that show the "
+            f"sign, {better:,} fit their 2D boxes better when turned the other way; KITTI's is "
+            "positive from z to x, clockwise from above."
+        )
+
+
+def _projected(boxes: ScoredBoxes, *, rotation_sign: int = 1) -> tuple[Boxes, Boxes]:
+    """Project the 3D boxes ahead of the camera; the second array is of their 2D boxes."""
+    ahead = np.flatnonzero(boxes.has_3d & (np.nan_to_num(boxes.locations[:, 2]) > 1))
+    chosen = ahead[:: max(len(ahead) // _MAX_PROJECTED, 1)]
+    bounds = [
+        project_box(
+            box_corners(
+                boxes.locations[index],
+                boxes.sizes_hwl[index],
+                rotation_sign * float(boxes.rotations_y[index]),
+            ),
+            _IMAGE_FROM_CAMERA,
+            _IMAGE_SIZE,
+        ).box
+        for index in chosen.tolist()
+    ]
+    projected: Float64[np.ndarray, "num_boxes 4"] = np.array(bounds).reshape(-1, 4)
+    return projected, boxes.boxes2d[chosen]
+
+
 def _remarks_on_bottoms(boxes: ScoredBoxes) -> Iterator[str]:
     """Yield a sentence if the locations are those of centres, by the 2D boxes or the road."""
     boxes2d, locations = boxes.boxes2d, boxes.locations
     ahead = np.isfinite(locations).all(axis=1) & (locations[:, 2] > 1)
     y, z = locations[ahead, 1], locations[ahead, 2]
     ends, heights = boxes2d[ahead, 3], boxes2d[ahead, 3] - boxes2d[ahead, 1]
-    whole = (ends < _IMAGE_HEIGHT_PX) & (heights > 1)
-    shares = (ends - _HORIZON_PX - _FOCAL_PX * y / z)[whole] / heights[whole]
-    least, most = _CENTRE_SHARES
-    by_boxes = len(shares) >= 2 * FEWEST_RESULTS and least < np.median(shares) < most
-    by_road = len(y) >= _FEWEST_FOR_HEIGHT and 0 < np.median(y) < _LOWEST_CENTRE_M
+    uncut = (ends < _IMAGE_HEIGHT_PX) & (heights > 1)
+    focal_px, horizon_px = _IMAGE_FROM_CAMERA[1, 1:3]
+    shares = (ends - horizon_px - focal_px * y / z)[uncut] / heights[uncut]
+    low, high = _CENTRE_SHARES
+    by_boxes = len(shares) >= 2 * MIN_RESULTS and low < np.median(shares) < high
+    by_road = len(y) >= _MIN_FOR_HEIGHT and 0 < np.median(y) < _MIN_MEDIAN_Y_M
     if by_boxes or by_road:
         yield (
             f"3D boxes of results stand {np.median(y):.2f} m below the camera (median), where "
@@ -166,4 +292,30 @@ def _remarks_on_bottoms(boxes: ScoredBoxes) -> Iterator[str]:
             if by_road
             else "3D boxes of results end half an object above their 2D boxes: their y is probably "
             "that of the centre, KITTI's is that of the bottom."
+        )
+
+
+def _remarks_on_rank(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on scores that are probably negated, by the heights of the 2D boxes.
+
+    Large objects are the easier ones, so scores rise with the height.
+    """
+    heights = boxes.boxes2d[:, 3] - boxes.boxes2d[:, 1]
+    scores = boxes.scores
+    if len(scores) < MIN_RESULTS or np.ptp(scores) == 0 or np.ptp(heights) == 0:
+        return
+    ranks = [
+        np.unique(each, return_inverse=True)[1].astype(np.float64) for each in (scores, heights)
+    ]
+    correlation = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    ending = "KITTI's evaluation ranks the highest score first: give better detections higher ones."
+    if float(scores.max()) < 0 and correlation < _SOUND_CORRELATION:
+        yield (
+            f"all {len(scores):,} scores of results are negative, and negated unless they are "
+            f"logarithms of probabilities; {ending}"
+        )
+    elif correlation < -_REVERSED_CORRELATION and len(scores) >= _MIN_FOR_RANK:
+        yield (
+            f"scores of results fall with the height of their 2D boxes (rank correlation "
+            f"{correlation:.2f}) and are probably reversed; {ending}"
         )

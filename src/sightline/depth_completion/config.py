@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args, get_origin, get_type_hints
 
 from sightline.depth_completion.method_names import FillingEdition
-from sightline.files.settings import IN_USE_ALONE
+from sightline.files.settings import INFERENCE_ONLY
 
 TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
@@ -188,24 +188,24 @@ class DepthCompletionConfig:
     """Whether the network also predicts the expected absolute error."""
     propagation_steps: int = 0
     """Number of final steps that mix each pixel's depth with its neighbours'; 0 = none."""
-    least_correction: float = field(default=0.0, metadata=IN_USE_ALONE)
+    least_correction: float = field(default=0.0, metadata=INFERENCE_ONLY)
     """Threshold (the logarithm of a factor) below which predictors undo the network's corrections
     of the completion, propagation included; from twice this on they are kept. See
     `drop_small_corrections`."""
     least_correction_above: float | SignedThreshold | None = field(
-        default=None, metadata=IN_USE_ALONE
+        default=None, metadata=INFERENCE_ONLY
     )
     """Threshold far above the measurements in a pixel's columns; see `least_corrections`. None:
     `least_correction`."""
     least_correction_beside: float | SignedThreshold | None = field(
-        default=None, metadata=IN_USE_ALONE
+        default=None, metadata=INFERENCE_ONLY
     )
     """Threshold within a pixel or two of a measurement. None: `least_correction`."""
-    keep_measured: bool = field(default=False, metadata=IN_USE_ALONE)
+    keep_measured: bool = field(default=False, metadata=INFERENCE_ONLY)
     """Whether predictors restore the measurements that the classical completion keeps."""
-    flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
+    flip_test: bool = field(default=False, metadata=INFERENCE_ONLY)
     """Whether predictors also run the network on the mirrored frame; see `answer_with_mirror`."""
-    smoothing: PlaneSmoothing | None = field(default=None, metadata=IN_USE_ALONE)
+    smoothing: PlaneSmoothing | None = field(default=None, metadata=INFERENCE_ONLY)
     """Smoothing of the completed map by predictors."""
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from typing import Final, Never
 
 from sightline.data.kitti_trees import Part
 from sightline.data.open import SampleDataset
-from sightline.evaluation.held_out_errors import held_out_errors
+from sightline.evaluation.held_out import held_out_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, SupportsFloat, get_args
 
-from sightline.files.settings import IN_TRAINING_ALONE
+from sightline.files.settings import TRAINING_ONLY
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
@@ -155,7 +155,7 @@ class CompactConfig:
     """Number of 3x3 convolutions of the head before its prediction."""
     bins: int = 16
     """Largest distance of a side from the centre of its cell, in strides."""
-    auxiliary: bool = field(default=True, metadata=IN_TRAINING_ALONE)
+    auxiliary: bool = field(default=True, metadata=TRAINING_ONLY)
     """Whether each stream has a head of its own in training, so that no sensor is neglected. It has
     no cost at inference."""
     own_heads: bool = False

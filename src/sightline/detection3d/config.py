@@ -33,7 +33,7 @@ from sightline.detection3d.points.config import (
 )
 from sightline.detection3d.suppression import ClassAlignment, SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
-from sightline.files.settings import IN_USE_ALONE
+from sightline.files.settings import INFERENCE_ONLY
 
 # Settings that earlier versions saved name the levels here.
 __all__ = [
@@ -107,12 +107,12 @@ class Detection3DConfig:
     """Pooling of the sweep's points around a proposal, for the plain second stage."""
     suppression: SuppressionConfig = field(default_factory=SuppressionConfig)
     """Suppression of overlapping boxes before the output."""
-    flip_test: bool = field(default=False, metadata=IN_USE_ALONE)
+    flip_test: bool = field(default=False, metadata=INFERENCE_ONLY)
     """Whether predictors also run the compact first stage on the mirrored sweep, and the second
     stage on regions turned round; see `answer_of_views`."""
-    axes: HeadingHypothesesConfig | None = field(default=None, metadata=IN_USE_ALONE)
+    axes: HeadingHypothesesConfig | None = field(default=None, metadata=INFERENCE_ONLY)
     """Proposals that predictors refine from several axes with the compact stage. None: none."""
-    alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=IN_USE_ALONE)
+    alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=INFERENCE_ONLY)
     """Adaptation of detections to the labels of other sensors, at inference only: training scores
     boxes without it, and the weights that it writes have none."""
 

@@ -12,7 +12,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.kitti_labels import KittiObjects, read_results, write_objects
-from sightline.evaluation.calibration_errors import Outcomes, find_outcomes, find_reliability
+from sightline.evaluation.calibration_errors import (
+    Outcomes,
+    find_outcomes,
+    find_reliability,
+    optimal_lrp,
+)
 from sightline.evaluation.calibration_report import (
     CalibrationEntry,
     CalibrationReport,
@@ -38,7 +43,6 @@ from sightline.evaluation.kitti_object_rules import (
     Metric,
     MinimumOverlaps,
 )
-from sightline.evaluation.localization_recall_precision import optimal_lrp
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
 
@@ -110,7 +114,9 @@ def evaluate_calibration(
     """
     settings = settings or CalibrationSettings()
     if (fit_on is None) != (not calibrators):
-        raise ValueError("calibrators need results to be fitted on, and only they do: give both")
+        raise ValueError(
+            "calibrators need frames for fitting (fit_on), and only they do: give both or none"
+        )
     measured = _read(data, settings, progress=progress)
     codes = [
         code
@@ -119,9 +125,9 @@ def evaluate_calibration(
     ]
     fitted: dict[ClassName, dict[CalibratorName, Calibrator]] = {}
     if fit_on is not None:
-        sound = _read(fit_on, settings, progress=progress)
+        fit_data = _read(fit_on, settings, progress=progress)
         for code in codes:
-            outcomes = find_outcomes(sound.task(code), settings.min_score)
+            outcomes = find_outcomes(fit_data.task(code), settings.min_score)
             fitted[CLASSES[code]] = _fit(CLASSES[code], outcomes, calibrators, fit_on, settings)
     entries = tuple(_measure(measured, code, fitted.get(CLASSES[code], {})) for code in codes)
     return CalibrationReport(
@@ -147,18 +153,18 @@ def write_calibrated(
         ValueError: The folder is that of the results or of the labels, or the calibrator was not
             fitted.
     """
-    for folder, what in (
+    for folder, content in (
         (data.results_dir, "results to be calibrated"),
         (data.labels_dir, "labels"),
     ):
         if out.resolve() == folder.resolve():
-            raise ValueError(f"{out} holds the {what}: name another folder")
-    of_class = {
+            raise ValueError(f"{out} holds the {content}: name another folder")
+    fitted = {
         entry.class_name.lower(): entry.calibrators[calibrator]
         for entry in report.entries
         if calibrator in entry.calibrators
     }
-    if len(of_class) < len(report.entries):
+    if len(fitted) < len(report.entries):
         raise ValueError(f"no calibrator {calibrator} was fitted: name one that was")
     names = frame_names(data.labels_dir, data.sample_list)
     for name in names:
@@ -166,9 +172,9 @@ def write_calibrated(
         assert objects.scores is not None, "result files have scores"
         scores = objects.scores.copy()
         classes = np.array([each.lower() for each in objects.class_names])
-        for class_name, function in of_class.items():
-            mine = classes == class_name
-            scores[mine] = function(scores[mine])
+        for class_name, calibrate in fitted.items():
+            is_class = classes == class_name
+            scores[is_class] = calibrate(scores[is_class])
         write_objects(out / f"{name}.txt", replace(objects, scores=scores), decimals=None)
     return len(names)
 
@@ -225,9 +231,9 @@ def _checked(
         if len(beyond):
             raise FileError(
                 folder / f"{name}.txt",
-                f"has a score of {beyond[0]:g}, expected 0 to 1: only such a score can tell how "
-                "often a detection is right",
-                "write probabilities, of logits their sigmoid",
+                f"has a score of {beyond[0]:g}, expected 0 to 1: calibration compares "
+                "scores with the share of correct detections",
+                "write probabilities, such as the sigmoid of logits",
             )
         yield found, labels
 
@@ -280,7 +286,7 @@ def _measure(
         n_true=int(outcomes.is_true.sum()),
         n_false=int((~outcomes.is_true).sum()),
         lrp=optimal_lrp(count_by_frame(task), task.n_gt, minimum),
-        as_they_are=calibration(None),
+        uncalibrated=calibration(None),
         calibrated={name: calibration(each) for name, each in fitted.items()},
         calibrators=fitted,
     )

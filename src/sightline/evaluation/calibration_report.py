@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sightline.evaluation.calibration_errors import OptimalLrp
 from sightline.evaluation.calibrators import Calibrator, CalibratorName
 from sightline.evaluation.kitti_object_rules import ClassName, Difficulty, Metric
-from sightline.evaluation.localization_recall_precision import OptimalLrp
 from sightline.evaluation.object_tables import add_notes
 from sightline.structures.reliability import Reliability
 
@@ -58,7 +58,7 @@ class CalibrationEntry:
     lrp: OptimalLrp | None
     """oLRP of the raw scores; order-preserving calibrators do not change it. None without
     objects."""
-    as_they_are: ScoreCalibration
+    uncalibrated: ScoreCalibration
     calibrated: Mapping[CalibratorName, ScoreCalibration]
     calibrators: Mapping[CalibratorName, Calibrator]
 
@@ -66,7 +66,7 @@ class CalibrationEntry:
     def calibrations(self) -> dict[str, ScoreCalibration]:
         """Calibrations by name, raw scores first."""
         calibrated: dict[str, ScoreCalibration] = dict(self.calibrated.items())
-        return {"as they are": self.as_they_are, **calibrated}
+        return {"as they are": self.uncalibrated, **calibrated}
 
     def to_json(self) -> dict[str, Any]:
         """Convert the entry to the report file's content."""
@@ -84,7 +84,7 @@ class CalibrationEntry:
                 "false_negatives": lrp.false_negatives,
                 "threshold": lrp.threshold,
             },
-            "as_they_are": self.as_they_are.to_json(),
+            "as_they_are": self.uncalibrated.to_json(),
             "calibrated": {
                 name: {**each.to_json(), "calibrator": self.calibrators[name].to_json()}
                 for name, each in self.calibrated.items()

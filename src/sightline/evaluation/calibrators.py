@@ -15,7 +15,7 @@ from scipy.special import expit, logit
 CalibratorName = Literal["temperature", "platt", "isotonic"]
 CALIBRATORS: tuple[CalibratorName, ...] = ("temperature", "platt", "isotonic")
 
-_LEAST_SCORE = 1e-6  # logits of 0 and 1 are kept finite
+_MIN_SCORE = 1e-6  # logits of 0 and 1 are kept finite
 _TOLERANCE = 1e-10
 
 
@@ -146,7 +146,7 @@ def _logits(
     scores: Float64[np.ndarray, " num_scores"],
 ) -> Float64[np.ndarray, " num_scores"]:
     logits: Float64[np.ndarray, " num_scores"]
-    logits = logit(np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE))
+    logits = logit(np.clip(scores, _MIN_SCORE, 1 - _MIN_SCORE))
     return logits
 
 

@@ -110,7 +110,7 @@ class DepthReport:
 
     def to_json(self) -> dict[str, object]:
         """Convert the report to its file's content."""
-        told: dict[str, object] = {
+        content: dict[str, object] = {
             "images": len(self.images),
             "mean": self.mean.to_json(),
             "per_image": {image.name: image.scores.to_json() for image in self.images},
@@ -118,7 +118,7 @@ class DepthReport:
         }
         returns = () if self.returns is None else (self.returns,)
         extras = {"bands": self.bands, "returns": returns, "against": self.against}
-        return told | {name: to_json(rows) for name, rows in extras.items() if rows}
+        return content | {name: to_json(rows) for name, rows in extras.items() if rows}
 
     def table(self) -> "RenderableType":
         """Make tables of the means, then of bands, sound returns and differences, if requested."""
@@ -195,17 +195,17 @@ def evaluate_depth(
             f"bands must end at ascending distances above 0 m, got {', '.join(map(str, ends[1:]))}"
         )
     predictions, truth = Path(predictions), Path(truth)
-    files = partial(_score_files, truth=truth, workers=workers, progress=progress)
-    images, unused = files(predictions, sparse=None if sparse is None else Path(sparse), ends=ends)
+    score = partial(_score_files, truth=truth, workers=workers, progress=progress)
+    images, unused = score(predictions, sparse=None if sparse is None else Path(sparse), ends=ends)
     report = DepthReport(
         images=images,
         unused_predictions=unused,
-        bands=bands(_added(images), band_ends_m, places=sparse is not None),
-        returns=None if sparse is None else lost_returns(_added(images)),
+        bands=bands(_summed(images), band_ends_m, places=sparse is not None),
+        returns=None if sparse is None else lost_returns(_summed(images)),
     )
     if against is None:
         return report
-    others, _ = files(Path(against), sparse=None, ends=(0.0,))
+    others, _ = score(Path(against), sparse=None, ends=(0.0,))
     if images == others:  # but for their sums, which are not compared
         warnings.warn(
             f"{predictions} and {against} have the same scores in all {len(images)} images, so "
@@ -236,7 +236,7 @@ def _score_files(
     return tuple(images), unused
 
 
-def _added(images: Sequence[ImageReport]) -> ErrorSums:
+def _summed(images: Sequence[ImageReport]) -> ErrorSums:
     return reduce(add, (image.sums for image in images))
 
 
@@ -258,13 +258,13 @@ def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_P
     """Match the files of each image, and count the other predictions."""
     predicted, true = _depth_files(predictions), _depth_files(truth)
     given = {} if sparse is None else _depth_files(sparse)
-    for folder, files, what in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
+    for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
         missing = sorted(true.keys() - files.keys())
         if folder is not None and missing:
             raise ValueError(
-                f"{folder} lacks {what} for {len(missing)} of the {len(true)} images with "
-                f"ground truth in {truth} ({describe_absent(missing)}): predict them, or score "
-                "against a folder that has only the ground truth wanted"
+                f"{folder} lacks {noun} for {len(missing)} of the {len(true)} images with "
+                f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
+                "score against a folder with the ground truth of fewer images"
             )
     pairs = [_Pair(name, predicted[name], true[name], given.get(name)) for name in sorted(true)]
     return pairs, len(predicted) - len(true)
@@ -272,8 +272,8 @@ def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_P
 
 def _depth_files(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
-        what = "is a file where the other is a folder" if folder.exists() else "does not exist"
-        raise ValueError(f"{folder} {what}: give two folders of depth PNGs, or two files")
+        fault = "is a file where the other is a folder" if folder.exists() else "does not exist"
+        raise ValueError(f"{folder} {fault}: give two folders of depth PNGs, or two files")
     files: dict[str, Path] = {}
     for path in sorted(folder.rglob("*.png")):
         place = path.relative_to(folder)
@@ -288,9 +288,9 @@ def _depth_files(folder: Path) -> dict[str, Path]:
         files[name] = path
     if not files:
         sweeps = sum(1 for _ in folder.rglob("*.bin"))
-        held = f"{sweeps:,} .bin files, which are sweeps, and no PNG" if sweeps else "no PNG"
+        found = f"{sweeps:,} .bin files, which are sweeps, and no PNG" if sweeps else "no PNG"
         raise ValueError(
-            f"{folder} holds {held}: name a folder of 16-bit depth PNGs, such as velodyne_raw or "
+            f"{folder} holds {found}: name a folder of 16-bit depth PNGs, such as velodyne_raw or "
             "groundtruth_depth of KITTI's depth benchmark"
         )
     return files

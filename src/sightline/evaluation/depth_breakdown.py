@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64
 from scipy import ndimage
 
-from sightline.evaluation.paired_intervals import FEWEST_FRAMES, note_without_interval
+from sightline.evaluation.bootstrap import MIN_FRAMES, PERCENTILES, note_without_interval
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -28,7 +28,6 @@ _OFF_M: Final = 1.0
 _SOUND_M: Final = 0.3
 _FAR_M: Final = 40.0
 _MM_PER_M: Final = 1e3
-_INTERVAL: Final = (2.5, 97.5)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,7 +64,7 @@ class PairedDifference:
     score: str
     mean: float
     low: float | None
-    """Lower end of the 95 % interval over resampled images; None of fewer than `FEWEST_FRAMES`."""
+    """Lower end of the 95 % interval over resampled images; None of fewer than `MIN_FRAMES`."""
     high: float | None
     better: int
     """Images with a lower score than the other method."""
@@ -145,8 +144,8 @@ def lost_returns(sums: ErrorSums) -> LostReturns:
 
 def paired_difference(
     score: str,
-    ours: Sequence[float],
-    theirs: Sequence[float],
+    scores: Sequence[float],
+    others: Sequence[float],
     *,
     resamples: int = 2000,
     seed: int = 0,
@@ -158,18 +157,18 @@ def paired_difference(
 
     Args:
         score: Name of the score; lower is better.
-        ours: The first method's scores, one per image.
-        theirs: The other's, in the same order.
+        scores: The first method's values, one per image.
+        others: The other's, in the same order.
         resamples: Number of resampled sets.
         seed: Seed of the resampling.
     """
-    differences = np.asarray(ours, dtype=np.float64) - np.asarray(theirs, dtype=np.float64)
+    differences = np.asarray(scores, dtype=np.float64) - np.asarray(others, dtype=np.float64)
     low, high = None, None
-    if len(differences) >= FEWEST_FRAMES:
+    if len(differences) >= MIN_FRAMES:
         drawn = np.random.default_rng(seed).integers(
             len(differences), size=(resamples, len(differences))
         )
-        low, high = np.percentile(differences[drawn].mean(axis=1), _INTERVAL).tolist()
+        low, high = np.percentile(differences[drawn].mean(axis=1), PERCENTILES).tolist()
     return PairedDifference(
         score=score,
         mean=float(differences.mean()),
@@ -197,10 +196,10 @@ def breakdown_tables(
     from rich.table import Table
 
     def table(title: str, *columns: str) -> Table:
-        made = Table(title=title, title_justify="left")
+        empty = Table(title=title, title_justify="left")
         for column in columns:
-            made.add_column(column, justify="right", no_wrap=True)
-        return made
+            empty.add_column(column, justify="right", no_wrap=True)
+        return empty
 
     tables = []
     if bands:
@@ -210,7 +209,7 @@ def breakdown_tables(
         for band in bands:
             tables[-1].add_row(band.name, f"{band.pixels / pixels:.1%}", *_cells(band))
     if returns is not None:
-        title = "sound returns (within 0.3 m of the truth) that the prediction leaves by > 1 m"
+        title = "sound returns (within 0.3 m of the truth) that the prediction misses by > 1 m"
         tables.append(table(title, "returns", "number", "lost"))
         far = (returns.sound_beyond_40m, returns.lost_share_beyond_40m)
         for name, number, lost in (

@@ -84,7 +84,7 @@ def score_predicted_pixels(
 ) -> DepthScores | None:
     """Score only the pixels with both ground truth and a prediction; None if there is none.
 
-    This is not the benchmark's figure: pixels without a prediction have no cost here. `coverage`,
+    This is not the benchmark's score: pixels without a prediction have no cost here. `coverage`,
     as in `score_depth`, is the share of pixels with one.
 
     Raises:

@@ -138,9 +138,9 @@ def split_rings(
     top, left, height, width = _crop(sample.image_size)
     truth_m = truth_m[top : top + height, left : left + width].contiguous()
     if not truth_m.any():
-        what = "return of a held-out ring in view" if truth == "rings" else "true depth"
+        lacking = "return of a held-out ring in view" if truth == "rings" else "true depth"
         raise ValueError(
-            f"sample {sample.sample_id} has no {what}, so there is nothing to score; leave the "
+            f"sample {sample.sample_id} has no {lacking}, so there is nothing to score; leave the "
             "sample out"
         )
     given = replace(sample, points=points[~held_out], depth=None)
@@ -200,9 +200,9 @@ def _without_hidden(
     """Remove returns that the camera cannot see: they are not the truth for their pixels."""
     depths_m = returns_m.numpy()
     pixels = np.argwhere(depths_m > 0)
-    of_pixels = depths_m[*pixels.T]
+    pixel_depths_m = depths_m[*pixels.T]
     parallax = Parallax.from_calibration(calibration)
-    is_hidden = hidden_by_parallax(everything_m.numpy(), pixels, of_pixels, parallax)
+    is_hidden = hidden_by_parallax(everything_m.numpy(), pixels, pixel_depths_m, parallax)
     seen_m = returns_m.clone()
     seen_m[*pixels[is_hidden].T] = 0
     return seen_m
@@ -224,7 +224,7 @@ def dense_truth_in_reach(sample: CameraLidarSample) -> Float32[Tensor, "height w
         ValueError: The sample has no points, or no depth map.
     """
     if sample.points is None:
-        raise ValueError(f"sample {sample.sample_id} has no points, which tell what is in reach")
+        raise ValueError(f"sample {sample.sample_id} has no points, which limit the reach")
     everything = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
     return torch.where(_is_in_reach(everything), _dense_truth(sample), 0.0)
 

@@ -16,10 +16,9 @@ from sightline.data.frame_lists import (
 )
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
-from sightline.evaluation.kitti_object_distance import check_edges, score_by_distance
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
-from sightline.evaluation.kitti_object_scores import score_objects
+from sightline.evaluation.kitti_object_scores import check_edges, score_by_distance, score_objects
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
@@ -65,7 +64,8 @@ def evaluate_objects(
         labels_dir: One file per frame, 15 fields per line.
         sample_list: Frames to evaluate; see `read_sample_list`. None: all with labels.
         overlaps: Overlaps that a match must exceed, by class and metric.
-        bootstrap: Resamples of the frames for `AP_all_points`, up to 100,000; 0: no interval.
+        bootstrap: Resamples of the frames for the interval of `AP_all_points`, up to 100,000; 0: no
+            interval. Fewer than 10 frames have none.
         seed: Seed of the resamples.
         by_distance: Edges of distance bands [m] that are scored separately, too; ascending.
         missing_as_empty: Whether a frame without a result file counts as one without detections.
@@ -170,7 +170,7 @@ def check_resampling(bootstrap: int, seed: int) -> None:
     if bootstrap > _MAX_RESAMPLES:
         raise ValueError(
             f"bootstrap must be at most {_MAX_RESAMPLES:,}, got {bootstrap}: more resamples take "
-            "time and make the interval no better"
+            "time and do not improve the interval"
         )
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
@@ -246,12 +246,12 @@ def read_frames(
         "write an empty one where nothing was found, take frames without one as empty "
         "(missing_as_empty, --missing-as-empty), or name a list of the frames to score",
     )
-    shown: Iterable[str] = track(names, description="reading results") if progress else names
+    tracked: Iterable[str] = track(names, description="reading results") if progress else names
     return (
         _read_frame(
             None if name in empty else results_dir / f"{name}.txt", labels_dir / f"{name}.txt"
         )
-        for name in shown
+        for name in tracked
     )
 
 

@@ -6,9 +6,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Int64
 
+from sightline.evaluation.bootstrap import (
+    MIN_FRAMES,
+    PERCENTILES,
+    draw_frames,
+    note_without_interval,
+)
 from sightline.evaluation.kitti_object_matching import MatchingTask, index_pairs, select
 from sightline.evaluation.kitti_object_pairs import MatchingData
-from sightline.evaluation.kitti_object_resampling import ResampledCurve, draw_frames
+from sightline.evaluation.kitti_object_resampling import ResampledCurve
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,
     DIFFICULTIES,
@@ -19,7 +25,6 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.evaluation.object_tables import add_notes, add_section, score_table, slots_note
-from sightline.evaluation.paired_intervals import FEWEST_FRAMES, note_without_interval
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,7 +40,7 @@ class PairedDifference:
     """First minus second."""
     low: float | None
     """2.5 % quantile of the difference over resampled frames, the same frames for both; None of
-    fewer than `FEWEST_FRAMES` frames, or if no resample has such an object."""
+    fewer than `MIN_FRAMES` frames, or if no resample has such an object."""
     high: float | None
     """97.5 % quantile; None in the same case."""
 
@@ -76,12 +81,12 @@ class ObjectComparison:
     entries: tuple[ComparedEntry, ...]
     """Entries by class, then metric, then difficulty."""
     remarks: tuple[str, ...] = ()
-    """Notes: objects and files left out, and limits of the figures."""
+    """Notes: objects and files left out, and limits of the scores."""
 
     @property
     def has_intervals(self) -> bool:
         """Whether there are enough frames for intervals."""
-        return self.frames >= FEWEST_FRAMES
+        return self.frames >= MIN_FRAMES
 
     def to_json(self) -> dict[str, Any]:
         """Convert the comparison to its file's content."""
@@ -107,7 +112,7 @@ class ObjectComparison:
         }
 
     def table(self) -> "Table":
-        """Make a table of both figures of both submissions, the difference and its interval."""
+        """Make a table of both submissions: R40, all points, their differences and intervals."""
         table = score_table(
             f"{self.first} less {self.second}, {self.frames:,} frames, AP in percent"
         )
@@ -130,10 +135,10 @@ class ObjectComparison:
         return table
 
     def notes(self) -> list[str]:
-        """List notes on the interpretation of the figures."""
+        """List notes on the interpretation of the scores."""
         paired = (
             f"The interval is of the difference, over {self.num_resamples:,} resamples of the "
-            "frames, the same for both: where it holds 0, the two are not told apart."
+            "frames, the same for both: if it contains 0, these frames show no difference."
             if self.has_intervals
             else note_without_interval(self.frames, "frames")
         )
@@ -203,23 +208,21 @@ def _paired(
         return [[each.ap_r40(weights), each.ap_all_points(weights)] for each in curves]
 
     once = np.array(scores(np.ones(curves[0].num_frames, dtype=np.int64)))
-    if curves[0].num_frames < FEWEST_FRAMES:
-        num_resamples = 0
     drawn = draw_frames(first.valid_per_frame, num_resamples, seed)
     resampled = np.array([scores(weights) for weights in drawn]).reshape(-1, 2, 2)
     low, high = [None, None], [None, None]
     if len(resampled):
         differences = resampled[:, 0] - resampled[:, 1]
-        low, high = np.percentile(differences, (2.5, 97.5), axis=0).tolist()
+        low, high = np.percentile(differences, PERCENTILES, axis=0).tolist()
     r40, all_points = (
         PairedDifference(
-            first=float(once[0, figure]),
-            second=float(once[1, figure]),
-            difference=float(once[0, figure] - once[1, figure]),
-            low=low[figure],
-            high=high[figure],
+            first=float(once[0, score]),
+            second=float(once[1, score]),
+            difference=float(once[0, score] - once[1, score]),
+            low=low[score],
+            high=high[score],
         )
-        for figure in range(2)
+        for score in range(2)
     )
     return r40, all_points
 

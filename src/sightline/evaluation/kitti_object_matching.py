@@ -18,7 +18,7 @@ from sightline.structures.precision_recall import NUM_SLOTS
 _LOWEST_SCORE = -1e7
 """Score for "nothing found" in the official program: pass 1 never takes a lower score."""
 
-_SQUARE = 0.5 - 1e-9
+_RIGHT_ANGLE = 0.5 - 1e-9
 """Similarity of headings at 90 degrees, minus the rounding error."""
 
 
@@ -111,13 +111,13 @@ def select(
     """Select the matching input of a class, metric and difficulty (their indices)."""
     normal = (data.detection_class == code) & (data.detection_level <= difficulty)
     may_match = normal | (data.detection_level > difficulty)
-    of_class = data.truth_class == code
+    is_class = data.truth_class == code
     overlap = data.pair_overlap[:, metric]
     pairs = np.flatnonzero(
-        (overlap > min_overlap) & of_class[index.pair_truth] & may_match[index.pair_detection]
+        (overlap > min_overlap) & is_class[index.pair_truth] & may_match[index.pair_detection]
     )
     truths, pairs_per_truth = np.unique(index.pair_truth[pairs], return_counts=True)
-    valid = of_class & (data.truth_level <= difficulty)
+    valid = is_class & (data.truth_level <= difficulty)
     return MatchingTask(
         truth_valid=valid[truths],
         truth_frame=index.truth_frame[truths],
@@ -275,7 +275,7 @@ def _match_by_overlap(
             if task.truth_valid[i] and task.detection_normal[j]:
                 tp[turn] += 1
                 similarity[turn] += task.pair_similarity[pair]
-                flipped[turn] += task.pair_similarity[pair] < _SQUARE
+                flipped[turn] += task.pair_similarity[pair] < _RIGHT_ANGLE
     return tp, else_false, missed, similarity, flipped
 
 

@@ -29,9 +29,9 @@ R11: Final = "_R11"
 
 
 class KittiObjectMetric(Metric):
-    """Metric of the figures of `evaluate_objects`, updated by batches of frames.
+    """Metric with the scores of `evaluate_objects`, updated by batches of frames.
 
-    Every process gets its own frames; their order does not change the figures. Detections and
+    Every process gets its own frames; their order does not change the scores. Detections and
     labels come in KITTI's conventions, because the rules need all of their fields.
     """
 
@@ -109,10 +109,10 @@ class KittiObjectMetric(Metric):
             monitored: Name of the score that selects checkpoints.
         """
         notes = () if self.last_report is None else tuple(self.last_report.notes())
-        return (*notes, f"best.ckpt goes by {monitored}, R40, all the same.") if notes else ()
+        return (*notes, f"best.ckpt is still selected by {monitored}, R40.") if notes else ()
 
     def report(self) -> ObjectReport:
-        """Compute all figures over the frames of all processes; each process has to call this."""
+        """Compute all scores over the frames of all processes; each process has to call this."""
         with self.sync_context():
             return self._score()
 

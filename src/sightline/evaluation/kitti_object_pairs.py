@@ -165,8 +165,8 @@ def find_evaluated(
     height, width, length, x, y, z = boxes[:, 4:10].T
     on_ground = (x != NO_LOCATION) & (z != NO_LOCATION) & (width > 0) & (length > 0)
     in_space = on_ground & (y != NO_LOCATION) & (height > 0)
-    serves = np.stack((boxes[:, 0] >= 0, on_ground, in_space), axis=1)
-    return np.stack([serves[codes == code].any(axis=0) for code in range(len(CLASSES))])
+    has_values = np.stack((boxes[:, 0] >= 0, on_ground, in_space), axis=1)
+    return np.stack([has_values[codes == code].any(axis=0) for code in range(len(CLASSES))])
 
 
 class _Truths(NamedTuple):

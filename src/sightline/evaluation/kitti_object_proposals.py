@@ -5,8 +5,9 @@ the limit is enough, and neighbouring classes are not used. Difficulties are KIT
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int8, Int64
@@ -20,13 +21,90 @@ from sightline.evaluation.kitti_object_rules import (
     DIFFICULTIES,
     METRICS,
     NEVER,
+    ClassName,
+    Difficulty,
+    Metric,
     class_code,
     truth_levels,
 )
+from sightline.evaluation.object_tables import add_notes, add_section, percentage, score_table
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
-from sightline.evaluation.proposal_report import ProposalEntry, ProposalReport
 from sightline.geometry.wrong_types import named_arguments
 from sightline.ops.compiled import compiled
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProposalEntry:
+    """Recall of the proposals of one class at one overlap."""
+
+    class_name: ClassName
+    metric: Metric
+    difficulty: Difficulty | None
+    """Difficulty; None: all objects of the class."""
+    iou: float
+    """Minimum overlap of a found object with some proposal."""
+    n_gt: int
+    n_found: int
+    recall: float
+    """Share of found objects, percent; 0 if there are no objects."""
+    recall_frames_with_objects: float
+    """Mean of the recall per frame over the frames with objects, percent."""
+    recall_all_frames: float
+    """Mean over all frames, with 0 for frames without objects, percent."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Convert the entry to the report file's content."""
+        return {
+            "class": self.class_name,
+            "metric": self.metric,
+            "difficulty": self.difficulty or "all",
+            "iou": self.iou,
+            "n_gt": self.n_gt,
+            "n_found": self.n_found,
+            "recall": self.recall,
+            "recall_frames_with_objects": self.recall_frames_with_objects,
+            "recall_all_frames": self.recall_all_frames,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProposalReport:
+    """Recall of proposals over some frames."""
+
+    frames: int
+    entries: tuple[ProposalEntry, ...]
+    """Entries by class, metric, overlap, then difficulty."""
+    remarks: tuple[str, ...] = ()
+    """Remarks on omitted files and objects."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Convert the report to its file's content."""
+        notes = {"notes": list(self.remarks)} if self.remarks else {}
+        entries = [entry.to_json() for entry in self.entries]
+        return {"frames": self.frames, **notes, "entries": entries}
+
+    def table(self) -> "Table":
+        """Make a table of the recalls, with a column for each difficulty; 80 wide."""
+        num_levels = len(DIFFICULTIES) + 1
+        table = score_table(f"recall of proposals, {self.frames:,} frames, percent", "IoU", "all")
+        for start in range(0, len(self.entries), num_levels):
+            levels = self.entries[start : start + num_levels]
+            rows = [
+                ("recall", [percentage(level.recall) for level in levels]),
+                (
+                    "by frame",
+                    [percentage(level.recall_frames_with_objects) for level in levels],
+                ),
+                ("by frame, empty 0", [percentage(level.recall_all_frames) for level in levels]),
+                ("objects", [f"{level.n_gt:,}" for level in levels]),
+            ]
+            names = (levels[0].class_name, levels[0].metric, f"{levels[0].iou:g}")
+            add_section(table, names, rows)
+        add_notes(table, self.remarks)
+        return table
 
 
 @named_arguments
@@ -69,8 +147,8 @@ def evaluate_proposals(
         ValueError: If an argument is out of range, or a file is missing or invalid.
     """
     if not ious or not all(0 < iou <= 1 for iou in ious):
-        told = ", ".join(f"{iou:g}" for iou in ious) or "none"
-        raise ValueError(f"ious must be above 0 and at most 1, got {told}: give e.g. 0.5 and 0.7")
+        values = ", ".join(f"{iou:g}" for iou in ious) or "none"
+        raise ValueError(f"ious must be above 0 and at most 1, got {values}: give e.g. 0.5 and 0.7")
     if max_proposals is not None and max_proposals < 1:
         raise ValueError(
             f"max_proposals must be positive, got {max_proposals}: leave it out to take all"
@@ -86,7 +164,7 @@ def evaluate_proposals(
         boxes, codes = _best_proposals(proposals, max_proposals)
         is_evaluated |= find_evaluated(boxes, codes)
         parts.append(_find_truths(len(parts), labels, boxes, codes))
-    tally.boxes.counts_repeats = False  # recall does not mind
+    tally.conventions.counts_repeats = False  # recall does not depend on repeats
     truths = _Truths(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     entries = tuple(
         _entry(truths, len(parts), int(code), int(metric), float(iou), level)
@@ -97,7 +175,7 @@ def evaluate_proposals(
     remarks = unread_files(results_dir, labels_dir, names) if sample_list is None else ()
     if num_beyond:
         remarks += (
-            f"{num_beyond:,} of {tally.found.total():,} proposals were left out: only "
+            f"{num_beyond:,} of {tally.results.total():,} proposals were left out: only "
             f"{max_proposals:,} of a frame are taken.",
         )
     return ProposalReport(frames=len(parts), entries=entries, remarks=(*remarks, *tally.remarks()))

@@ -4,7 +4,6 @@ A frame's matches do not depend on other frames, so they are found once; a resam
 each frame by its number of draws.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,23 +18,6 @@ from sightline.evaluation.kitti_object_matching import (
 )
 from sightline.ops.compiled import compiled
 from sightline.structures.precision_recall import NUM_SLOTS
-
-
-def draw_frames(
-    valid_per_frame: Int64[np.ndarray, " num_frames"], num_resamples: int, seed: int
-) -> Iterator[Int64[np.ndarray, " num_frames"]]:
-    """Yield the weights of the frames in each resample; resamples without any object are left out.
-
-    Frames are drawn with replacement, as many as there are. A seed gives the same draws for every
-    class, metric and difficulty, and for every submission of the same frames.
-    """
-    generator = np.random.default_rng(seed)
-    num_frames = len(valid_per_frame)
-    for _ in range(num_resamples):
-        drawn = generator.integers(num_frames, size=num_frames)
-        weights = np.bincount(drawn, minlength=num_frames)
-        if (weights @ valid_per_frame) > 0:
-            yield weights
 
 
 class ResampledCurve(NamedTuple):

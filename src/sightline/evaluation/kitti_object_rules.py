@@ -99,7 +99,7 @@ def parse_overlaps(text: str) -> MinimumOverlaps:
             name = ""
         if name not in (field.name for field in fields(MinimumOverlaps)):
             raise ValueError(
-                f"overlaps {part!r} are not understood: write strict, loose, or a class with "
+                f"overlaps {part!r} are invalid: write strict, loose, or a class with "
                 "its image, bird's-eye and 3D overlap, as in car=0.5,0.25,0.25"
             )
         chosen[name] = ClassOverlaps(bbox=bbox, bev=bev, box3d=box3d)

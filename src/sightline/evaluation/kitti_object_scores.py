@@ -1,8 +1,14 @@
-"""KITTI's figures from matched frames: precision by slot, AP, AOS, and AP over all scores."""
+"""KITTI's scores of matched frames: precision by slot, AP and AOS, in all or by distance."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from sightline.evaluation.bootstrap import PERCENTILES, draw_frames
 from sightline.evaluation.kitti_object_matching import (
     MatchingTask,
     count_at,
@@ -12,17 +18,18 @@ from sightline.evaluation.kitti_object_matching import (
     select,
 )
 from sightline.evaluation.kitti_object_pairs import MatchingData
-from sightline.evaluation.kitti_object_resampling import ResampledCurve, draw_frames
+from sightline.evaluation.kitti_object_resampling import ResampledCurve
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,
     DIFFICULTIES,
     METRICS,
+    NEVER,
     ClassName,
     Difficulty,
     Metric,
     MinimumOverlaps,
 )
-from sightline.evaluation.object_report import BootstrapAP, ObjectEntry, ObjectReport
+from sightline.evaluation.object_report import BootstrapAP, DistanceBand, ObjectEntry, ObjectReport
 from sightline.structures.precision_recall import NUM_SLOTS
 
 
@@ -64,6 +71,61 @@ def score_objects(
                     )
                 )
     return ObjectReport(frames=data.num_frames, entries=tuple(entries), num_resamples=bootstrap)
+
+
+def score_by_distance(
+    data: MatchingData, overlaps: MinimumOverlaps, edges_m: Sequence[float]
+) -> tuple[DistanceBand, ...]:
+    """Score each band of horizontal distances from the camera separately: no measure of KITTI's.
+
+    A band counts its objects and, as false positives, its detections without any match. An object
+    in another band may be found, but is not missed, and a false detection counts in its own band.
+
+    Args:
+        data: All frames, their pairs found with the same overlaps.
+        overlaps: Overlaps that a match must exceed.
+        edges_m: Borders between bands, ascending; the first band begins at 0 and the last has no
+            end.
+
+    Raises:
+        ValueError: The edges are not ascending from above 0, or a detection has no location.
+    """
+    check_edges(edges_m)
+    if np.isnan(data.detection_range_m).any():
+        raise ValueError(
+            "scores by distance need detections with 3D locations, and some have none (-1000); "
+            "leave the distances out"
+        )
+    return tuple(
+        DistanceBand(from_m=low, to_m=high, entries=_band(data, overlaps, low, high))
+        for low, high in pairwise((0.0, *edges_m, math.inf))
+    )
+
+
+def check_edges(edges_m: Sequence[float]) -> None:
+    """Check the edges of bands.
+
+    Raises:
+        ValueError: They are not ascending from above 0, or one is not finite.
+    """
+    if not all(low < high < math.inf for low, high in pairwise((0.0, *edges_m))):
+        values = ", ".join(f"{edge:g}" for edge in edges_m)
+        raise ValueError(f"distances must rise from above 0 and be finite, got {values}")
+
+
+def _band(
+    data: MatchingData, overlaps: MinimumOverlaps, low_m: float, high_m: float
+) -> tuple[ObjectEntry, ...]:
+    is_counted, is_found = (
+        (low_m <= ranges_m) & (ranges_m < high_m)
+        for ranges_m in (data.truth_range_m, data.detection_range_m)
+    )
+    banded = replace(
+        data,
+        truth_level=np.where(is_counted, data.truth_level, NEVER).astype(np.int8),
+        detection_forgiven=data.detection_forgiven | ~is_found[:, None],
+    )
+    return score_objects(banded, overlaps).entries
 
 
 def _score(
@@ -125,7 +187,8 @@ def _mean_r40(slots: Float64[np.ndarray, "41"]) -> float:
 def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP | None:
     """Compute AP over all scores, with a percentile interval (Efron 1979) over resampled frames.
 
-    It is None if no object counts; there is no interval without resamples with such an object.
+    It is None if no object counts. There is no interval of fewer than `MIN_FRAMES` frames, or
+    without resamples with such an object.
     """
     if task.n_gt == 0:
         return None
@@ -135,5 +198,5 @@ def _bootstrap(task: MatchingTask, num_resamples: int, seed: int) -> BootstrapAP
     resampled = [curve.ap_all_points(weights) for weights in drawn]
     if not resampled:
         return BootstrapAP(ap=ap)
-    low, high = np.percentile(resampled, (2.5, 97.5))
+    low, high = np.percentile(resampled, PERCENTILES)
     return BootstrapAP(ap=ap, low=float(low), high=float(high))

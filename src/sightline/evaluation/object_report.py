@@ -1,13 +1,17 @@
-"""Report of the object evaluation, as JSON and as tables."""
+"""Report of the object evaluation, as JSON, as tables and as rows for spreadsheets."""
 
+import csv
+import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from sightline.evaluation.bootstrap import MIN_FRAMES, note_without_interval
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
 from sightline.evaluation.object_tables import (
     add_notes,
@@ -16,11 +20,19 @@ from sightline.evaluation.object_tables import (
     score_table,
     slots_note,
 )
+from sightline.files.atomic import atomic_write_text
 from sightline.structures.precision_recall import PrecisionRecall
 
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
+
+_ROW_NAMES: Final = ("class", "metric", "difficulty", "distance")
+_ROW_SCORES: Final = ("AP_R40", "AP_R11", "AOS_R40", "AOS_R11", "max_recall", "flipped_share")
+_ALL_POINTS: Final = "AP_all_points"
+_INTERVAL: Final = ("AP_all_points_low", "AP_all_points_high")
+
+Cell = str | int | float | None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,7 +42,8 @@ class BootstrapAP:
     ap: float
     """Area under the monotone precision-recall curve, percent."""
     low: float | None = None
-    """2.5 % quantile over resampled frames, percent; None if no resample has such objects."""
+    """2.5 % quantile over resampled frames, percent; None of fewer than `MIN_FRAMES` frames, or if
+    no resample has such objects."""
     high: float | None = None
     """97.5 % quantile over resampled frames, percent; None in the same case."""
 
@@ -62,7 +75,7 @@ class ObjectEntry:
     fn: Int64[np.ndarray, " num_thresholds"]
     flipped_share: float | None
     """Share of true positives at the lowest threshold with a heading error above 90 degrees, 0 to
-    1; None if there are none, or a detection has no alpha. Not one of KITTI's figures."""
+    1; None if there are none, or a detection has no alpha. Not one of KITTI's scores."""
     all_points: BootstrapAP | None = None
     """AP over all scores; None if nothing counts."""
 
@@ -136,7 +149,8 @@ class ObjectReport:
     entries: tuple[ObjectEntry, ...]
     """Entries by class, then metric, then difficulty."""
     num_resamples: int = 0
-    """Number of bootstrap resamples for the intervals of `all_points`; 0: there are none."""
+    """Number of bootstrap resamples for the intervals of `all_points`, which need `MIN_FRAMES`
+    frames; 0: there are none."""
     frames_without_results: int = 0
     """Number of frames without a result file, which count as empty."""
     bands: tuple[DistanceBand, ...] = ()
@@ -164,7 +178,7 @@ class ObjectReport:
         return report
 
     def table(self) -> "Table | Group":
-        """Make a table of the figures of each class and metric, a column per difficulty; 80 wide.
+        """Make a table of the scores of each class and metric, a column per difficulty; 80 wide.
 
         A second table contains the distance bands, if requested.
         """
@@ -204,7 +218,7 @@ class ObjectReport:
                 rows.append(("AOS R11", [percentage(level.aos_r11) for level in levels]))
             points = [level.all_points for level in levels]
             rows.append(("AP all points", [percentage(p.ap if p else None) for p in points]))
-            if self.num_resamples:
+            if self.num_resamples and self.frames >= MIN_FRAMES:
                 rows.append(("95 % interval", [_interval(p) for p in points]))
             rows.append(("max recall", [percentage(100 * level.max_recall) for level in levels]))
             if any(level.flipped_share is not None for level in levels):
@@ -220,14 +234,16 @@ class ObjectReport:
         return table
 
     def notes(self) -> list[str]:
-        """List notes on the interpretation of all figures, a sentence or two each."""
+        """List notes on the interpretation of all scores, a sentence or two each."""
         notes = []
         if not self.entries:
             notes.append("No result is of a scored class: nothing that is labelled was found.")
         if self.frames_without_results:
             count = self.frames_without_results
-            which = "1 frame had" if count == 1 else f"{count:,} frames had"
-            notes.append(f"{which} no result file and counted as empty.")
+            subject = "1 frame had" if count == 1 else f"{count:,} frames had"
+            notes.append(f"{subject} no result file and counted as empty.")
+        if self.num_resamples and self.frames < MIN_FRAMES:
+            notes.append(note_without_interval(self.frames, "frames"))
         return [*notes, *self.remarks, *_slots_notes(self.entries)]
 
 
@@ -239,3 +255,66 @@ def _interval(points: BootstrapAP | None) -> str:
     if points is None or points.low is None or points.high is None:
         return "-"
     return f"{points.low:.1f}-{points.high:.1f}"
+
+
+def write_object_rows(
+    report: ObjectReport, *, csv: Path | None = None, markdown: Path | None = None
+) -> None:
+    """Write a report's scores, a row for each class, metric, difficulty and distance band.
+
+    Args:
+        report: The report.
+        csv: Comma-separated file of unrounded scores; None: not written.
+        markdown: File with a table of scores to two places, and the report's notes below it; None:
+            not written.
+    """
+    columns, rows = object_rows(report)
+    if csv is not None:
+        atomic_write_text(csv, _as_csv(columns, rows))
+    if markdown is not None:
+        notes = "".join(f"\n{note}\n" for note in report.notes())
+        atomic_write_text(markdown, _as_markdown(columns, rows) + notes)
+
+
+def object_rows(report: ObjectReport) -> tuple[tuple[str, ...], list[list[Cell]]]:
+    """List the names of the columns, and the rows; a missing score is None.
+
+    AP, AOS and their interval are percentages, recall and shares are from 0 to 1, as in JSON.
+    """
+    interval = _INTERVAL if report.num_resamples else ()
+    names = (*_ROW_NAMES, "objects", *_ROW_SCORES, _ALL_POINTS, *interval)
+    parts = [("all", report.entries), *((band.title, band.entries) for band in report.bands)]
+    return names, [
+        list(_row(entry, distance, with_interval=report.num_resamples > 0))
+        for distance, entries in parts
+        for entry in entries
+    ]
+
+
+def _row(entry: ObjectEntry, distance: str, *, with_interval: bool) -> Iterator[Cell]:
+    content = entry.to_json()
+    yield from (entry.class_name, entry.metric, entry.difficulty, distance, entry.n_gt)
+    yield from (content[name] for name in (*_ROW_SCORES, _ALL_POINTS))
+    if with_interval:
+        points = entry.all_points
+        yield from (None, None) if points is None else (points.low, points.high)
+
+
+def _as_csv(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return file.getvalue()
+
+
+def _as_markdown(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    lines = [columns, ["---"] * len(_ROW_NAMES) + ["---:"] * (len(columns) - len(_ROW_NAMES))]
+    lines += [[_format_cell(cell) for cell in row] for row in rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _format_cell(cell: Cell) -> str:
+    if cell is None:
+        return "-"
+    return f"{cell:.2f}" if isinstance(cell, float) else str(cell)

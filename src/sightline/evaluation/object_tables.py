@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def score_table(
     title: str, extra_name: str | None = None, extra_level: str | None = None
 ) -> "Table":
-    """Make an empty table with columns for names, the figure and the levels.
+    """Make an empty table with columns for names, the score and the levels.
 
     Args:
         title: Title above the table.
@@ -24,8 +24,8 @@ def score_table(
     from rich.table import Table
     from rich.text import Text
 
-    shown = Text(title, style="table.title")  # folder names are not markup
-    table = Table(title=shown, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    heading = Text(title, style="table.title")  # folder names are not markup
+    table = Table(title=heading, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in ("class", "metric", extra_name, ""):
         if name is not None:
             table.add_column(name, no_wrap=True)
@@ -38,10 +38,10 @@ def score_table(
 def add_section(
     table: "Table", names: Sequence[str], rows: Sequence[tuple[str, list[str]]]
 ) -> None:
-    """Add the figures of a class and metric, with the names only on the first line."""
-    for number, (figure, cells) in enumerate(rows):
-        shown = names if number == 0 else [""] * len(names)
-        table.add_row(*shown, figure, *cells, end_section=number == len(rows) - 1)
+    """Add the scores of a class and metric, with the names only on the first line."""
+    for number, (score, cells) in enumerate(rows):
+        first_cells = names if number == 0 else [""] * len(names)
+        table.add_row(*first_cells, score, *cells, end_section=number == len(rows) - 1)
 
 
 def add_notes(table: "Table", notes: Sequence[str]) -> None:
@@ -70,9 +70,9 @@ def slots_note(counts: Sequence[tuple[ClassName, Difficulty, int]]) -> list[str]
     if not few:
         return []
     class_name, difficulty, n_gt = min(few, key=lambda each: each[2])
-    most_r40 = 100 * (n_gt - 1) / (NUM_SLOTS - 1)
+    max_r40 = 100 * (n_gt - 1) / (NUM_SLOTS - 1)
     return [
         f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: {n_gt} of "
-        f"{class_name}, {difficulty}, found without a fault give R40 {most_r40:.1f}. AP of all "
-        "points has no such limit: read that one."
+        f"{class_name}, {difficulty}, all found give R40 {max_r40:.1f}. AP of all "
+        "points has no such limit: use that one."
     ]

@@ -8,50 +8,50 @@ from typing import Final
 
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.label_checks import in_degrees
-from sightline.evaluation.box_conventions import BoxConventions
 from sightline.evaluation.kitti_object_rules import CLASSES, class_code
+from sightline.evaluation.result_conventions import ResultConventions
 from sightline.files.plain_text import shortened
 
-_KNOWN: Final = frozenset(
+_KITTI_CLASSES: Final = frozenset(
     {"van", "truck", "person_sitting", "tram", "misc", "dontcare", *map(str.lower, CLASSES)}
 )
 """KITTI's own classes: their labels are no sign of a mistake."""
-_SHOWN = 5  # maximum number of names in a sentence
+_MAX_NAMES = 5  # maximum number of names in a sentence
 
 
 @dataclass(slots=True)
 class ObjectTally:
     """Counts of results and labels over all frames, by class as written."""
 
-    found: Counter[str] = field(default_factory=Counter)
-    labelled: Counter[str] = field(default_factory=Counter)
+    results: Counter[str] = field(default_factory=Counter)
+    labels: Counter[str] = field(default_factory=Counter)
     without_box3d: int = 0
     """Number of results of scored classes without a 3D part."""
-    found_in_degrees: int = 0
+    results_in_degrees: int = 0
     """Number of results with an angle beyond two pi."""
-    labelled_in_degrees: int = 0
+    labels_in_degrees: int = 0
     """Number of labels with such an angle."""
-    boxes: BoxConventions = field(default_factory=BoxConventions)
+    conventions: ResultConventions = field(default_factory=ResultConventions)
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Count a frame."""
-        self.found.update(results.class_names)
-        self.labelled.update(labels.class_names)
-        self.boxes.add(results, labels)
-        self.found_in_degrees += int(in_degrees(results).sum())
-        self.labelled_in_degrees += int(in_degrees(labels).sum())
-        lacks = (results.dimensions_hwl <= 0).any(axis=1)
-        lacks |= (results.locations == NO_LOCATION).any(axis=1)
+        self.results.update(results.class_names)
+        self.labels.update(labels.class_names)
+        self.conventions.add(results, labels)
+        self.results_in_degrees += int(in_degrees(results).sum())
+        self.labels_in_degrees += int(in_degrees(labels).sum())
+        lacks_3d = (results.dimensions_hwl <= 0).any(axis=1)
+        lacks_3d |= (results.locations == NO_LOCATION).any(axis=1)
         scored = (class_code(name) >= 0 for name in results.class_names)
         self.without_box3d += sum(
-            is_scored and bool(lack) for is_scored, lack in zip(scored, lacks, strict=True)
+            is_scored and bool(lacks) for is_scored, lacks in zip(scored, lacks_3d, strict=True)
         )
 
     def remarks(self) -> tuple[str, ...]:
         """List remarks on unscored results and labels; empty if there are none."""
-        found, labelled = _by_code(self.found), _by_code(self.labelled)
+        found, labelled = _by_code(self.results), _by_code(self.labels)
         remarks = []
-        total = self.found.total()
+        total = self.results.total()
         if total == 0:
             remarks.append("WARNING: the result files hold no object at all.")
         if not labelled:
@@ -59,24 +59,24 @@ class ObjectTally:
                 f"WARNING: no label is of a scored class ({', '.join(CLASSES)}): nothing can be "
                 "found, and every result is a false one."
             )
-        unscored = {name: n for name, n in self.found.items() if class_code(name) < 0}
+        unscored = {name: n for name, n in self.results.items() if class_code(name) < 0}
         if unscored:
             remarks.append(
                 f"{sum(unscored.values()):,} of {total:,} results were left out: their classes are "
                 f"not scored ({_listed(unscored)}; {', '.join(CLASSES)} are)."
             )
-        strange = {name: n for name, n in self.labelled.items() if name.lower() not in _KNOWN}
-        if strange:
+        unknown = {name: n for name, n in self.labels.items() if name.lower() not in _KITTI_CLASSES}
+        if unknown:
             remarks.append(
-                f"{sum(strange.values()):,} of {self.labelled.total():,} labels were left out: "
-                f"their classes are none of KITTI's ({_listed(strange)})."
+                f"{sum(unknown.values()):,} of {self.labels.total():,} labels were left out: "
+                f"their classes are none of KITTI's ({_listed(unknown)})."
             )
         for code, name in enumerate(CLASSES):
             if code in labelled and code not in found:
                 missed = f"{labelled[code]:,} labelled objects are all missed"
                 missed = "one labelled object is missed" if labelled[code] == 1 else missed
                 remarks.append(
-                    f"Nothing of {name} is among the results: its {missed}. A table without any "
+                    f"No result is of {name}: its {missed}. A table without any "
                     "result of a class leaves it out, as KITTI's does."
                 )
             elif code in found and code not in labelled and labelled:
@@ -86,15 +86,15 @@ class ObjectTally:
         if self.without_box3d:
             remarks.append(
                 f"{self.without_box3d:,} of {sum(found.values()):,} results of scored classes have "
-                "no 3D part: they find nothing in bird's eye and 3D."
+                "no 3D part: they match nothing in bird's eye and 3D."
             )
-        if self.found_in_degrees or self.labelled_in_degrees:
+        if self.results_in_degrees or self.labels_in_degrees:
             remarks.append(
-                f"WARNING: {self.labelled_in_degrees:,} of {self.labelled.total():,} labels and "
-                f"{self.found_in_degrees:,} of {total:,} results have angles beyond two pi, "
+                f"WARNING: {self.labels_in_degrees:,} of {self.labels.total():,} labels and "
+                f"{self.results_in_degrees:,} of {total:,} results have angles beyond two pi, "
                 "probably degrees: they were taken for radians, as KITTI's files have them."
             )
-        return (*remarks, *self.boxes.remarks())
+        return (*remarks, *self.conventions.remarks())
 
 
 def tallied(
@@ -112,12 +112,12 @@ def unread_files(results_dir: Path, labels_dir: Path, names: Sequence[str]) -> t
 
 
 def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Remark on result files of no scored frame; empty if there are none."""
-    wanted = {f"{name}.txt" for name in names}
+    """List a remark on result files of no scored frame; empty if there are none."""
+    expected = {f"{name}.txt" for name in names}
     extra = sorted(
         path.name
         for path in results_dir.iterdir()
-        if path.suffix.lower() == ".txt" and path.name not in wanted
+        if path.suffix.lower() == ".txt" and path.name not in expected
     )
     if not extra:
         return ()
@@ -128,7 +128,7 @@ def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def unread_labels(labels_dir: Path) -> tuple[str, ...]:
-    """Remark on label files with another suffix than `.txt`; empty if there are none."""
+    """List a remark on label files with another suffix than `.txt`; empty if there are none."""
     extra = sorted(
         path.name
         for path in labels_dir.iterdir()
@@ -154,5 +154,5 @@ def _by_code(counts: Counter[str]) -> Counter[int]:
 def _listed(counts: dict[str, int]) -> str:
     """List the most frequent names with their numbers."""
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    told = [f"{shortened(ascii(name)[1:-1], 24)} {count:,}" for name, count in ranked[:_SHOWN]]
-    return ", ".join(told) + (", ..." if len(ranked) > _SHOWN else "")
+    parts = [f"{shortened(ascii(name)[1:-1], 24)} {count:,}" for name, count in ranked[:_MAX_NAMES]]
+    return ", ".join(parts) + (", ..." if len(ranked) > _MAX_NAMES else "")

@@ -54,7 +54,7 @@ class RealismReport:
         header = f"simulated ({self.num_simulated})", f"real ({self.num_real})", "ratio"
         lines = [f"{'':<44}" + "".join(f"{title:>18}" for title in header)]
         for row in self.statistics:
-            values = (_shown(row.simulated), _shown(row.real), _shown(row.ratio))
+            values = (_format(row.simulated), _format(row.real), _format(row.ratio))
             mark = "  *" if row.differs else ""
             lines.append(f"{row.name:<44}" + "".join(f"{value:>18}" for value in values) + mark)
         count = sum(row.differs for row in self.statistics)
@@ -106,22 +106,24 @@ def evaluate_realism(
             f"{simulated} is compared with itself, so every ratio is 1: name a tree of real frames",
             stacklevel=2,
         )
-    ours = measure_tree(Path(simulated), None, max_frames)
-    theirs = Measures()
+    simulated_measures = measure_tree(Path(simulated), None, max_frames)
+    real_measures = Measures()
     if real is not None:
         labels = None if real_labels is None else Path(real_labels)
-        theirs = measure_tree(Path(real), labels, max_frames)
+        real_measures = measure_tree(Path(real), labels, max_frames)
     rows = []
-    for name, tell in STATISTICS.items():
-        rows.append(Statistic(name=name, simulated=tell(ours), real=tell(theirs)))
+    for name, compute in STATISTICS.items():
+        rows.append(
+            Statistic(name=name, simulated=compute(simulated_measures), real=compute(real_measures))
+        )
     return RealismReport(
-        num_simulated=len(ours.points_in_image),
-        num_real=len(theirs.points_in_image),
+        num_simulated=len(simulated_measures.points_in_image),
+        num_real=len(real_measures.points_in_image),
         statistics=tuple(rows),
     )
 
 
-def _shown(value: float | None) -> str:
+def _format(value: float | None) -> str:
     if value is None:
         return "-"
     return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"

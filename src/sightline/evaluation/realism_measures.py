@@ -83,7 +83,7 @@ def measure_tree(root: Path, labels: Path | None, max_frames: int | None) -> Mea
             "labels); name the folder that has training/ in it"
         )
     for frame in track(_evenly(frames, max_frames), description=f"measuring {root.name}"):
-        _look_at_frame(frame, measures)
+        _measure_frame(frame, measures)
     full_sweeps = list_files(root / "full_sweeps", (".bin",))
     measures.points_in_sweep.extend(len(read_sweep(path)) for path in full_sweeps.values())
     if labels is not None:
@@ -108,7 +108,7 @@ def _evenly(frames: Sequence[ObjectFrame], max_frames: int | None) -> list[Objec
     return [frames[index * len(frames) // max_frames] for index in range(max_frames)]
 
 
-def _look_at_frame(frame: ObjectFrame, measures: Measures) -> None:
+def _measure_frame(frame: ObjectFrame, measures: Measures) -> None:
     assert frame.points is not None, f"{frame.sample_id} was chosen without a sweep"
     assert frame.calibration is not None, f"{frame.sample_id} was chosen without a calibration"
     assert frame.objects is not None, f"{frame.sample_id} was chosen without labels"
@@ -117,18 +117,18 @@ def _look_at_frame(frame: ObjectFrame, measures: Measures) -> None:
     sized = frame.image or frame.depth
     assert sized is not None, f"{frame.sample_id} was chosen without a picture"
     size = read_image_size(sized)
-    _look_at_points(points, matrices, size, measures)
+    _measure_points(points, matrices, size, measures)
     ground = fit_ground(points)
     measures.grounds.extend([ground] if ground else [])
     measures.cars.extend(free_cars(points, matrices, objects))
     measures.box_fits.extend(_box_fits(objects, matrices, size))
     if frame.image is not None:
         horizon = round(float(matrices.image_from_camera[1, 2]))
-        _look_at_image(read_rgb(frame.image), horizon, measures)
+        _measure_image(read_rgb(frame.image), horizon, measures)
     measures.objects.append(objects)
 
 
-def _look_at_points(
+def _measure_points(
     points: Float32[np.ndarray, "num_points 4"],
     matrices: CalibrationMatrices,
     size: tuple[int, int],
@@ -164,7 +164,7 @@ def _box_fits(
             yield BoxFit(name, iou, *(labelled_sides / sides).tolist())
 
 
-def _look_at_image(
+def _measure_image(
     image: UInt8[np.ndarray, "height width 3"], horizon: int, measures: Measures
 ) -> None:
     grey = image.mean(axis=2, dtype=np.float32)

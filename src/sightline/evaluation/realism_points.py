@@ -23,7 +23,7 @@ _FACES_M: Final = (0.25, 1.1)
 _FLANK_M: Final = 0.3
 """Maximum distance of flank points from the nearer side."""
 _MIN_ON_FLANK: Final = 15
-_LEAST_SINE: Final = 0.1
+_MIN_SINE: Final = 0.1
 """Minimum sine of the angle between a visible flank and the line of sight."""
 _MIRRORS_M: Final = ((0.06, 0.35), (0.75, 1.25))
 """Distances beyond the label's sides, and heights, of door mirrors."""
@@ -121,7 +121,7 @@ def _beyond_flank(
     down, right, ahead = own.T
     far_end = (-end * length / 2, side * width / 2)
     line_of_sight = np.array(far_end) - camera[[2, 1]]
-    if side * -line_of_sight[1] < _LEAST_SINE * np.hypot(*line_of_sight):
+    if side * -line_of_sight[1] < _MIN_SINE * np.hypot(*line_of_sight):
         return None
     up = height / 2 - down
     on_flank = (up > _FACES_M[0]) & (up < _FACES_M[1])

@@ -29,16 +29,16 @@ _BOX_PARTS: Final[Mapping[str, Callable[[BoxFit], float]]] = {
     "height": lambda fit: fit.height_ratio,
 }
 
-_Tell = Callable[[Measures], float | None]
+_Compute = Callable[[Measures], float | None]
 _Values = Sequence[int] | Sequence[float] | Shaped[np.ndarray, " num_values"]
 
 
-def _mean(values: _Values, fewest: int = 1) -> float | None:
-    return float(np.mean(values)) if len(values) >= fewest else None
+def _mean(values: _Values, min_count: int = 1) -> float | None:
+    return float(np.mean(values)) if len(values) >= min_count else None
 
 
-def _quantile(values: _Values, share: float, fewest: int = 1) -> float | None:
-    return float(np.quantile(values, share)) if len(values) >= fewest else None
+def _quantile(values: _Values, share: float, min_count: int = 1) -> float | None:
+    return float(np.quantile(values, share)) if len(values) >= min_count else None
 
 
 def _spread(values: _Values) -> float | None:
@@ -58,7 +58,7 @@ def _pooled(values: Sequence[Shaped[np.ndarray, " _"]]) -> Shaped[np.ndarray, " 
 _Column = Literal["dimensions_hwl", "locations", "truncation", "occlusion", "boxes2d", "rotation_y"]
 
 
-def _of(
+def _column(
     measures: Measures, names: Collection[str], column: _Column
 ) -> Float64[np.ndarray, "num_objects *fields"]:
     """Take a column of all objects of some classes with a 3D part."""
@@ -70,33 +70,35 @@ def _of(
     return np.concatenate(columns)
 
 
-def _size(name: str, axis: int) -> _Tell:
-    return lambda m: _mean(_of(m, [name], "dimensions_hwl")[:, axis], _MIN_OBJECTS)
+def _size(name: str, axis: int) -> _Compute:
+    return lambda m: _mean(_column(m, [name], "dimensions_hwl")[:, axis], _MIN_OBJECTS)
 
 
-def _length_ratio(share: float) -> _Tell:
-    return lambda m: _quantile(np.divide(*_of(m, ["Car"], "dimensions_hwl")[:, [2, 0]].T), share)
+def _length_ratio(share: float) -> _Compute:
+    return lambda m: _quantile(
+        np.divide(*_column(m, ["Car"], "dimensions_hwl")[:, [2, 0]].T), share
+    )
 
 
 def _length_unknown(measures: Measures) -> float | None:
     """Compute the deviation of cars' length from a linear fit to their height and width."""
-    height, width, length = _of(measures, ["Car"], "dimensions_hwl").T
+    height, width, length = _column(measures, ["Car"], "dimensions_hwl").T
     terms = np.column_stack((height, width, np.ones(len(length))))
     return _spread(length - terms @ np.linalg.lstsq(terms, length, rcond=None)[0])
 
 
 def _distances(measures: Measures, name: str) -> Float64[np.ndarray, " num_objects"]:
-    return np.asarray(np.hypot(*_of(measures, [name], "locations")[:, [0, 2]].T))
+    return np.asarray(np.hypot(*_column(measures, [name], "locations")[:, [0, 2]].T))
 
 
-def _distance(name: str, share: float) -> _Tell:
+def _distance(name: str, share: float) -> _Compute:
     return lambda measures: _quantile(_distances(measures, name), share, _MIN_OBJECTS)
 
 
 def _far_bottoms(measures: Measures) -> Float64[np.ndarray, " num_cars"]:
     """Compute how far below the camera the far cars stand [m]."""
     far = _distances(measures, "Car") > _FAR_M
-    return np.asarray(_of(measures, ["Car"], "locations")[far, 1])
+    return np.asarray(_column(measures, ["Car"], "locations")[far, 1])
 
 
 def _counts(measures: Measures, name: str) -> list[int]:
@@ -104,25 +106,25 @@ def _counts(measures: Measures, name: str) -> list[int]:
     return [objects.class_names.count(name) for objects in measures.objects]
 
 
-def _count(name: str) -> _Tell:
+def _count(name: str) -> _Compute:
     return lambda measures: _mean(_counts(measures, name))
 
 
-def _frames_with(name: str, fewest: int, most: float = np.inf) -> _Tell:
-    return lambda m: _mean([fewest <= count <= most for count in _counts(m, name)])
+def _frames_with(name: str, min_count: int, max_count: float = np.inf) -> _Compute:
+    return lambda m: _mean([min_count <= count <= max_count for count in _counts(m, name)])
 
 
-def _low_boxes(height_px: int) -> _Tell:
-    def tell(measures: Measures) -> float | None:
-        _, top, _, bottom = _of(measures, CLASS_NAMES, "boxes2d").T
+def _low_boxes(height_px: int) -> _Compute:
+    def compute(measures: Measures) -> float | None:
+        _, top, _, bottom = _column(measures, CLASS_NAMES, "boxes2d").T
         low = float((bottom - top < height_px).sum())
         return low / len(measures.objects) if measures.objects else None
 
-    return tell
+    return compute
 
 
 def _along_an_axis(measures: Measures) -> float | None:
-    turns = _of(measures, ["Car"], "rotation_y")
+    turns = _column(measures, ["Car"], "rotation_y")
     off = np.abs(np.remainder(turns + np.pi / 4, np.pi / 2) - np.pi / 4)
     return _mean(off < _AXIS_RAD)
 
@@ -137,15 +139,15 @@ def _in_company(measures: Measures) -> float | None:
     return _mean(near)
 
 
-def _truncated(limit: float) -> _Tell:
-    return lambda measures: _mean(_of(measures, ["Car"], "truncation") > limit)
+def _truncated(limit: float) -> _Compute:
+    return lambda measures: _mean(_column(measures, ["Car"], "truncation") > limit)
 
 
-def _occluded(name: str, level: int) -> _Tell:
-    return lambda measures: _mean(_of(measures, [name], "occlusion") == level)
+def _occluded(name: str, level: int) -> _Compute:
+    return lambda measures: _mean(_column(measures, [name], "occlusion") == level)
 
 
-def _box_fit(name: str, part: Callable[[BoxFit], float], share: float) -> _Tell:
+def _box_fit(name: str, part: Callable[[BoxFit], float], share: float) -> _Compute:
     return lambda measures: _quantile(
         [part(fit) for fit in measures.box_fits if fit.class_name == name], share
     )
@@ -155,7 +157,7 @@ def _cars(measures: Measures, nearest_m: float, farthest_m: float) -> list[FreeC
     return [car for car in measures.cars if nearest_m <= car.distance_m < farthest_m]
 
 
-def _points_on_cars(nearest_m: float, farthest_m: float, share: float) -> _Tell:
+def _points_on_cars(nearest_m: float, farthest_m: float, share: float) -> _Compute:
     return lambda measures: _quantile(
         [len(car.reflectances) for car in _cars(measures, nearest_m, farthest_m)],
         share,
@@ -168,11 +170,11 @@ def _on_cars(measures: Measures, nearest_m: float, farthest_m: float) -> _Values
     return _pooled([car.reflectances for car in _cars(measures, nearest_m, farthest_m)])
 
 
-def _reflectance_on_cars(nearest_m: float, farthest_m: float) -> _Tell:
+def _reflectance_on_cars(nearest_m: float, farthest_m: float) -> _Compute:
     return lambda measures: _quantile(_on_cars(measures, nearest_m, farthest_m), 0.5)
 
 
-def _label_beyond_flank(share: float) -> _Tell:
+def _label_beyond_flank(share: float) -> _Compute:
     return lambda measures: _quantile(
         [
             car.beyond_flank_m
@@ -188,15 +190,15 @@ def _with_mirrors(measures: Measures) -> float | None:
     return _mean([car.shows_mirrors for car in _cars(measures, 0.0, _FAR_M)], _MIN_OBJECTS)
 
 
-def _reflectance(share: float) -> _Tell:
+def _reflectance(share: float) -> _Compute:
     return lambda measures: _quantile(_pooled(measures.reflectances), share)
 
 
-def _gradient_share(position: int) -> _Tell:
+def _gradient_share(position: int) -> _Compute:
     return lambda measures: _mean([float(shares[position]) for shares in measures.gradients])
 
 
-_POINTS: Final[Mapping[str, _Tell]] = {
+_POINTS: Final[Mapping[str, _Compute]] = {
     "points in the image": lambda m: _mean(m.points_in_image),
     "points in the image, 5 % quantile": lambda m: _quantile(m.points_in_image, 0.05),
     "points in the image, 95 % quantile": lambda m: _quantile(m.points_in_image, 0.95),
@@ -234,7 +236,7 @@ _POINTS: Final[Mapping[str, _Tell]] = {
     "ground's pitch [degrees], spread": lambda m: _half_spread([g.pitch_deg for g in m.grounds]),
     "ground's roll [degrees], spread": lambda m: _half_spread([g.roll_deg for g in m.grounds]),
 }
-_OBJECTS: Final[Mapping[str, _Tell]] = {
+_OBJECTS: Final[Mapping[str, _Compute]] = {
     **{
         f"{name} {side} [m]": _size(name, axis)
         for name in ("Car", "Van", "Truck", "Pedestrian", "Cyclist")
@@ -274,7 +276,7 @@ _OBJECTS: Final[Mapping[str, _Tell]] = {
         for share in (0.1, 0.9)
     },
 }
-_IMAGES: Final[Mapping[str, _Tell]] = {
+_IMAGES: Final[Mapping[str, _Compute]] = {
     "image brightness": lambda m: _mean(m.brightness),
     "image brightness, spread of frames": lambda m: _spread(m.brightness),
     "image contrast": lambda m: _mean(m.contrasts),
@@ -284,4 +286,4 @@ _IMAGES: Final[Mapping[str, _Tell]] = {
         for position, (start, end) in enumerate(itertools.pairwise((0, *GRADIENTS, "more")))
     },
 }
-STATISTICS: Final[Mapping[str, _Tell]] = {**_POINTS, **_OBJECTS, **_IMAGES}
+STATISTICS: Final[Mapping[str, _Compute]] = {**_POINTS, **_OBJECTS, **_IMAGES}

@@ -1,13 +1,13 @@
-"""Atomic file writes."""
+"""Atomic file writes, and checks of their targets."""
 
 import errno
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sightline.files.aside import final_place, folder_beside
+from sightline.files.temporary_folder import final_path, temporary_folder
 
 _DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
@@ -16,7 +16,7 @@ _OTHER_DISK = errno.EXDEV
 
 @contextmanager
 def atomic_path(path: Path | str) -> Iterator[Path]:
-    """Yields a temporary path to write to; renames the file to its own name once it is complete.
+    """Yield a temporary path to write to, and rename the file to its own name once it is complete.
 
     The file is written to a hidden folder next to its target, under the same name (some libraries
     depend on the suffix), and renamed if the block ends without an exception. After any exception,
@@ -32,16 +32,16 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         ValueError: The folder cannot be written to, `path` is a folder or a device, or the disk is
             full or broken.
     """
-    target = _place(path)
+    target = _resolved(path)
     check_replaceable(target)
-    with folder_beside(target) as aside, _naming_disk_faults(target):
-        yield aside / target.name
+    with temporary_folder(target) as folder, _naming_disk_faults(target):
+        yield folder / target.name
         # Only now: the old file must survive everything up to here.
-        (aside / target.name).replace(target)
+        (folder / target.name).replace(target)
 
 
-def _place(path: Path | str) -> Path:
-    """Path of the file in its resolved folder."""
+def _resolved(path: Path | str) -> Path:
+    """Resolve the folder of a path."""
     path = Path(path)
     if path.name in ("", ".."):
         return Path(os.path.realpath(path))
@@ -60,18 +60,18 @@ def _naming_disk_faults(target: Path) -> Iterator[None]:
 
 
 def disk_fault(error: OSError, target: Path) -> ValueError | None:
-    """Error that names the target of a write to a full or broken disk; None: another cause."""
+    """Make an error with the target of a write to a full or broken disk; None: another cause."""
     if error.errno not in _DISK_FAULTS:
         return None
     reason = os.strerror(error.errno).lower()
     return ValueError(
-        f"{final_place(target)} cannot be written: {reason}; make room or choose another output "
+        f"{final_path(target)} cannot be written: {reason}; make room or choose another output "
         "folder"
     )
 
 
 def check_replaceable(target: Path) -> None:
-    """Refuses a target that exists and is not a file.
+    """Refuse a target that exists and is not a file.
 
     Raises:
         ValueError: The target is a folder, a device or a pipe, or a system link to standard
@@ -83,13 +83,13 @@ def check_replaceable(target: Path) -> None:
 
 
 def check_writable(path: Path | str) -> None:
-    """Refuses, before long work, a target that `atomic_path` could not write; creates nothing.
+    """Refuse, before long work, a target that `atomic_path` could not write; creates nothing.
 
     Raises:
         ValueError: The target is not a file, or its nearest existing parent is not a folder or
             cannot be written to.
     """
-    target = _place(path)
+    target = _resolved(path)
     check_replaceable(target)
     folder = next(each for each in target.parents if each.exists())
     if not folder.is_dir():
@@ -101,14 +101,48 @@ def check_writable(path: Path | str) -> None:
         )
 
 
+def check_links(folder: Path, *, files: bool = False) -> None:
+    """Refuse an output folder with a broken link or a link to a folder outside.
+
+    The folder itself may be a link, and links may lead to other places inside it. A link to a file
+    is harmless for files written by `atomic_path`, which replaces the link.
+
+    Args:
+        folder: Output folder; may be missing.
+        files: Whether to refuse links to files, too: for libraries, which follow them.
+
+    Raises:
+        ValueError: The folder contains such a link.
+    """
+    inside = os.path.realpath(folder)
+    for link in _links(folder):
+        target = Path(os.path.realpath(link))
+        where = f"outside {folder}" if target.exists() else "which does not exist"
+        if target.exists() and (target.is_relative_to(inside) or (target.is_file() and not files)):
+            continue
+        raise ValueError(
+            f"{link} is a link to {target}, {where}, and nothing may be written there; "
+            "remove the link, or name another output folder"
+        )
+
+
+def _links(folder: Path) -> Iterator[Path]:
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_symlink():
+                yield Path(entry.path)
+            elif entry.is_dir():
+                yield from _links(Path(entry.path))
+
+
 def atomic_write_bytes(path: Path | str, content: bytes) -> None:
-    """Writes a file atomically; see `atomic_path`."""
+    """Write a file atomically; see `atomic_path`."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
 
 
 def atomic_write_text(path: Path | str, text: str) -> None:
-    """Writes a text file atomically; see `atomic_path`.
+    """Write a text file atomically; see `atomic_path`.
 
     UTF-8, line ends as given. Bytes of another encoding, which folder names may contain, are
     written as escapes.
@@ -117,7 +151,7 @@ def atomic_write_text(path: Path | str, text: str) -> None:
 
 
 def atomic_link(path: Path | str, source: Path | str) -> None:
-    """Creates a second name of a file by a hard link, or a copy if links are not possible.
+    """Create a second name of a file by a hard link, or a copy if links are not possible.
 
     Links are not possible to another disk, or on disks without hard links. An atomic rewrite of one
     name leaves the other unchanged; a write in place changes both.
@@ -141,7 +175,7 @@ def atomic_link(path: Path | str, source: Path | str) -> None:
 
 
 def atomic_create_text(path: Path | str, text: str) -> bool:
-    """Writes a new text file (UTF-8) atomically, if it does not exist.
+    """Write a new text file (UTF-8) atomically, if it does not exist.
 
     Of several concurrent processes, on one machine or on several, exactly one succeeds.
 
@@ -151,12 +185,12 @@ def atomic_create_text(path: Path | str, text: str) -> bool:
     Raises:
         ValueError: See `atomic_path`.
     """
-    target = _place(path)
+    target = _resolved(path)
     check_replaceable(target)
-    with folder_beside(target) as aside, _naming_disk_faults(target):
-        (aside / target.name).write_bytes(text.encode())
+    with temporary_folder(target) as folder, _naming_disk_faults(target):
+        (folder / target.name).write_bytes(text.encode())
         try:
-            os.link(aside / target.name, target)
+            os.link(folder / target.name, target)
         except FileExistsError:
             return False
         except OSError as error:

@@ -9,7 +9,7 @@ from typing import Final
 from sightline.files.problem import FileError
 
 _GROWN_BYTES = 2**16  # allowed excess over the reported length: system files report 0
-_PATIENCE_S: Final = 60.0
+_TIMEOUT_S: Final = 60.0
 _BLOCK_BYTES: Final = 2**16
 
 
@@ -35,8 +35,8 @@ def read_pipe(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
         pipe = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         try:
             while len(content) <= max_bytes:
-                if not select.select([pipe], [], [], _PATIENCE_S)[0]:
-                    raise FileError(path, f"gives nothing for {_PATIENCE_S:g} s", remedy)
+                if not select.select([pipe], [], [], _TIMEOUT_S)[0]:
+                    raise FileError(path, f"gives nothing for {_TIMEOUT_S:g} s", remedy)
                 block = os.read(pipe, _BLOCK_BYTES)
                 if not block:
                     return content
@@ -49,7 +49,7 @@ def read_pipe(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
 
 
 def check_regular(path: Path | str, *, max_bytes: int, remedy: str) -> int:
-    """Check that a file can be read to its end; returns its length.
+    """Check that a file can be read to its end, and return its length.
 
     Args:
         path: The file; links are followed.

@@ -94,5 +94,5 @@ def parse_numbers(
 
 def shortened(text: str, max_length: int = 64) -> str:
     """Shorten text from a file for an error: one line, without control characters."""
-    shown = text if len(text) <= max_length else f"{text[:max_length]}..."
-    return shown if shown.isprintable() else ascii(shown)[1:-1]
+    short = text if len(text) <= max_length else f"{text[:max_length]}..."
+    return short if short.isprintable() else ascii(short)[1:-1]

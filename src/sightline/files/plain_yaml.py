@@ -14,8 +14,6 @@ _MAX_BYTES: Final = 2**17
 """Largest size of a file: a handwritten matrix takes some hundred bytes."""
 _MAX_DEPTH: Final = 12
 """Deepest nesting of lists and mappings."""
-
-
 _MAX_VALUES: Final = 2**16
 """Largest number of values, with aliases expanded."""
 
@@ -40,7 +38,7 @@ class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]
         self.depth -= 1
         if is_alias:
             if not hasattr(node, "num_values"):
-                raise _RefusedError(f"line {line} has an alias (*) of what it stands in")
+                raise _RefusedError(f"line {line} has an alias (*) of a value that contains it")
             return node
         if isinstance(node, yaml.MappingNode):
             _check_keys(node)
@@ -84,7 +82,7 @@ def _check_keys(node: yaml.MappingNode) -> None:
         name = key.value if isinstance(key, yaml.ScalarNode) else None
         line = key.start_mark.line + 1
         if name is None or key.tag == "tag:yaml.org,2002:merge":
-            raise _RefusedError(f"line {line} has a merge or no name, expected NAME: VALUE")
+            raise _RefusedError(f"line {line} has a merge or no key, expected NAME: VALUE")
         if name in known:
             raise _RefusedError(f"line {line} has {shortened(name, 40)!r} a second time")
         known.add(name)
@@ -105,7 +103,7 @@ def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> 
     text = read_text(path, max_bytes=max_bytes)
     try:
         # JSON allows tabs between words, YAML allows none at the start of a line.
-        said: object = yaml.load(text.expandtabs(), Loader=_PlainLoader)  # noqa: S506 - a safe one
+        content: object = yaml.load(text.expandtabs(), Loader=_PlainLoader)  # noqa: S506 - a safe one
     except _RefusedError as error:
         raise FileError(path, str(error), remedy) from error
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
@@ -115,4 +113,4 @@ def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> 
         if isinstance(error, yaml.reader.ReaderError):
             where = f": it holds the control character {chr(error.character)!a}"
         raise FileError(path, f"{problem}{where}", remedy) from error
-    return said
+    return content

@@ -28,15 +28,15 @@ class Problem:
     problem: str
     """Description of the fault, after the path: "holds 17 bytes, expected .."."""
     remedy: str
-    """Remedy."""
+    """Action for the user."""
 
     def __str__(self) -> str:
-        """Formats file, fault and remedy in printable characters."""
+        """Format file, fault and remedy in printable characters."""
         return plain_line(f"{self.path}: {self.problem}; {self.remedy}")
 
 
 def install_command(extra: Literal["export", "pretrained", "ros", "viz"]) -> str:
-    """Command that installs the packages of an extra, for hints: Sightline is on no index."""
+    """Format the command that installs the packages of an extra: Sightline is on no index."""
     return f"pip install '.[{extra}]', in the folder of Sightline's source"
 
 
@@ -44,17 +44,17 @@ class FileError(ValueError):
     """Error for an unusable file, with the reason and the remedy as fields."""
 
     def __init__(self, path: Path | str, problem: str, remedy: str) -> None:
-        """Stores file, fault and remedy; see `Problem`."""
+        """Store file, fault and remedy; see `Problem`."""
         super().__init__(path, problem, remedy)  # all three, for pickling
 
     @property
     def problem(self) -> Problem:
-        """Converts the error to a problem of a report."""
+        """Convert the error to a problem of a report."""
         path, problem, remedy = self.args
         return Problem(path=Path(path), problem=problem, remedy=remedy)
 
     def __str__(self) -> str:
-        """Formats the problem's line."""
+        """Format the problem's line."""
         return str(self.problem)
 
 
@@ -73,7 +73,7 @@ _OUT_OF_MEMORY = (
 
 
 def memory_fault(error: BaseException) -> str | None:
-    """One-line message for an error caused by lack of memory; else None.
+    """Make a one-line message for an error caused by lack of memory; else None.
 
     Libraries raise errors of many types for it.
     """

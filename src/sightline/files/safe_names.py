@@ -38,18 +38,18 @@ def checked_name(
     if fault is None:
         assert isinstance(name, str), "anything else is a fault"
         return name
-    shown = shortened(ascii(name) if not isinstance(name, str) else repr(name))
-    raise FileError(source, f"{place} {shown} {fault}, expected a plain file name", _REMEDY)
+    printable = shortened(ascii(name) if not isinstance(name, str) else repr(name))
+    raise FileError(source, f"{place} {printable} {fault}, expected a plain file name", _REMEDY)
 
 
 def unprintable_names(folder: Path, names: Iterable[str]) -> Problem | None:
-    """Problem of frames with names that are impossible for outputs; None: all are text."""
-    found = [name for name in names if not name.isprintable()]
-    if not found:
+    """Find names of frames that are impossible for outputs; None: all are text."""
+    unprintable = [name for name in names if not name.isprintable()]
+    if not unprintable:
         return None
-    said = f"has {len(found)} frames whose names are not UTF-8, or not to be seen, such as"
+    problem = f"has {len(unprintable)} frames with names that are not UTF-8 or unprintable, such as"
     return Problem(
-        path=folder, problem=f"{said} {shortened(found[0])}", remedy="rename their files"
+        path=folder, problem=f"{problem} {shortened(unprintable[0])}", remedy="rename their files"
     )
 
 

@@ -15,22 +15,22 @@ class NetworkConfig(Protocol):
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
 
-IN_USE_ALONE: Final = {"in_use_alone": True}
+INFERENCE_ONLY: Final = {"inference_only": True}
 """Metadata of a field for postprocessing, which does not affect a network's weights."""
-IN_TRAINING_ALONE: Final = {"in_training_alone": True}
+TRAINING_ONLY: Final = {"training_only": True}
 """Metadata of a field that adds modules only for training: weights may lack them."""
 
-_TRIED: Final = (
+_TYPE_LINES: Final = (
     "Does not validate against any of the Union subtypes",
     "Subtypes: ",
     "Errors:",
-    "Problem with given class_path",
+    "Problem with actual class_path",
     "Expected a <class 'NoneType'>",
     "Given value type: ",
     "Given value: NestedArg",
     "Given value: Namespace",
 )
-_GIVEN: Final = "Given value: "
+_VALUE_LINE: Final = "Given value: "
 _LONG_VALUE: Final = 80  # characters
 _PLAIN_NAMES: Final = {
     "bool": "true or false",
@@ -60,32 +60,32 @@ def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
     try:
         parsed = parser.instantiate(parser.parse_object({"settings": dict(plain)})).settings
     except (jsonargparse.ArgumentError, ValueError) as error:
-        raise ValueError(told_by_parser(str(error))) from error
-    assert isinstance(parsed, kind), "the parser gives what it was asked for"
+        raise ValueError(shorten_parser_error(str(error))) from error
+    assert isinstance(parsed, kind), "the parser returns the requested type"
     return parsed
 
 
-def told_by_parser(message: str) -> str:
+def shorten_parser_error(message: str) -> str:
     """Shorten jsonargparse's message: the fault, without the list of tried types."""
     lines = [line.strip().removeprefix("- ") for line in message.splitlines()]
     has_value = any("Got value: " in line for line in lines)
-    said = " ".join(
+    text = " ".join(
         line
         for line in lines
-        if not line.startswith(_TRIED)
-        and not (line.startswith(_GIVEN) and (has_value or len(line) >= _LONG_VALUE))
+        if not line.startswith(_TYPE_LINES)
+        and not (line.startswith(_VALUE_LINE) and (has_value or len(line) >= _LONG_VALUE))
     )
     for python, plain in _PLAIN_NAMES.items():
-        said = said.replace(f"Expected a <class '{python}'>", f"Expected {plain}")
-    return said
+        text = text.replace(f"Expected a <class '{python}'>", f"Expected {plain}")
+    return text
 
 
 def _differences(
-    given: Mapping[str, object], wanted: Mapping[str, object], within: str = ""
+    actual: Mapping[str, object], expected: Mapping[str, object], within: str = ""
 ) -> Iterator[str]:
     """Yield each differing value by its path, recursively in parts that both have."""
-    for name in sorted(given.keys() | wanted.keys()):
-        one, other = given.get(name), wanted.get(name)
+    for name in sorted(actual.keys() | expected.keys()):
+        one, other = actual.get(name), expected.get(name)
         if one == other:
             continue
         if isinstance(one, dict) and isinstance(other, dict):
@@ -95,30 +95,30 @@ def _differences(
 
 
 def differing_settings(
-    plain: Mapping[str, object], ours: NetworkConfig, *, in_training: bool = True
+    plain: Mapping[str, object], config: NetworkConfig, *, in_training: bool = True
 ) -> str:
-    """Describe the differences between a file's settings and ours for the user; empty: none.
+    """Describe the differences between a file's settings and a network's; empty: none.
 
-    Fields marked `IN_USE_ALONE` may differ.
+    Fields marked `INFERENCE_ONLY` may differ.
 
     Args:
         plain: Settings of the file.
-        ours: Settings of the network.
-        in_training: Whether fields marked `IN_TRAINING_ALONE` are compared, too.
+        config: Settings of the network.
+        in_training: Whether fields marked `TRAINING_ONLY` are compared, too.
     """
-    wanted = config_to_dict(ours)
+    expected = config_to_dict(config)
     try:
-        given = config_to_dict(parse_settings(type(ours), plain))
+        actual = config_to_dict(parse_settings(type(config), plain))
     except ValueError:  # settings of another network, or of a newer version
-        given = config_to_dict(type(ours)()) | dict(plain)
-    marks = ["in_use_alone"] if in_training else ["in_use_alone", "in_training_alone"]
-    for settings in (wanted, given):
-        _remove_marked(settings, ours, marks)
-    return ", ".join(_differences(given, wanted))
+        actual = config_to_dict(type(config)()) | dict(plain)
+    marks = ["inference_only"] if in_training else ["inference_only", "training_only"]
+    for settings in (expected, actual):
+        _remove_marked(settings, config, marks)
+    return ", ".join(_differences(actual, expected))
 
 
 def _remove_marked(plain: dict[str, Any], config: NetworkConfig, marks: Sequence[str]) -> None:
-    """Removes the fields with one of the marks, also in nested configs."""
+    """Remove the fields with one of the marks, also in nested configs."""
     for each in fields(config):
         value = getattr(config, each.name)
         if any(each.metadata.get(mark) for mark in marks):

@@ -64,7 +64,7 @@ def write_weights(
     config: Mapping[str, object],
     provenance: Mapping[str, str],
 ) -> None:
-    """Writes weights as safetensors, which contain no code, with a description as JSON metadata.
+    """Write weights as safetensors, which contain no code, with a description as JSON metadata.
 
     The same weights give the same bytes. The file is written atomically.
 
@@ -88,7 +88,7 @@ def write_weights(
 
 
 def read_weights(weights: Path | str) -> Weights:
-    """Reads weights: shipped ones, a file of `write_weights`, or a training checkpoint (.ckpt).
+    """Read weights: shipped ones, a file of `write_weights`, or a training checkpoint (.ckpt).
 
     The type is recognised by the content, not by the name. No code in the file is run.
 
@@ -112,7 +112,7 @@ def read_weights(weights: Path | str) -> Weights:
 
 
 def read_checkpoint_weights(path: Path | str) -> Weights:
-    """Reads the network's weights from a training checkpoint, without running code from it.
+    """Read the network's weights from a training checkpoint, without running code from it.
 
     If the training averages weights, these are the averages.
 
@@ -150,7 +150,7 @@ def read_checkpoint_weights(path: Path | str) -> Weights:
 
 @contextmanager
 def plain_defaults() -> Iterator[None]:
-    """Sets PyTorch's defaults to float32 on the CPU for loading weights, and restores them."""
+    """Set PyTorch's defaults to float32 on the CPU for loading weights, and restore them."""
     before = torch.get_default_dtype()
     # entered only where it is needed: it slows down every call of PyTorch
     is_elsewhere = torch.get_default_device().type != "cpu"
@@ -165,7 +165,7 @@ def plain_defaults() -> Iterator[None]:
 
 
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
-    """Loads weights into a network; half-precision weights are converted.
+    """Load weights into a network; half-precision weights are converted.
 
     Raises:
         ValueError: Names, shapes or types differ from the network's; names the first difference.
@@ -198,7 +198,7 @@ def _is_archive(path: Path) -> bool:
 
 
 def _check_archive(path: Path) -> None:
-    """Refuses an archive whose content is larger than itself: PyTorch does not compress."""
+    """Refuse an archive whose content is larger than itself: PyTorch does not compress."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
@@ -219,7 +219,7 @@ def _weights(path: Path, described: WeightsDescription, tensors: Mapping[str, ob
         fault = _fault(tensor) if isinstance(tensor, Tensor) else _NO_ARRAY
         if fault:
             raise ValueError(
-                f"{path} is of no use: its tensor {shortened(name)} {fault}; take weights from "
+                f"{path} cannot be used: its tensor {shortened(name)} {fault}; take weights from "
                 "before the training diverged, or from an undamaged file"
             )
         assert isinstance(tensor, Tensor), "anything else is at fault"
@@ -233,7 +233,7 @@ def _weights(path: Path, described: WeightsDescription, tensors: Mapping[str, ob
 
 
 def _fault(tensor: Tensor) -> str:
-    """Fault of a network's tensor; empty: none."""
+    """Describe the fault of a network's tensor; empty: none."""
     is_plain = tensor.layout == torch.strided and tensor.device.type == "cpu"
     if not is_plain or tensor.dtype not in _TENSOR_TYPES or tensor.ndim > _MAX_AXES:
         return _NO_ARRAY

@@ -37,7 +37,7 @@ class WeightsDescription:
 
 
 def shipped_names() -> tuple[str, ...]:
-    """Names of the weights in the package."""
+    """List the names of the weights in the package."""
     return tuple(sorted(path.stem for path in WEIGHTS_FOLDER.glob("*.safetensors")))
 
 
@@ -72,7 +72,7 @@ def find_weights(weights: Path | str) -> Path:
 
 
 def read_description(path: Path) -> WeightsDescription:
-    """Reads the description in our safetensors file, without its tensors.
+    """Read the description in Sightline's safetensors file, without its tensors.
 
     Raises:
         ValueError: The file is no safetensors file, or has no description of its network.
@@ -91,7 +91,7 @@ def read_description(path: Path) -> WeightsDescription:
     match header:
         case {"__metadata__": {"sightline": str(text)}}:
             return parse_description(path, text)
-    raise ValueError(f"{path} does not tell what network its weights are for; {WEIGHTS_REMEDY}")
+    raise ValueError(f"{path} does not say which network its weights are for; {WEIGHTS_REMEDY}")
 
 
 def parse_description(path: Path, text: str) -> WeightsDescription:
@@ -105,7 +105,7 @@ def parse_description(path: Path, text: str) -> WeightsDescription:
         try:
             description = json.loads(text)
         except (ValueError, RecursionError):
-            description = None  # refused below, like any other nonsense
+            description = None  # refused below, like any other invalid value
     return check_description(path, description)
 
 

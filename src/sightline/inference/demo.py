@@ -7,8 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from sightline.data.check import check_tree
-from sightline.files.atomic import atomic_write_text
-from sightline.files.output_links import check_links
+from sightline.files.atomic import atomic_write_text, check_links
 from sightline.inference.demo_page import demo_page, picture_html
 from sightline.simulation.packaged import PACKAGED_FRAMES
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.files.atomic import atomic_create_text
-from sightline.files.output_links import check_links
+from sightline.files.atomic import atomic_create_text, check_links
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import escaped

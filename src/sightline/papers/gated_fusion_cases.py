@@ -23,7 +23,7 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.export.names import EngineChoice
-from sightline.files.output_links import check_links
+from sightline.files.atomic import check_links
 from sightline.inference.network import load_network
 from sightline.jobs.output_dirs import acquire_output_dir
 from sightline.jobs.progress import track

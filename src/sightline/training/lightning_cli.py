@@ -20,7 +20,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
 from sightline.files.atomic import atomic_write_text, disk_fault
-from sightline.files.settings import told_by_parser
+from sightline.files.settings import shorten_parser_error
 from sightline.files.weights import read_checkpoint_weights
 from sightline.files.weights_header import has_weights
 from sightline.jobs.output_dirs import check_outside_dataset
@@ -63,10 +63,10 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         try:
             _TrainingCLI(subcommand, arguments, run)
         except _RefusedError as error:
-            said = _named_by_flag(told_by_parser(str(error)), arguments)
+            said = _named_by_flag(shorten_parser_error(str(error)), arguments)
             raise ValueError(f"{said}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
-            raise ValueError(told_by_parser(str(error))) from error
+            raise ValueError(shorten_parser_error(str(error))) from error
         except OSError as error:  # from writing best.ckpt and the events, in other libraries
             fault = disk_fault(error, run.folder)
             if fault is None:

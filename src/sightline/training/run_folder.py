@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sightline.files.output_links import check_links
+from sightline.files.atomic import check_links
 
 _CLAIM = ".claim"
 

@@ -14,8 +14,8 @@ _PREFIX = ".sightline-"
 
 
 @contextmanager
-def folder_beside(target: Path) -> Iterator[Path]:
-    """Create a hidden folder next to a file's target; removes it at the end of the block.
+def temporary_folder(target: Path) -> Iterator[Path]:
+    """Create a hidden folder next to a file's target, and remove it at the end of the block.
 
     Only a killed process leaves its folder behind; the next write to the same target removes it. A
     folder is locked while its process lives, on any machine. On a file system without locks nothing
@@ -30,7 +30,7 @@ def folder_beside(target: Path) -> Iterator[Path]:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(target.parent)
-        aside, lock = _make_locked(target.parent)
+        temporary, lock = _make_locked(target.parent)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise ValueError(
@@ -38,33 +38,33 @@ def folder_beside(target: Path) -> Iterator[Path]:
             "choose another output folder"
         ) from error
     try:
-        yield aside
+        yield temporary
     finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
         os.close(lock)
 
 
-def final_place(path: Path) -> Path:
-    """Final path of a file being written, for example in a folder of `folder_beside`."""
-    is_aside = path.parent.name.startswith(_PREFIX)
-    return path.parent.parent / path.name if is_aside else path
+def final_path(path: Path) -> Path:
+    """Compute the final path of a file being written, for example in a `temporary_folder`."""
+    is_temporary = path.parent.name.startswith(_PREFIX)
+    return path.parent.parent / path.name if is_temporary else path
 
 
 def _make_locked(folder: Path) -> tuple[Path, int]:
-    """Create a folder; also returns the descriptor of its lock."""
+    """Create a folder, and return it with the descriptor of its lock."""
     while True:
-        aside = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
+        temporary = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
         try:
-            lock = os.open(aside, os.O_RDONLY)
+            lock = os.open(temporary, os.O_RDONLY)
         except FileNotFoundError:  # removed as a leftover before it was locked
             continue
-        if _is_ours(lock) and aside.exists():
-            return aside, lock
+        if _try_lock(lock) and temporary.exists():
+            return temporary, lock
         os.close(lock)
 
 
-def _is_ours(lock: int) -> bool:
-    """Try to lock a new folder; False if another process removes it; True without lock support."""
+def _try_lock(lock: int) -> bool:
+    """Try to lock a new folder: False if another process removes it; True without lock support."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -3,8 +3,8 @@ import sys
 from pathlib import Path
 from tempfile import mkdtemp
 
-from sightline.files.aside import _remove_leftovers, folder_beside
 from sightline.files.atomic import atomic_write_text
+from sightline.files.temporary_folder import _remove_leftovers, temporary_folder
 from tests.files.test_atomic import names
 
 _HANG = """
@@ -39,10 +39,10 @@ def test_what_a_killed_process_left_goes_and_what_a_living_one_writes_stays(tmp_
 
 
 def test_a_folder_that_another_process_has_locked_to_remove_it_is_left_to_it(tmp_path, monkeypatch):
-    answers = iter([False, True])
-    monkeypatch.setattr("sightline.files.aside._is_ours", lambda _: next(answers))
-    with folder_beside(tmp_path / "0.txt") as aside:
-        others = [path for path in tmp_path.iterdir() if path != aside]
+    locked = iter([False, True])
+    monkeypatch.setattr("sightline.files.temporary_folder._try_lock", lambda _: next(locked))
+    with temporary_folder(tmp_path / "0.txt") as folder:
+        others = [path for path in tmp_path.iterdir() if path != folder]
         assert len(others) == 1
 
 

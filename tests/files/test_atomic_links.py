@@ -3,7 +3,7 @@
 import pytest
 
 from sightline.cli.main import main
-from sightline.files.output_links import check_links
+from sightline.files.atomic import check_links
 from sightline.jobs.output_dirs import MANIFEST_NAME, Claim, acquire_output_dir, claim_folders
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.training.run_folder import claimed
@@ -56,7 +56,7 @@ def test_other_links_are_none_of_its_business(out, elsewhere, tmp_path):
 @pytest.mark.parametrize("target", ["elsewhere/new.json", "out/other.json"])
 def test_a_manifest_that_leads_nowhere_is_refused(out, elsewhere, tmp_path, target):
     (out / MANIFEST_NAME).symlink_to(tmp_path / target)
-    with pytest.raises(ValueError, match="which is not there"):
+    with pytest.raises(ValueError, match="which does not exist"):
         acquire_output_dir(out, {"a": 1}, results=("*.txt",))
     assert contents(elsewhere) == {"mine.txt": "mine"}
 
@@ -82,8 +82,8 @@ def test_every_command_that_fills_a_folder_refuses_links_out_of_it(
     monkeypatch.chdir(tmp_path)
     (out / link).symlink_to(elsewhere / "new" if "." in link else elsewhere)
     assert main(command) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert f"sightline: out/{link} is a link to" in said[-1]
+    errors = capsys.readouterr().err.splitlines()
+    assert f"sightline: out/{link} is a link to" in errors[-1]
     assert contents(elsewhere) == {"mine.txt": "mine"}
 
 

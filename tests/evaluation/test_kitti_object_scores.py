@@ -77,15 +77,15 @@ def test_what_is_found_beyond_a_band_is_not_false_in_it_and_what_is_false_counts
 
 
 @pytest.mark.parametrize(
-    ("edges", "told"),
+    ("edges", "message"),
     [
         ((40.0, 20.0), "must rise from above 0 and be finite, got 40, 20"),
         ((0.0,), "must rise"),
         ((20.0, math.inf), "be finite"),
     ],
 )
-def test_edges_that_do_not_rise_are_refused_before_anything_is_read(tmp_path, edges, told):
-    with pytest.raises(ValueError, match=told):
+def test_edges_that_do_not_rise_are_refused_before_anything_is_read(tmp_path, edges, message):
+    with pytest.raises(ValueError, match=message):
         evaluate_objects(tmp_path / "no", tmp_path / "folder", by_distance=edges)
 
 
