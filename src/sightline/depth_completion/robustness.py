@@ -25,7 +25,7 @@ from sightline.visualization.canvas import scaled_to_width
 from sightline.visualization.depth import colorize_depth
 from sightline.visualization.image import camera_picture
 
-_FIGURES: Final = {"rmse_mm": "RMSE", "mae_mm": "MAE", "median_mm": "median absolute error"}
+_METRICS: Final = {"rmse_mm": "RMSE", "mae_mm": "MAE", "median_mm": "median absolute error"}
 _REMEDY = "remove it and run the same command again"
 
 
@@ -40,7 +40,7 @@ class HeldOutScoring:
     parts: tuple[Part, ...] = ("points",)
     takes_results = False
     figures = tuple(
-        BenchMetric(name=name, title=title, unit="mm") for name, title in _FIGURES.items()
+        BenchMetric(name=name, title=title, unit="mm") for name, title in _METRICS.items()
     )
 
     def check(self, dataset: SampleDataset) -> None:
@@ -58,42 +58,42 @@ class HeldOutScoring:
         check_rings(frame)
         return BenchFrame(frame.with_beams(frame.sensor_beams), frame)
 
-    def keep(self, path: Path, answered: BenchPrediction) -> None:
+    def keep(self, path: Path, prediction: BenchPrediction) -> None:
         """Writes the frame's errors."""
-        frame: HeldOutFrame = answered.posed.truth
+        frame: HeldOutFrame = prediction.posed.truth
         place = f"sample {frame.sample.sample_id}"
-        errors = held_out_errors(frame, answered.answer, place, zero_where_nothing=True)
+        errors = held_out_errors(frame, prediction.answer, place, zero_where_nothing=True)
         atomic_write_text(path, json.dumps(asdict(errors)) + "\n")
 
     def read(self, path: Path, sample: CameraLidarSample) -> Never:
         """Not supported: the files hold errors, not outputs; see `Scoring.read`."""
         del sample
-        raise FileError(path, "holds a frame's errors and no depth", "draw the answer itself")
+        raise FileError(path, "holds a frame's errors and no depth", "draw the prediction itself")
 
     def score(self, folder: Path, dataset: SampleDataset) -> Scores:
         """Averages the errors over the frames."""
         rows = [_read(folder / f"{name}{self.suffix}") for name in dataset.sample_ids]
-        return {name: statistics.fmean(row[at] for row in rows) for at, name in enumerate(_FIGURES)}
+        return {name: statistics.fmean(row[at] for row in rows) for at, name in enumerate(_METRICS)}
 
-    def draw(self, answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
+    def draw(self, prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
         """Draws the image and the sweep of the input, and the completed depth."""
-        given, answer = answered.corrupted.sample, answered.answer
-        panels = [Panel("image", camera_picture(given))]
-        if given.points is not None:
-            sparse = sparse_depth_map(given.points, given.calibration, given.image_size)
+        sample, depth_map = prediction.corrupted.sample, prediction.answer
+        panels = [Panel("image", camera_picture(sample))]
+        if sample.points is not None:
+            sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
             panels.append(Panel("sweep", colorize_depth(sparse, point_size_px=5)))
-        panels.append(Panel("completed depth", colorize_depth(answer.depth_m * answer.valid)))
+        panels.append(Panel("completed depth", colorize_depth(depth_map.depth_m * depth_map.valid)))
         return tuple(Panel(name, scaled_to_width(picture, width_px)) for name, picture in panels)
 
 
 def _read(path: Path) -> tuple[float, ...]:
-    """Read a frame's figures as a tuple, which takes less memory than the file's contents."""
+    """Read a frame's metrics as a tuple, which takes less memory than the file's contents."""
     try:
         row = json.loads(read_text(path))
-        numbers = [number_or_none(row[name]) for name in _FIGURES]
+        numbers = [number_or_none(row[name]) for name in _METRICS]
         known = tuple(number for number in numbers if number is not None)
-        if len(known) < len(_FIGURES):
-            raise ValueError("a figure is null")
+        if len(known) < len(_METRICS):
+            raise ValueError("a metric is null")
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         if isinstance(error, FileError):
             raise
