@@ -44,7 +44,9 @@ def run(capsys, *arguments):
         ["evaluate", "held-out"],
         ["robustness"],
         ["reproduce"],
-        ["reproduce", "shiftconv"],
+        ["reproduce", "shift-conv"],
+        ["reproduce", "two-stage"],
+        ["reproduce", "gated-fusion"],
         ["reproduce", "dgfn"],
         ["export"],
         ["submission"],
@@ -94,10 +96,10 @@ def test_what_scores_does_not_wait_for_libraries_that_it_does_not_need(module, u
         (["evaluate", "held-out", "DATA", "--method", "magic"], "magic"),
         (["evaluate", "held-out", "DATA", "--beams", "many"], "beams"),
         (["evaluate", "held-out", "DATA", "--engine", "steam"], "steam"),
-        (["reproduce", "shiftconv"], "name a data set with --data"),
-        (["reproduce", "dgfn"], "name a data set with --data"),
-        (["reproduce", "dgfn", "--data", "DATA"], "give the weights of one or more (--gated"),
-        (["reproduce", "dgfn", "--data", "DATA", "--class-name", "Tram"], "Tram"),
+        (["reproduce", "shift-conv", "--weights", "a"], "name a data set with --data"),
+        (["reproduce", "gated-fusion", "--gated", "a"], "name KITTI's object tree with --data"),
+        (["reproduce", "two-stage", "--first", "a"], "name KITTI's object tree with --data"),
+        (["reproduce", "gated-fusion", "--data", "DATA", "--class-name", "Tram"], "Tram"),
         (["check", "DATA", "--wrokers", "2"], "wrokers"),
         (["corrupt", "DATA", "out", "--suite", "dgnf7"], "perhaps dgfn7 is meant"),
         (["corrupt", "DATA", "out", "--cases", "lidr_blank"], "perhaps lidar_blank is meant"),
@@ -151,8 +153,9 @@ def test_a_frame_that_there_is_not_is_answered_with_one_that_there_is(capsys, tm
         ["evaluate", "proposals", "nowhere", "nowhere"],
         ["evaluate", "depth", "nowhere", "nowhere"],
         ["evaluate", "held-out", "nowhere"],
-        ["reproduce", "shiftconv", "--data", "nowhere"],
-        ["reproduce", "dgfn", "--data", str(PACKAGED_FRAMES), "--gated", "nowhere"],
+        ["reproduce", "shift-conv", "--data", "nowhere"],
+        ["reproduce", "gated-fusion", "--data", str(PACKAGED_FRAMES), "--gated", "nowhere"],
+        ["reproduce", "two-stage", "--data", str(PACKAGED_FRAMES), "--first", "nowhere"],
         ["export", "out.onnx", "--weights", "nowhere"],
         ["submission", "nowhere", "out.zip"],
         ["show", str(PACKAGED_FRAMES), "000000", "--weights", "nowhere"],
@@ -298,7 +301,7 @@ def test_a_network_can_stand_wherever_a_method_can(capsys, tmp_path):
         ["predict", "depth-completion", data, str(out), "--uncertainty", str(tmp_path / "error")],
         ["evaluate", "held-out", data, "--beams", "8", "--json", str(report)],
         ["show", data, "000000", "--out", str(tmp_path / "000000.png")],
-        ["reproduce", "shiftconv", "--data", data, "--json", str(tmp_path / "tables.json")],
+        ["reproduce", "shift-conv", "--data", data, "--json", str(tmp_path / "tables.json")],
     ):
         status, _, err = run(capsys, *command_line, "--weights", weights)
         assert (status, err) == (0, "")
@@ -309,6 +312,20 @@ def test_a_network_can_stand_wherever_a_method_can(capsys, tmp_path):
     tables = json.loads((tmp_path / "tables.json").read_text())
     assert tables["table_3"]["with"]["name"] == "tiny"
     assert tables["table_3"]["without"] is None
+
+
+def test_old_names_of_papers_work_and_name_the_new_ones(capsys):
+    for old, new, published in (
+        ("dgfn", "gated-fusion", "98.69  90.31  82.16"),
+        ("shiftconv", "shift-conv", "1,102.11"),
+    ):
+        status, out, err = run(capsys, "reproduce", old)
+        assert (status, published in out) == (0, True)
+        assert err == (
+            f"sightline: warning: reproduce {old} is now reproduce {new}; the old name will be "
+            "removed\n"
+        )
+        assert f"Old name of {new}" in run(capsys, "reproduce", "--help")[1]
 
 
 def test_the_tasks_are_listed_with_all_that_belongs_to_them(capsys):

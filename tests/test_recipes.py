@@ -30,6 +30,15 @@ SMALL = (
 )
 
 
+def test_recipes_of_papers_keep_the_last_weights_as_their_validation_list_is_the_test_list():
+    for name in RECIPES:
+        settings = yaml.safe_load((PACKAGE_RECIPES / f"{name}.yaml").read_text())
+        if name.endswith("-kitti"):
+            data = settings["data"]["init_args"]
+            assert data["validation"] == data["test"]
+            assert settings["keep_last_weights"] is True
+
+
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
     """The embedded frames as `sightline simulate --preset street-2k` lays them out."""

@@ -10,18 +10,23 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch.utils.data import DataLoader
 
+from sightline.data.image_file import read_rgb
 from sightline.detection3d.config import Detection3DConfig, Detection3DLossConfig
 from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
 from sightline.detection3d.pictures import LABELLED, RIGHT, WRONG, training_picture
 from sightline.detection3d.points.config import ProposalConfig, ProposalSamplingConfig
+from sightline.detection3d.points.refinement_training import box_loss, confidence_loss
 from sightline.detection3d.sweeps import SweepConfig, SweepTruthConfig
 from sightline.detection3d.task import Detection3D
-from sightline.detection3d.training import detection_losses
+from sightline.detection3d.training import detection_losses, validation_losses
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.batch import concatenate
 from sightline.structures.predictions import Detections3D
 from sightline.training.quiet import LIGHTNING_NOISE
+from sightline.visualization.birds_eye import draw_birds_eye
 from tests.detection3d.frames import (
+    COMPACT,
     NAMES,
     PUBLISHED,
     SWEEP,
@@ -148,17 +153,29 @@ def test_ignored_objects_are_no_background(batch):
     assert float(ignored.total.detach()) < float(background.total.detach())
 
 
-def test_tensorboard_gets_losses_scores_and_pictures(batch, scored, tmp_path):
+class Gallery(lightning.pytorch.loggers.CSVLogger):
+    """Takes pictures as Weights & Biases does."""
+
+    def log_image(self, key, images, step=None):
+        self.shown = (key, len(images), images[0].dtype, step)
+
+
+def test_every_logger_gets_losses_scores_and_pictures(batch, scored, tmp_path):
     task = Detection3D(TINY, loss=LOSS)
     loaders = [
         DataLoader([0], batch_size=None, collate_fn=lambda _, each=each: each)
         for each in (batch, scored)
     ]
+    gallery = Gallery(tmp_path, name="gallery", version="")
     trainer = lightning.Trainer(
         default_root_dir=tmp_path,
         max_steps=1,
         accelerator="cpu",
-        logger=lightning.pytorch.loggers.TensorBoardLogger(tmp_path, name="", version=""),
+        logger=[
+            lightning.pytorch.loggers.TensorBoardLogger(tmp_path, name="", version=""),
+            lightning.pytorch.loggers.CSVLogger(tmp_path, name="csv", version=""),
+            gallery,
+        ],
         enable_checkpointing=False,
         enable_progress_bar=False,
         enable_model_summary=False,
@@ -166,12 +183,41 @@ def test_tensorboard_gets_losses_scores_and_pictures(batch, scored, tmp_path):
         num_sanity_val_steps=0,
     )
     trainer.fit(task, *loaders)
+    assert gallery.shown == ("validation/0", 1, np.uint8, 1)
+    (picture,) = (tmp_path / "csv").rglob("*.png")
+    assert picture.relative_to(tmp_path / "csv").as_posix() == "pictures/validation/0/0000001.png"
+    assert read_rgb(picture).std() > 5
+    assert "validation/loose/Car/3d/moderate" in (tmp_path / "csv" / "metrics.csv").read_text()
     events = EventAccumulator(str(tmp_path))
     events.Reload()
     scalars = set(events.Tags()["scalars"])
     assert {"training/total", "training/first/center", "validation/Car/3d/moderate"} <= scalars
     assert {"validation/loose/Car/3d/moderate", "validation/recall/0.5"} <= scalars
+    assert {"validation/loose/Car/3d/moderate_R11", "validation/second/total"} <= scalars
     assert events.Tags()["images"] == ["validation/0"]
+
+
+def test_a_validation_loss_is_that_of_all_proposals_with_points_and_their_objects(scored):
+    task = Detection3D(TINY, loss=LOSS).eval()
+    task.score(scored)
+    losses = validation_losses(task.network, scored, task._proposed, LOSS)
+    boxes, logits, wanted, ious = [], [], [], []
+    for sweep, proposed, truth in zip(scored.points, task._proposed, scored.truths, strict=True):
+        regions = task.network.second.regions(sweep, proposed, seed=0)
+        output = task.network.second(**regions.inputs)
+        for place, box, logit in zip(regions.places, output.boxes, output.logits, strict=True):
+            overlaps = pairwise_iou_3d(proposed.boxes[place][None].double(), truth.boxes)[0]
+            boxes.append(box)
+            logits.append(logit)
+            wanted.append(truth.boxes[int(overlaps.argmax())].float())
+            ious.append(overlaps.max())
+    told = torch.stack(boxes), torch.stack(wanted), torch.stack(ious)
+    assert len(ious) > 10
+    box_term = box_loss(*told, LOSS.refinement).total
+    confidence = confidence_loss(torch.stack(logits), told[2], LOSS.refinement)
+    torch.testing.assert_close(losses.confidence, confidence)
+    torch.testing.assert_close(losses.total, box_term + confidence)
+    assert validation_losses(Detection3D(COMPACT).network, scored, task._proposed, LOSS) is None
 
 
 def test_the_picture_tells_right_from_wrong():
@@ -185,6 +231,11 @@ def test_the_picture_tells_right_from_wrong():
     nothing = torch.zeros(0, 4)
     both = training_picture(nothing, found, truths)
     assert all(has(both, color) for color in (RIGHT, WRONG, LABELLED))
+    above_px = draw_birds_eye(nothing).shape[0]
+    in_3d = both[above_px + (both.shape[0] - above_px) // 4 :]  # without the titles
+    assert in_3d.shape[0] > 200
+    for color in (RIGHT, WRONG, LABELLED):  # lines are blended with the ground
+        assert np.abs(in_3d.astype(int) - np.array(color)).max(axis=2).min() < 10
     unsure = replace(found, scores=torch.tensor([0.9, 0.1]))
     assert not has(training_picture(nothing, unsure, truths), WRONG)
     assert not has(training_picture(nothing, found, truths[:0]), RIGHT)

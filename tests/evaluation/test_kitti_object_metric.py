@@ -28,6 +28,7 @@ def test_frames_given_in_parts_score_as_their_files_do(tmp_path):
     for entry in expected.entries:
         name = f"{entry.class_name}/{entry.metric}/{entry.difficulty}"
         assert scores[name].item() == pytest.approx(entry.ap_r40)
+        assert scores[f"{name}_R11"].item() == pytest.approx(entry.ap_r11)
         points = 0.0 if entry.all_points is None else entry.all_points.ap
         assert scores[f"{name}_all_points"].item() == pytest.approx(points)
     assert any("read that one" in note for note in metric.notes("validation/x"))
@@ -40,7 +41,7 @@ def test_every_class_metric_and_difficulty_has_a_score_even_without_detections()
     _, labels = records(FILES)
     metric = KittiObjectMetric()
     names = {f"{c}/{m}/{d}" for c, m, d in product(CLASSES, METRICS, DIFFICULTIES)}
-    names |= {f"{name}_all_points" for name in names}
+    names |= {f"{name}{suffix}" for name in names for suffix in ("_R11", "_all_points")}
     metric.update([parse_objects(b"", "nothing", with_scores=True)] * len(labels), labels)
     assert metric.compute() == dict.fromkeys(names, 0.0)
 

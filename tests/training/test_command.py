@@ -53,6 +53,19 @@ def test_a_recipe_is_trained_by_its_name_and_leaves_all_in_its_folder(recipes, t
     assert all(torch.equal(weights.tensors[name], best.tensors[name]) for name in best.tensors)
 
 
+def test_the_last_weights_are_kept_and_scored_where_asked_for(recipes, capsys):
+    run = ["--config", "toy", "--keep_last_weights", "true"]
+    assert run_training("fit", run, recipes) == 0
+    weights, last = (
+        read_weights(f"runs/toy/{name}") for name in ("weights.safetensors", "last.ckpt")
+    )
+    assert weights.provenance == last.provenance  # no score of a best validation
+    assert all(torch.equal(weights.tensors[name], last.tensors[name]) for name in last.tensors)
+    assert Path("runs/toy/best.ckpt").is_file()
+    assert run_training("test", run, recipes) == 0
+    assert "scored runs/toy/last.ckpt" in capsys.readouterr().out
+
+
 def test_the_logger_gets_learning_rate_gradient_norm_and_time_of_steps(recipes):
     run = ["--config", "toy", "--trainer.log_every_n_steps", "2", "--data.validation=[]"]
     assert run_training("fit", run, recipes) == 0

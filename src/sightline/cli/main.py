@@ -30,7 +30,12 @@ from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
 from sightline.cli.report import check_places, deliver, named_file
-from sightline.cli.reproduce import reproduce_dgfn, reproduce_shiftconv
+from sightline.cli.reproduce import (
+    renamed,
+    reproduce_gated_fusion,
+    reproduce_shift_conv,
+    reproduce_two_stage,
+)
 from sightline.cli.robustness import robustness
 from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
@@ -167,8 +172,11 @@ def _commands() -> dict[str, Any]:
         "robustness": robustness,
         "reproduce": {
             "_help": "Print a paper's tables beside our own figures.",
-            "shiftconv": reproduce_shiftconv,
-            "dgfn": reproduce_dgfn,
+            "gated-fusion": reproduce_gated_fusion,
+            "two-stage": reproduce_two_stage,
+            "shift-conv": reproduce_shift_conv,
+            "dgfn": renamed(reproduce_gated_fusion, "dgfn", "gated-fusion"),
+            "shiftconv": renamed(reproduce_shift_conv, "shiftconv", "shift-conv"),
         },
         "export": export,
         "submission": submission,

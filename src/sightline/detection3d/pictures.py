@@ -1,5 +1,6 @@
 """Pictures of sweeps with proposals, detections and labels."""
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from sightline.augmentation.scene_changes import resize
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.calibration import Calibration
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.level import level_detections, level_sample
 from sightline.structures.predictions import Detections3D
@@ -18,7 +20,7 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye, put_boxes_from_above
 from sightline.visualization.cells import GAP_PX, TITLE_PX, titled_cell
 from sightline.visualization.colors import RGB
-from sightline.visualization.image import camera_picture, draw_boxes3d
+from sightline.visualization.image import camera_picture, draw_boxes3d, draw_points
 from sightline.visualization.lettering import with_title
 
 PROPOSED: Final[RGB] = (150, 156, 166)
@@ -109,21 +111,43 @@ def training_picture(
     found: Detections3D,
     truths: Float[Tensor, "num_objects 7"],
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Draw objects in white, detections in green if they overlap one by `MIN_IOU`, else orange.
+    """Draw a scene from above, and below it in 3D, seen from behind and above the LiDAR.
 
-    Everything is in one LiDAR frame.
+    Objects are white, detections green if they overlap one by `MIN_IOU`, else orange. Everything is
+    in one LiDAR frame.
     """
-    view = BirdsEyeView()
-    picture = draw_birds_eye(
-        points, Boxes3D(truths), ("",) * len(truths), view=view, color=LABELLED
-    )
+    view, objects = BirdsEyeView(), Boxes3D(truths)
+    above = draw_birds_eye(points, objects, ("",) * len(truths), view=view, color=LABELLED)
+    height, width = above.shape[1] // 2, above.shape[1]
+    behind = _behind_and_above(height, width)
+    scene = draw_points(np.zeros((height, width, 3), np.uint8), points, behind)
+    groups = [(objects, LABELLED)]
     sure = found.boxes.tensor[found.scores >= DRAWN_SCORE]
     is_right = torch.zeros(len(sure), dtype=torch.bool)
     if len(sure) and len(truths):
         is_right = pairwise_iou_3d(sure.double(), truths).amax(dim=1) >= MIN_IOU
-    for mask, color in ((is_right, RIGHT), (~is_right, WRONG)):
-        boxes = Boxes3D(sure[mask])
-        put_boxes_from_above(picture, view, boxes, ("",) * len(boxes), color=color)
-    return with_title(
-        picture, f"from above: labels white, right detections green (IoU {MIN_IOU:g}), false orange"
+    groups += [(Boxes3D(sure[is_right]), RIGHT), (Boxes3D(sure[~is_right]), WRONG)]
+    for boxes, color in groups:
+        names = ("",) * len(boxes)
+        scene = draw_boxes3d(scene, boxes, names, behind, color=color, tags=False)
+        if color != LABELLED:
+            put_boxes_from_above(above, view, boxes, names, color=color)
+    said = f"labels white, right detections green (IoU {MIN_IOU:g}), false orange"
+    return np.concatenate((with_title(above, f"from above: {said}"), with_title(scene, "in 3D")))
+
+
+def _behind_and_above(height: int, width: int) -> Calibration:
+    """Camera 12 m behind the LiDAR and 8 m above it, looking 13 degrees down."""
+    down = math.radians(13)
+    camera_from_lidar = torch.eye(4, dtype=torch.float64)
+    camera_from_lidar[:3, :3] = torch.tensor(
+        [[0, -1, 0], [-math.sin(down), 0, -math.cos(down)], [math.cos(down), 0, -math.sin(down)]]
     )
+    place = torch.tensor([-12.0, 0.0, 8.0], dtype=torch.float64)
+    camera_from_lidar[:3, 3] = -camera_from_lidar[:3, :3] @ place
+    focal_px = 1.0 * width
+    image_from_camera = torch.tensor(
+        [[focal_px, 0, width / 2, 0], [0, focal_px, height / 2, 0], [0, 0, 1, 0]],
+        dtype=torch.float64,
+    )
+    return Calibration(image_from_camera=image_from_camera, camera_from_lidar=camera_from_lidar)

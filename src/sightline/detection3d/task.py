@@ -18,14 +18,17 @@ from sightline.detection3d.examples import (
 )
 from sightline.detection3d.pictures import training_picture
 from sightline.detection3d.proposal_cache import REMEDY, first_stage_identity
+from sightline.detection3d.stages import Proposed
 from sightline.detection3d.training import (
     ProposalRecallMetric,
     StageLosses,
     Stages,
     detection_losses,
+    validation_losses,
 )
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.evaluation.kitti_object_rules import LOOSE
+from sightline.structures.batch import Batch
 from sightline.structures.predictions import Detections3D
 from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
@@ -91,6 +94,7 @@ class Detection3D(TrainingModule):
         self.recall_metric = ProposalRecallMetric()
         self._has_first_stage = initial_weights is not None
         self._identity: str | None = None  # the frozen first stage's
+        self._proposed: list[Proposed] = []  # of the batch scored last
         for stage in self._still:
             stage.requires_grad_(requires_grad=False)
 
@@ -137,13 +141,13 @@ class Detection3D(TrainingModule):
         """Score a batch."""
         assert batch.frames is not None, "examples to score hold the frames' truth"
         self._check_records(batch)
-        answers, proposals = [], []
+        answers, self._proposed = [], []
         for number, points in enumerate(batch.points):
             if batch.records is not None:
                 proposed = batch.records[number].proposed
             else:
                 proposed = propose(self.network, points, in_use=False)[0]
-            proposals.append(proposed.boxes)
+            self._proposed.append(proposed)
             answers.append(refine(self.network, points, proposed, in_use=False))
         results = [
             kitti_from_detections(found, frame.calibration.to("cpu"), frame.image_size)
@@ -152,8 +156,20 @@ class Detection3D(TrainingModule):
         labels = [frame.objects for frame in batch.frames]
         self.metric.update(results, labels)
         self.loose_metric.update(results, labels)
-        self.recall_metric.update(proposals, [truth.boxes for truth in batch.truths])
+        self.recall_metric.update(
+            [each.boxes for each in self._proposed], [truth.boxes for truth in batch.truths]
+        )
         return answers
+
+    def validation_step(self, batch: Batch | None, batch_idx: int) -> None:
+        """Score a batch, and log the plain second stage's losses over all its proposals."""
+        super().validation_step(batch, batch_idx)
+        if not isinstance(batch, Detection3DBatch):  # only other ranks have samples left
+            return
+        losses = validation_losses(self.network, batch, self._proposed, self.loss)
+        if losses is not None:
+            terms = {f"validation/second/{k}": value for k, value in losses._asdict().items()}
+            self.log_dict(terms, batch_size=len(batch))
 
     def scores(self) -> Mapping[str, Tensor]:
         """Compute 3D and BEV AP by class and difficulty at both overlaps, and recall."""

@@ -10,8 +10,9 @@ from torch import Tensor
 from torchmetrics import Metric
 
 from sightline.detection3d.config import Detection3DLossConfig
-from sightline.detection3d.detector import Detector3D
+from sightline.detection3d.detector import POINT_SEED, Detector3D
 from sightline.detection3d.examples import Detection3DBatch
+from sightline.detection3d.points.refinement import PointRefinement
 from sightline.detection3d.stages import Proposed, Regions, SecondStage, autocast_disabled
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.batch import Losses
@@ -99,6 +100,29 @@ def _second_losses(
     output = second(**inputs)
     with autocast_disabled(boxes):
         return second.losses(output, Regions(places, boxes, scores, inputs), wanted, config)
+
+
+def validation_losses(
+    detector: Detector3D,
+    batch: Detection3DBatch,
+    proposed: Sequence[Proposed],
+    config: Detection3DLossConfig,
+) -> Losses | None:
+    """Compute the plain second stage's losses over all proposals of a batch.
+
+    Each proposal has the object of highest IoU as its target, without sampling. None without such a
+    stage, or without proposals.
+    """
+    second = detector.second
+    if not isinstance(second, PointRefinement):
+        return None
+    rows = zip(batch.points, proposed, batch.truths, strict=True)
+    examples = [
+        second.all_examples(sweep, proposals, truth, seed=POINT_SEED)
+        for sweep, proposals, truth in rows
+        if len(sweep)
+    ]
+    return _second_losses(second, examples, config)
 
 
 def find_recalled(

@@ -24,6 +24,8 @@ from sightline.evaluation.object_report import ObjectReport
 
 ALL_POINTS: Final = "_all_points"
 """Suffix of the names of scores over all points of the curve."""
+R11: Final = "_R11"
+"""Suffix of the names of scores over 11 recall positions, as published up to 2019."""
 
 
 class KittiObjectMetric(Metric):
@@ -83,18 +85,19 @@ class KittiObjectMetric(Metric):
             getattr(self, name).append(torch.from_numpy(getattr(data, name)).to(self.device))
 
     def compute(self) -> dict[str, Tensor]:
-        """Compute AP in percent, named e.g. `Car/3d/moderate` and `Car/3d/moderate_all_points`.
+        """Compute AP in percent, e.g. `Car/3d/moderate`, also with `_R11` and `_all_points`.
 
-        The first is over 40 recall positions, which few objects cannot fill; the second over all
-        points of the curve. Every class, metric and difficulty has both, 0 without detections: so a
-        checkpoint callback that monitors one of them finds it even after the first epoch.
+        The first is over 40 recall positions, which few objects cannot fill; the others over 11 of
+        them and over all points of the curve. Every class, metric and difficulty has all three, 0
+        without detections: so a checkpoint callback that monitors one of them finds it even after
+        the first epoch.
         """
         self.last_report = report = self._score()
         scores = {"/".join(names): 0.0 for names in product(CLASSES, METRICS, DIFFICULTIES)}
-        scores |= {f"{name}{ALL_POINTS}": 0.0 for name in scores}
+        scores |= {f"{name}{suffix}": 0.0 for name in scores for suffix in (R11, ALL_POINTS)}
         for entry in report.entries:
             name = "/".join((entry.class_name, entry.metric, entry.difficulty))
-            scores[name] = entry.ap_r40
+            scores[name], scores[f"{name}{R11}"] = entry.ap_r40, entry.ap_r11
             if entry.all_points is not None:
                 scores[f"{name}{ALL_POINTS}"] = entry.all_points.ap
         return {name: torch.tensor(score, dtype=torch.float64) for name, score in scores.items()}

@@ -34,6 +34,13 @@ CHECKPOINT_EVERY_N_STEPS = RunOption(
     help="Interval [steps] of writing last.ckpt, besides at validations and epoch ends.",
 )
 
+KEEP_LAST_WEIGHTS = RunOption(
+    flag="--keep_last_weights",
+    kind=bool,
+    default=False,
+    help="Whether weights.safetensors and scores are of the last weights, not the best validated.",
+)
+
 MIN_DATA_SETTINGS: Final = {
     "batch_size": 1,
     "validation_batch_size": 1,
@@ -98,7 +105,7 @@ def help_text(subcommand: Subcommand, recipes: Path) -> str:
     options = (
         f"  {option.flag} {option.kind.__name__.upper()}\n      {option.help}"
         + ("" if option.default is None else f" (default: {option.default})")
-        for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS)
+        for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS, KEEP_LAST_WEIGHTS)
     )
     task, checkpoint = _TASKS[subcommand]
     return _HELP.format(

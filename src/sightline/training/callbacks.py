@@ -131,7 +131,7 @@ def _is_logged(trainer: Trainer, step: int) -> bool:
 
 
 class WriteWeights(Checkpoint):
-    """Writes weights.safetensors: the best weights so far, or the last ones without a validation.
+    """Writes weights.safetensors: the best weights so far, or without `best` the last, at the end.
 
     The weights come from the checkpoints, so they are averages if weights are averaged; the module
     may convert them (`TrainingModule.final_weights`).
@@ -182,7 +182,11 @@ class WriteWeights(Checkpoint):
 
 
 def checkpoint_callbacks(
-    folder: Path, *, every_n_steps: int, monitored: tuple[str, Literal["min", "max"]] | None
+    folder: Path,
+    *,
+    every_n_steps: int,
+    monitored: tuple[str, Literal["min", "max"]] | None,
+    keep_last_weights: bool = False,
 ) -> list[Callback]:
     """Create the callbacks that make a run resumable and write its weights, in the required order.
 
@@ -190,6 +194,7 @@ def checkpoint_callbacks(
         folder: Folder of the run.
         every_n_steps: Interval of additional writes of last.ckpt.
         monitored: Score that selects the best weights, and its direction; None: no validation.
+        keep_last_weights: Whether weights.safetensors has the last weights, not the best.
     """
     last = LastCheckpoint(folder, every_n_steps=every_n_steps)
     if monitored is None:
@@ -202,7 +207,12 @@ def checkpoint_callbacks(
         save_on_train_epoch_end=False,  # saves after validations, before the weights
         enable_version_counter=False,
     )
-    return [RandomState(), best, last, WriteWeights(folder, last, best)]
+    return [
+        RandomState(),
+        best,
+        last,
+        WriteWeights(folder, last, None if keep_last_weights else best),
+    ]
 
 
 def _random_states() -> dict[str, Any]:

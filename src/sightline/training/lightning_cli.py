@@ -24,7 +24,12 @@ from sightline.files.settings import told_by_parser
 from sightline.files.weights import read_checkpoint_weights
 from sightline.files.weights_header import has_weights
 from sightline.jobs.output_dirs import check_outside_dataset
-from sightline.training.arguments import CHECKPOINT_EVERY_N_STEPS, RUN_FOLDER, Subcommand
+from sightline.training.arguments import (
+    CHECKPOINT_EVERY_N_STEPS,
+    KEEP_LAST_WEIGHTS,
+    RUN_FOLDER,
+    Subcommand,
+)
 from sightline.training.callbacks import LogShortRuns, LogSteps, checkpoint_callbacks
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
@@ -207,7 +212,7 @@ class _TrainingCLI(LightningCLI):
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """Adds the arguments of a run beside model, data and trainer."""
         defaults = {RUN_FOLDER: self._run.folder}
-        for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS):
+        for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS, KEEP_LAST_WEIGHTS):
             default = defaults.get(option, option.default)
             parser.add_argument(option.flag, type=option.kind, default=default, help=option.help)
         parser.link_arguments("seed_everything", "data.init_args.seed", compute_fn=int)
@@ -317,11 +322,14 @@ class _TrainingCLI(LightningCLI):
             folder,
             every_n_steps=config["checkpoint_every_n_steps"],
             monitored=self.model.monitored if self.datamodule.sources["validation"] else None,
+            keep_last_weights=config["keep_last_weights"],
         )
 
     def _checkpoint_to_score(self, folder: Path) -> str | None:
         """Choose the checkpoint of a run to score; None: there are only initial weights."""
-        names = [name for name in ("best", "last") if (folder / f"{name}.ckpt").is_file()]
+        keep_last = self.config[self.subcommand]["keep_last_weights"]
+        order = ("last", "best") if keep_last else ("best", "last")
+        names = [name for name in order if (folder / f"{name}.ckpt").is_file()]
         if names or self._initial_weights is None:
             return (names or ["last"])[0]
         return None

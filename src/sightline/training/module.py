@@ -13,7 +13,6 @@ import lightning
 import numpy as np
 import torch
 from jaxtyping import UInt8
-from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
@@ -23,6 +22,7 @@ from sightline.files.settings import NetworkConfig, config_to_dict
 from sightline.files.weights import CHECKPOINT_KEY, Weights
 from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, load_initial_weights
+from sightline.training.logged_pictures import log_picture
 from sightline.training.optimizer import (
     OptimizerConfig,
     make_optimizer,
@@ -151,16 +151,13 @@ class TrainingModule(lightning.LightningModule, ABC):
             return
         with self._reporting_divergence():
             prediction = self.score(batch)
-        if batch_idx < _NUM_PICTURES and isinstance(self.logger, TensorBoardLogger):
+        if batch_idx < _NUM_PICTURES and self.loggers:
             picture = self.picture(batch, prediction)
             if picture is not None:
-                name, epoch = batch.sample_ids[0], self.current_epoch
-                title = f"{name}: epoch {epoch}, after {self.global_step:,} steps"
-                self.logger.experiment.add_image(
-                    f"validation/{batch_idx}",
-                    with_title(picture, title),
-                    self.global_step,
-                    dataformats="HWC",
+                name, step = batch.sample_ids[0], self.global_step
+                title = f"{name}: epoch {self.current_epoch}, after {step:,} steps"
+                log_picture(
+                    self.loggers, f"validation/{batch_idx}", with_title(picture, title), step
                 )
 
     def on_validation_epoch_end(self) -> None:

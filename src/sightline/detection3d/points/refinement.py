@@ -23,6 +23,7 @@ from sightline.detection3d.points.layers import (
 from sightline.detection3d.points.refinement_training import (
     ProposalSamples,
     RefinementLosses,
+    assign_truths,
     box_loss,
     confidence_loss,
     sample_proposals,
@@ -133,6 +134,18 @@ class PointRefinement(SecondStage):
             boxes, truth.boxes.to(boxes.dtype), config.sampling, generator=generator
         )
         return self._regions(sweep, proposed, drawn, places[samples.proposal]), samples
+
+    def all_examples(
+        self, sweep: Sweep, proposed: Proposed, truth: SweepTruth, *, seed: int
+    ) -> tuple[Regions, ProposalSamples]:
+        """Take every proposal with points once, with the object of highest IoU, to validate."""
+        drawn = self._draw(sweep, proposed, seed)
+        places = drawn.num_inside[0].nonzero()[:, 0]
+        boxes = proposed.boxes[places]
+        truths = truth.boxes.to(boxes.dtype)
+        wanted = assign_truths(pairwise_iou_3d(boxes.double(), truths.double()), truths)
+        samples = ProposalSamples(places, wanted.boxes, wanted.iou)
+        return self._regions(sweep, proposed, drawn, places), samples
 
     def _draw(self, sweep: Sweep, proposed: Proposed, seed: int) -> RoiPoints:
         points, boxes = sweep[None, :, :3].contiguous(), proposed.boxes[None]

@@ -1,18 +1,22 @@
 import json
 import statistics
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from sightline.data.image_file import read_rgb
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.open import open_dataset
-from sightline.depth_completion import reproduce as module
 from sightline.depth_completion.predictor import DepthCompleter, DepthPredictor
-from sightline.depth_completion.reproduce import measure_sparsity, reproduce_shiftconv
 from sightline.evaluation.depth_scores import score_depth
 from sightline.evaluation.held_out import evaluate_held_out
 from sightline.geometry.projection import sparse_depth_map
+from sightline.papers import shift_conv as module
+from sightline.papers.shift_conv import FIGURES, measure_sparsity, reproduce_shift_conv
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.visualization.lettering import with_title
 from tests.data.trees import write_selection
 from tests.depth_completion.networks import write_tiny_weights
 
@@ -48,14 +52,17 @@ def text(report):
     return captured.get()
 
 
-def row(report, start):
-    """Cells of the table's first row that starts so, without empty ones."""
-    line = next(line for line in text(report).splitlines() if line.strip("│ ").startswith(start))
-    return [cell.strip() for cell in line.split("│") if cell.strip()]
+def rows(report, start):
+    """Lines of the tables that start so."""
+    return [line for line in text(report).splitlines() if line.strip().startswith(start)]
+
+
+def as_papers(measured):
+    return replace(measured, network=replace(measured.network, departures=()))
 
 
 def test_published_figures_are_quoted(selection):
-    said = text(reproduce_shiftconv(selection))
+    said = text(reproduce_shift_conv(selection))
     for figure in ("6.52%", "1,019.64", "1,109.04", "1,206.66", "1,102.11", "1,206.93"):
         assert figure in said
 
@@ -82,7 +89,7 @@ def test_sparsity_of_the_papers_crop_is_that_of_the_images_bottom_centre():
 
 @pytest.mark.usefixtures("as_official")
 def test_the_official_frames_give_the_benchmarks_figure(selection, weights, weights_without):
-    report = reproduce_shiftconv(selection, weights=weights, weights_without=weights_without)
+    report = reproduce_shift_conv(selection, weights=weights, weights_without=weights_without)
     assert report.protocol == "benchmark"
     dataset = KittiDepthDataset(selection)
     for measured, completer in (
@@ -96,23 +103,34 @@ def test_the_official_frames_give_the_benchmarks_figure(selection, weights, weig
         ]
         assert measured.rmse_mm == pytest.approx(statistics.fmean(errors_mm))
         assert measured.seconds > 0
-    assert row(report, "with, ours") == ["with, ours", f"{report.with_shift_conv.rmse_mm:,.2f}"]
+    figure = f"{report.with_shift_conv.rmse_mm:,.2f}"
+    of_papers, of_other = rows(report, "with, ours")
+    assert "needs --weights" in of_papers
+    assert figure not in of_papers
+    assert "not the paper's: spread: with Shift-Conv" in of_other
+    assert figure in of_other
+    assert "Not the paper's network: spread (shift_conv.channels 9, " in text(report)
+    report = replace(
+        report,
+        with_shift_conv=as_papers(report.with_shift_conv),
+        without_shift_conv=as_papers(report.without_shift_conv),
+    )
+    (of_papers,) = rows(report, "with, ours")
+    assert figure in of_papers
     assert "needs" not in text(report)
 
 
 def test_fewer_frames_are_not_called_the_benchmark(selection, weights):
-    report = reproduce_shiftconv(selection, weights=weights)
+    report = reproduce_shift_conv(selection, weights=weights)
     assert report.protocol == "ground truth"
     assert "ground truth, 2 frames" in text(report)
-    assert row(report, "with, ours") == [
-        "with, ours",
-        "needs KITTI's val_selection_cropped",
-        f"{report.with_shift_conv.rmse_mm:,.2f}",
-    ]
+    line = rows(report, "with, ours")[1]
+    assert "needs KITTI's val_selection_cropped" in line
+    assert f"{report.with_shift_conv.rmse_mm:,.2f}" in line
 
 
 def test_other_data_is_scored_on_held_out_rings(weights):
-    report = reproduce_shiftconv(PACKAGED_FRAMES, weights=weights, sample_list=["000001"])
+    report = reproduce_shift_conv(PACKAGED_FRAMES, weights=weights, sample_list=["000001"])
     assert (report.protocol, report.frames) == ("held-out rings", 1)
     sample = open_dataset(PACKAGED_FRAMES, sample_list=["000001"])[0]
     expected = evaluate_held_out([sample], DepthPredictor.load(weights), beams=(64,))
@@ -122,26 +140,50 @@ def test_other_data_is_scored_on_held_out_rings(weights):
 
 @pytest.mark.usefixtures("as_official")
 def test_what_was_not_measured_says_what_it_needs(selection):
-    report = reproduce_shiftconv(selection)
-    assert "sightline fit --config depth-shiftconv-kitti" in row(report, "with, ours")[1]
-    assert "--weights-without" in row(report, "without, ours")[1]
+    report = reproduce_shift_conv(selection)
+    assert "needs --weights WEIGHTS" in rows(report, "with, ours")[0]
+    assert "needs --weights-without WEIGHTS" in rows(report, "without, ours")[0]
+    assert text(report).rstrip().splitlines()[-1] == (
+        "Not measured: the paper's networks (recipe depth-shiftconv-kitti), without --weights "
+        "--weights-without."
+    )
     saved = json.loads(json.dumps(report.to_json()))
     assert saved["table_2"]["shift_conv"] is None
     assert saved["table_3"]["with"] is saved["table_3"]["without"] is None
 
 
 def test_the_file_for_scripts_says_whether_figures_compare(selection, weights, monkeypatch):
-    saved = reproduce_shiftconv(selection, weights=weights).to_json()
+    saved = reproduce_shift_conv(selection, weights=weights).to_json()
     assert saved["comparable_with_published"] is False
     assert saved["table_3"]["with"]["name"] == "spread"
     monkeypatch.setattr(module, "_BENCHMARK_FRAMES", 2)
-    assert reproduce_shiftconv(selection).to_json()["comparable_with_published"] is True
+    assert reproduce_shift_conv(selection).to_json()["comparable_with_published"] is True
+
+
+def test_without_data_the_published_figures_stand_alone():
+    report = reproduce_shift_conv()
+    assert "1,102.11" in text(report)
+    assert "Not measured: ours, without --data and weights." in text(report)
+    assert report.to_json()["comparable_with_published"] is False
+
+
+def test_the_figure_shows_the_papers_maps_of_a_frame(selection, weights, tmp_path):
+    def height(folder, **settings):
+        reproduce_shift_conv(selection, figures=folder, **settings)
+        return read_rgb(folder / FIGURES).shape[0]
+
+    size = KittiDepthDataset(selection)[0].image_size
+    one_map = with_title(np.zeros((min(size[0], 256), 9, 3), np.uint8), "").shape[0]
+    assert height(tmp_path / "plain") == 4 * one_map  # image, sweep, truth, expanded truth
+    assert height(tmp_path / "network", weights=weights) == 6 * one_map
+    with pytest.raises(ValueError, match="frame nowhere to draw is not among the 2 frames"):
+        height(tmp_path / "none", figure_frame="nowhere")
 
 
 def test_weights_given_as_what_they_are_not_are_refused(selection, weights, weights_without):
     with pytest.raises(ValueError, match="plain is a network without Shift-Conv, expected one"):
-        reproduce_shiftconv(selection, weights=weights_without)
+        reproduce_shift_conv(selection, weights=weights_without)
     with pytest.raises(
         ValueError, match="spread is a network with Shift-Conv, expected one without"
     ):
-        reproduce_shiftconv(selection, weights_without=weights)
+        reproduce_shift_conv(selection, weights_without=weights)

@@ -1,21 +1,34 @@
-"""Report of `reproduce_dgfn`: the paper's tables with our results next to the published ones."""
+"""Tables of Kim et al. 2018 (gated fusion): published results beside ours.
+
+"Robust Camera Lidar Sensor Fusion Via Deep Gated Information Fusion Network", Tables I and II.
+Published results are quoted, ours are measured by `gated_fusion_cases`. Early and late fusion are
+quoted from the same group's arXiv:1807.06233, which prints the same table.
+"""
 
 import statistics
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from sightline.corruptions.suites import CLEAN, Suite
 from sightline.detection2d.config import Fusion
-from sightline.detection2d.dgfn.gates import CaseGates, SensorGateScore
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName
+from sightline.papers.gates import CaseGates, SensorGateScore
+from sightline.papers.rows import (
+    ClassScores,
+    GivenNetwork,
+    Levels,
+    add_rows,
+    levels_text,
+    networks_note,
+    new_table,
+    undone_note,
+)
+from sightline.structures.sample import Sensor
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
     from rich.table import Table
-
-Levels = tuple[float, float, float]
-"""Results for the difficulties easy, moderate and hard, percent."""
 
 FULL: Final = "full"
 """Row with the mean over all cases."""
@@ -79,7 +92,6 @@ TABLE_2_PEERS: Final[tuple[tuple[str, str, Levels], ...]] = (
 )
 """Method, sensors and results of the other methods."""
 
-
 NAMES: Final[dict[Fusion, str]] = {
     "gated": "with gates",
     "ones": "weights all 1",
@@ -90,41 +102,21 @@ NAMES: Final[dict[Fusion, str]] = {
 }
 """Names of the fusion types in tables."""
 
-_HOW_TO_TRAIN = (
-    "Networks to give: sightline fit --config detection2d-dgfn-kitti, and the same with "
-    "--model.init_args.network.fusion ones, early, late, camera or lidar."
-)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CaseScore:
-    """Results of one detector in one case, percent."""
-
-    ap_r11: Levels
-    """AP at 11 recall positions, the published measure. It jumps by 9 where recall passes a
-    position."""
-    ap_r40: Levels
-    max_recall: Levels
-    """Recall at the lowest threshold."""
-    ap_all_points: Levels | None = None
-    """AP over all scores; None if not requested."""
-    ap_all_points_95: tuple[tuple[float, float], ...] | None = None
-    """95 % interval of that AP at each difficulty."""
+_SENSORS: Final[dict[Sensor, str]] = {"camera": "camera", "lidar": "LiDAR"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SystemScores:
     """Results of one detector."""
 
-    name: str
-    """Name of its weights."""
-    cases: Mapping[str, CaseScore]
+    network: GivenNetwork
+    cases: Mapping[str, ClassScores]
     """Results by case."""
 
     @property
-    def full(self) -> CaseScore:
+    def full(self) -> ClassScores:
         """Mean over the cases, which have equally many frames."""
-        return CaseScore(
+        return ClassScores(
             ap_r11=self._mean(lambda case: case.ap_r11),
             ap_r40=self._mean(lambda case: case.ap_r40),
             max_recall=self._mean(lambda case: case.max_recall),
@@ -135,27 +127,28 @@ class SystemScores:
             ),
         )
 
-    def _mean(self, figures: Callable[[CaseScore], Levels]) -> Levels:
+    def _mean(self, figures: Callable[[ClassScores], Levels]) -> Levels:
         by_level = zip(*map(figures, self.cases.values()), strict=True)
         easy, moderate, hard = map(statistics.fmean, by_level)
         return easy, moderate, hard
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DgfnReport:
+class GatedFusionReport:
     """Tables of Kim et al. 2018 with our measurements."""
 
-    data: str
-    frames: int
-    is_published_split: bool
-    """Whether the frames are KITTI's val split, as for the published results."""
     suite: Suite
-    seed: int
-    class_name: ClassName
-    iou: float
-    systems: Mapping[Fusion, SystemScores]
+    class_name: ClassName = "Car"
+    iou: float = 0.7
+    data: str | None = None
+    """Data set; None: nothing was measured."""
+    frames: int = 0
+    is_published_split: bool = False
+    """Whether the frames are KITTI's val split, as for the published results."""
+    seed: int = 0
+    systems: Mapping[Fusion, SystemScores] = field(default_factory=dict)
     """Detectors with given weights; camera and LiDAR alone in the clean case only."""
-    gates: tuple[CaseGates, ...]
+    gates: tuple[CaseGates, ...] = ()
     """Gates of the gated network, by case; empty without it."""
 
     @property
@@ -182,6 +175,10 @@ class DgfnReport:
             "iou": self.iou,
             "comparable_with_published": self.is_comparable,
             "difficulties": list(DIFFICULTIES),
+            "networks": {
+                fusion: asdict(each.network) | {"is_papers": each.network.is_papers}
+                for fusion, each in self.systems.items()
+            },
             "table_1": {
                 fusion: {
                     "published_ap_r11": {case: list(row) for case, row in published.items()},
@@ -196,65 +193,91 @@ class DgfnReport:
                 },
             },
             "gates": [case.to_json() for case in self.gates] or None,
+            "not_measured": self._missing(),
         }
 
     def _system_to_json(self, fusion: Fusion, *, with_full: bool) -> dict[str, object] | None:
         system = self.systems.get(fusion)
         if system is None:
             return None
+        named = {"name": system.network.name, "is_papers": system.network.is_papers}
         if not with_full:
-            return {"name": system.name, **asdict(system.cases[CLEAN])}
+            return {**named, **asdict(system.cases[CLEAN])}
         cases = {FULL: system.full, **system.cases}
-        return {"name": system.name, **{name: asdict(score) for name, score in cases.items()}}
+        return {**named, **{name: asdict(score) for name, score in cases.items()}}
 
     def table(self) -> "Group":
-        """Make the tables, one below the other."""
+        """Make the tables, one below the other, and a line on what was not measured."""
         from rich.console import Group
 
         parts: list[RenderableType] = [self._cases_table(), self._peers_table()]
         if self.gates:
             parts.append(self._gates_table())
-        return Group(*parts)
+        networks = [each.network for each in self.systems.values()]
+        notes = (networks_note(networks), undone_note(self._missing()))
+        return Group(*parts, *filter(None, notes))
+
+    def _missing(self) -> list[str]:
+        if self.data is None:
+            return ["ours, without --data KITTI and weights"]
+        absent = [f"--{fusion}" for fusion in TABLE_1 | TABLE_2 if not self._has_papers(fusion)]
+        recipe = "the paper's networks (recipe detection2d-dgfn-kitti)"
+        rows = [f"{recipe}, without {' '.join(absent)}"] if absent else []
+        return [*rows, *([] if self.gates else ["gates with Fig. 4 and 5, without --gated"])]
+
+    def _has_papers(self, fusion: Fusion) -> bool:
+        return fusion in self.systems and self.systems[fusion].network.is_papers
 
     def _cases_table(self) -> "Table":
-        columns = ("case", "fusion", "published R11", *self._our_columns())
-        table = _new_table(f"Table I: sensors that fail. {self._setting()}", columns)
+        columns = ("case", "fusion", "network", "published R11", *self._our_columns())
+        table = new_table(f"Table I: sensors that fail. {self._setting()}", columns, texts=3)
         titles = {FULL: "full (mean of all)"} | {case.name: case.title for case in self.suite.cases}
         for number, (case, title) in enumerate(titles.items()):
             if number:
                 table.add_section()
             for fusion, published in TABLE_1.items():
-                cells = self._our_cells(fusion, case)
                 said = title if fusion == "gated" else ""
-                table.add_row(said, NAMES[fusion], self._published(published[case]), *cells)
-        if any(fusion not in self.systems for fusion in TABLE_1 | TABLE_2):
-            table.caption, table.caption_justify = _HOW_TO_TRAIN, "left"
+                self._add_rows(table, fusion, case, (said, NAMES[fusion]), published[case])
         return table
 
     def _peers_table(self) -> "Table":
-        columns = ("method", "data", "published R11", *self._our_columns())
-        table = _new_table(f"Table II: sound sensors. {self._setting()}", columns)
+        columns = ("method", "data", "network", "published R11", *self._our_columns())
+        table = new_table(f"Table II: sound sensors. {self._setting()}", columns, texts=3)
         for fusion, (method, data, published) in TABLE_2.items():
-            cells = self._our_cells(fusion, CLEAN)
-            table.add_row(method, data, self._published(published), *cells)
+            self._add_rows(table, fusion, CLEAN, (method, data), published)
         for method, data, published in TABLE_2_PEERS if self._is_published_measure else ():
-            table.add_row(method, data, _levels(published), "not ours to run")
+            table.add_row(method, data, "not ours to run", levels_text(published))
         return table
+
+    def _add_rows(
+        self, table: "Table", fusion: Fusion, case: str, names: tuple[str, str], published: Levels
+    ) -> None:
+        """Add the paper's row, and one of another network."""
+        system = self.systems.get(fusion)
+        add_rows(
+            table,
+            names,
+            f"--{fusion}",
+            None if system is None else system.network,
+            () if system is None else self._our_cells(system, case),
+            published=(levels_text(published if self._is_published_measure else None),),
+        )
 
     def _gates_table(self) -> "Table":
         aurocs = ("AUROC, same frames", "AUROC, clean frames", "AUROC, frame means")
         columns = ("case", "gate of", "mean", "changed cells", "other cells", *aurocs)
-        table = _new_table(
-            f"Gates at the finest fused map (0 closed, 1 open); AUROC of 1 - gate. {self._where()}",
+        network = self.systems["gated"].network.title
+        where = f"{network}. {self._where()}"
+        table = new_table(
+            f"Gates at the finest fused map (0 closed, 1 open); AUROC of 1 - gate. {where}",
             columns,
+            texts=2,
         )
         titles = {case.name: case.title for case in self.suite.cases}
         for case in self.gates:
-            for said, sensor, score in (
-                (titles[case.case], "camera", case.camera),
-                ("", "LiDAR", case.lidar),
-            ):
-                table.add_row(said, sensor, *_gate_cells(score))
+            for sensor, score in case.scores.items():
+                said = titles[case.case] if sensor == "camera" else ""
+                table.add_row(said, _SENSORS[sensor], *_gate_cells(score))
         return table
 
     def _setting(self) -> str:
@@ -267,14 +290,11 @@ class DgfnReport:
         compares = "" if self.is_comparable else ": does not compare with the published figures"
         return (
             f"AP, easy / moderate / hard, percent. Published: Car, IoU 0.7, KITTI val, 3,769 "
-            f"frames. Ours: {ours}{compares}"
+            f"frames. Ours: {'none' if self.data is None else ours + compares}"
         )
 
     def _where(self) -> str:
         return f"{self.data}, {self.frames:,} frames"
-
-    def _published(self, levels: Levels) -> str:
-        return _levels(levels if self._is_published_measure else None)
 
     def _our_columns(self) -> tuple[str, ...]:
         points = ("ours, all points",) if self._has_all_points else ()
@@ -285,27 +305,15 @@ class DgfnReport:
         scores = (score for system in self.systems.values() for score in system.cases.values())
         return any(score.ap_all_points is not None for score in scores)
 
-    def _our_cells(self, fusion: Fusion, case: str) -> tuple[str, ...]:
-        system = self.systems.get(fusion)
-        if system is None:
-            return (f"needs --{fusion} WEIGHTS",)
+    def _our_cells(self, system: SystemScores, case: str) -> tuple[str, ...]:
         score = system.full if case == FULL else system.cases[case]
-        points = (_levels(score.ap_all_points),) if self._has_all_points else ()
-        return (_levels(score.ap_r11), _levels(score.ap_r40), *points, _levels(score.max_recall))
-
-
-def _new_table(title: str, columns: tuple[str, ...]) -> "Table":
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number < 2 else "right", no_wrap=True)
-    return table
-
-
-def _levels(levels: Levels | None) -> str:
-    return "-" if levels is None else " ".join(f"{value:6.2f}" for value in levels)
+        points = (levels_text(score.ap_all_points),) if self._has_all_points else ()
+        return (
+            levels_text(score.ap_r11),
+            levels_text(score.ap_r40),
+            *points,
+            levels_text(score.max_recall),
+        )
 
 
 def _gate_cells(score: SensorGateScore) -> tuple[str, ...]:

@@ -1,12 +1,9 @@
-"""Reproduction of the tables of the paper on gated fusion, next to the published results.
+"""Measurements for the tables and figures of Kim et al. 2018 (gated fusion).
 
-Kim et al. 2018, "Robust Camera Lidar Sensor Fusion Via Deep Gated Information Fusion Network":
-Table I (sensor faults), Table II (other methods); `gates` draws Fig. 4 and 5. Published
-results are quoted, ours are measured on the given data; a cell without a measurement names what it
-needs.
+Every detector runs on every frame in every case of the paper; see `gated_fusion` for the tables.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, get_args
@@ -14,16 +11,29 @@ from typing import Final, get_args
 from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.object_tree import Part, Velodyne, part_folder
-from sightline.data.open import open_dataset
-from sightline.data.sample_list import read_sample_list
+from sightline.data.object_tree import Velodyne
 from sightline.detection2d.answers import write_results
-from sightline.detection2d.config import Fusion
-from sightline.detection2d.dgfn.gates import (
+from sightline.detection2d.config import PAPER, Fusion
+from sightline.detection2d.network_task import NETWORK_TASK
+from sightline.detection2d.predictor import DetectionPredictor
+from sightline.evaluation.kitti_object_rules import (
+    STRICT,
+    ClassName,
+    ClassOverlaps,
+    MinimumOverlaps,
+)
+from sightline.export.names import EngineChoice
+from sightline.files.output_links import check_links
+from sightline.inference.network import load_network
+from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.progress import track
+from sightline.jobs.run import JobResult
+from sightline.papers.gated_fusion import GatedFusionReport, SystemScores
+from sightline.papers.gates import (
     GATE_MAPS,
     GATE_MEANS,
     CaseGates,
-    GateRecord,
+    Gates,
     measure_gates,
     pool_gates,
     read_gate_record,
@@ -32,28 +42,24 @@ from sightline.detection2d.dgfn.gates import (
     write_gate_means,
     write_gate_record,
 )
-from sightline.detection2d.dgfn.report import CaseScore, DgfnReport, Levels, SystemScores
-from sightline.detection2d.predictor import DetectionPredictor
-from sightline.evaluation.kitti_object import evaluate_objects
-from sightline.evaluation.kitti_object_rules import (
-    DIFFICULTIES,
-    STRICT,
-    ClassName,
-    ClassOverlaps,
-    MinimumOverlaps,
+from sightline.papers.rows import (
+    ClassScores,
+    GivenNetwork,
+    class_entries,
+    class_scores,
+    describe,
+    find_departures,
+    find_frame,
+    is_published_split,
+    open_labelled,
 )
-from sightline.evaluation.object_report import ObjectEntry, ObjectReport
-from sightline.export.names import EngineChoice
-from sightline.files.output_links import check_links
-from sightline.jobs.output_dirs import acquire_output_dir
-from sightline.jobs.progress import track
-from sightline.jobs.run import JobResult
 from sightline.robustness.answers import MethodRun, answer_in_cases, check_numbers
 from sightline.robustness.scoring import BenchFrame, BenchPrediction
-from sightline.simulation.generate import MANIFEST_NAME as SIMULATION_MANIFEST
 from sightline.structures.sample import CameraLidarSample
 
-_GATES = "gates"
+READINGS: Final = ("fusion", "postprocess", "input.height_offset_m")
+"""Settings with which a network is still the paper's: of the compared systems, of boxes' selection,
+and the letter of Eq. 3 beside our reading."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,35 +68,17 @@ class System:
 
     fusion: Fusion
     predictor: DetectionPredictor
+    network: GivenNetwork
     cases: tuple[Case, ...]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CaseFolder:
-    """Folder with a detector's output in one case.
-
-    `NAME.txt` is a frame's KITTI result file; `gates/NAME.json` contains the gates of a gated
-    detector. The latter is written first: a frame with a result file is complete.
-    """
-
-    path: Path
-
-    def gates_file(self, name: str) -> Path:
-        """Path of a frame's gates."""
-        return self.path / _GATES / f"{name}.json"
-
-    def gate_records(self, names: Iterable[str]) -> Iterator[GateRecord]:
-        """Read the gate records of frames, in their order, one at a time.
-
-        Raises:
-            ValueError: A file is missing or damaged.
-        """
-        return (read_gate_record(self.gates_file(name)) for name in names)
+def _case_folder(out: Path, fusion: Fusion, case: Case) -> Path:
+    """Folder of a detector's output in a case: NAME.txt and gates/NAME.json for each frame."""
+    return out / fusion / case.name
 
 
-def case_folder(out: Path, fusion: Fusion, case: Case) -> CaseFolder:
-    """Folder where `detect_in_cases` saves a detector's output in a case."""
-    return CaseFolder(path=out / fusion / case.name)
+def _gates_file(folder: Path, name: str) -> Path:
+    return folder / "gates" / f"{name}.json"
 
 
 def detect_in_cases(
@@ -110,7 +98,7 @@ def detect_in_cases(
     Args:
         dataset: Frames with image, sweep and labels; these are only read.
         systems: The detectors, one of each fusion type.
-        out: Output folder, see `case_folder`.
+        out: Output folder, with a folder for each detector and case.
         suite: Suite of the cases.
         seed: Seed of the corruptions' boxes, discs and noise.
         workers: Number of processes; 1 is this process alone.
@@ -156,20 +144,18 @@ class _ResultsAndGates:
         sample, answer = answered.posed.sample, answered.answer
         if answer.camera_gate is not None:
             record = measure_gates(answer, sample, answered.corrupted)
-            write_gate_record(CaseFolder(path=path.parent).gates_file(path.stem), record)
+            write_gate_record(_gates_file(path.parent, path.stem), record)
         write_results(path, sample, answer)
 
 
 ONE_SENSOR: Final[tuple[Fusion, ...]] = ("camera", "lidar")
 """Fusion types scored in the clean case only: Table II."""
 
-_PUBLISHED_SPLIT = "kitti-object-val"
 
-
-def reproduce_dgfn(
-    data: Path,
-    weights: Mapping[Fusion, str | Path],
-    out: Path,
+def reproduce_gated_fusion(
+    data: Path | None = None,
+    weights: Mapping[Fusion, str | Path] | None = None,
+    out: Path = Path("gated_fusion"),
     *,
     suite: str = "dgfn7",
     seed: int = 0,
@@ -183,7 +169,7 @@ def reproduce_dgfn(
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne | None = None,
     workers: int = 2,
-) -> DgfnReport:
+) -> GatedFusionReport:
     """Measure the results for the paper's tables on the given data.
 
     Every detector runs on every frame in every case of the suite; one-sensor detectors only in the
@@ -191,8 +177,9 @@ def reproduce_dgfn(
     computes other measures of them in seconds.
 
     Args:
-        data: KITTI's object tree, with labels.
-        weights: Networks by their fusion type; see `load_network`. Cells of other types stay open.
+        data: KITTI's object tree, with labels. None: the published figures alone.
+        weights: Networks by their fusion type; see `load_network`. Rows of other types stay open.
+            None: the published figures alone.
         out: Folder for the detections; see `detect_in_cases`.
         suite: Name of the suite of corruptions.
         seed: Seed of the corruptions' boxes, discs and noise.
@@ -200,7 +187,7 @@ def reproduce_dgfn(
         iou: IoU that a match must exceed; None: the benchmark's own, 0.7 for cars and 0.5
             otherwise.
         bootstrap: Resamples of the frames for AP over all scores; 0 leaves it out.
-        figures: Folder for the pictures of the gates. None: none are drawn.
+        figures: Folder for the pictures of the gated network's gates. None: none are drawn.
         figure_frame: Name of the frame whose gates are drawn. None: the first.
         engine: Inference engine.
         device: Device of the networks.
@@ -214,28 +201,26 @@ def reproduce_dgfn(
     """
     chosen = find_suite(suite)
     overlaps = _overlaps(class_name, iou)
-    if figures is not None and "gated" not in weights:
-        raise ValueError(
-            "the figures show gates; give the weights of a network with gates (--gated), or leave "
-            "the figures out"
-        )
-    systems = [
-        System(fusion=fusion, predictor=predictor, cases=_cases(chosen, fusion))
-        for fusion, predictor in _load(weights, engine, device).items()
-    ]
-    dataset = _open(data, sample_list, velodyne)
-    shown = _position(dataset, figure_frame)
+    weights = weights or {}
+    if weights and data is None:
+        raise ValueError("weights are measured on data; name KITTI's object tree with --data")
+    if data is None or not weights:
+        bbox = _overlaps_of(overlaps, class_name).bbox
+        return GatedFusionReport(suite=chosen, class_name=class_name, iou=bbox)
+    systems = _load(weights, chosen, engine, device)
+    dataset = open_labelled(data, sample_list, velodyne)
+    shown = find_frame(dataset, figure_frame)
     detect_in_cases(dataset, systems, out, suite=chosen, seed=seed, workers=workers)
     scores = _score(dataset, systems, out, class_name, overlaps, bootstrap)
     gates = _gates(dataset, chosen, out) if "gated" in weights else ()
-    if figures is not None:
+    if figures is not None and gates:
         gated = next(system.predictor for system in systems if system.fusion == "gated")
         write_gate_means(figures / GATE_MEANS, gates, chosen)
         write_gate_maps(figures / GATE_MAPS, dataset[shown], gated, chosen, seed)
-    return DgfnReport(
+    return GatedFusionReport(
         data=str(data),
         frames=len(dataset),
-        is_published_split=_is_published_split(dataset),
+        is_published_split=is_published_split(dataset),
         suite=chosen,
         seed=seed,
         class_name=class_name,
@@ -257,55 +242,30 @@ def _overlaps_of(overlaps: MinimumOverlaps, class_name: ClassName) -> ClassOverl
     return of_class
 
 
-def _cases(suite: Suite, fusion: Fusion) -> tuple[Case, ...]:
-    return suite.select([CLEAN]) if fusion in ONE_SENSOR else suite.cases
-
-
 def _load(
-    weights: Mapping[Fusion, str | Path], engine: EngineChoice, device: str
-) -> dict[Fusion, DetectionPredictor]:
+    weights: Mapping[Fusion, str | Path], suite: Suite, engine: EngineChoice, device: str
+) -> list[System]:
     """Load the detectors, in the order of the tables."""
-    if not weights:
-        raise ValueError(
-            "reproduce dgfn measures networks; give the weights of one or more (--gated WEIGHTS)"
-        )
-    loaded = {}
+    systems = []
     for fusion in (each for each in get_args(Fusion) if each in weights):
+        loaded = load_network(NETWORK_TASK, weights[fusion])
         # With several threads PyTorch's last digits vary, so the workers provide the parallelism.
-        predictor = DetectionPredictor.load(
-            weights[fusion], engine=engine, device=device, threads=1
-        )
+        predictor = DetectionPredictor(loaded, engine=engine, device=device, threads=1)
         if predictor.fusion != fusion:
             raise ValueError(
                 f"{predictor.name} is a network of fusion {predictor.fusion}, expected {fusion}; "
                 f"give it as --{predictor.fusion}"
             )
-        loaded[fusion] = predictor
-    return loaded
-
-
-def _open(
-    data: Path, sample_list: str | Path | Sequence[str] | None, velodyne: Velodyne | None
-) -> KittiObjectDataset:
-    parts: tuple[Part, ...] = ("image", "points", "objects")
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
-    if not isinstance(dataset, KittiObjectDataset) or "objects" not in dataset.parts:
-        raise ValueError(
-            f"{data} is no object tree of KITTI's with labels to score against; name a folder that "
-            "holds training/{image_2,velodyne,calib,label_2}"
+        config = loaded.network.config
+        network = describe(
+            loaded,
+            "compact" if config.dgfn is None else "DGFN",
+            find_departures(config, PAPER, besides=READINGS),
+            size=f"width {config.width:g}",
         )
-    return dataset
-
-
-def _position(dataset: KittiObjectDataset, name: str | None) -> int:
-    if name is None:
-        return 0
-    if name not in dataset.sample_ids:
-        raise ValueError(
-            f"frame {name} to draw is not among the {len(dataset)} frames that are scored; name "
-            "one of them"
-        )
-    return dataset.sample_ids.index(name)
+        cases = suite.select([CLEAN]) if fusion in ONE_SENSOR else suite.cases
+        systems.append(System(fusion=fusion, predictor=predictor, network=network, cases=cases))
+    return systems
 
 
 def _score(
@@ -317,66 +277,26 @@ def _score(
     bootstrap: int,
 ) -> dict[Fusion, SystemScores]:
     """Score every detector in each of its cases."""
-    labels = dataset.root / dataset.split / part_folder("objects")
     pairs = [(system, case) for system in systems for case in system.cases]
-    found: dict[Fusion, dict[str, CaseScore]] = {system.fusion: {} for system in systems}
+    found: dict[Fusion, dict[str, ClassScores]] = {system.fusion: {} for system in systems}
     for system, case in track(pairs, description="scoring"):
-        report = evaluate_objects(
-            case_folder(out, system.fusion, case).path,
-            labels,
-            sample_list=dataset.sample_ids,
-            overlaps=overlaps,
-            bootstrap=bootstrap,
-        )
-        found[system.fusion][case.name] = _case_score(report, class_name)
+        folder = _case_folder(out, system.fusion, case)
+        entries = class_entries(folder, dataset, class_name, "bbox", overlaps, bootstrap)
+        scores = class_scores(entries, with_all_points=bootstrap > 0)
+        found[system.fusion][case.name] = scores
     return {
-        system.fusion: SystemScores(name=system.predictor.name, cases=found[system.fusion])
+        system.fusion: SystemScores(network=system.network, cases=found[system.fusion])
         for system in systems
     }
 
 
-def _case_score(report: ObjectReport, class_name: ClassName) -> CaseScore:
-    """Select the class's results; all 0 if it has no entry, because nothing was found."""
-    entries = {
-        entry.difficulty: entry
-        for entry in report.entries
-        if (entry.class_name, entry.metric) == (class_name, "bbox")
-    }
-
-    def levels(figure: Callable[[ObjectEntry], float]) -> Levels:
-        easy, moderate, hard = (
-            figure(entries[each]) if each in entries else 0.0 for each in DIFFICULTIES
-        )
-        return easy, moderate, hard
-
-    intervals = tuple(
-        (points.low, points.high)
-        for entry in entries.values()
-        if (points := entry.all_points) and points.low is not None and points.high is not None
-    )
-    return CaseScore(
-        ap_r11=levels(lambda entry: entry.ap_r11),
-        ap_r40=levels(lambda entry: entry.ap_r40),
-        max_recall=levels(lambda entry: 100 * entry.max_recall),
-        ap_all_points=(
-            levels(lambda entry: entry.all_points.ap if entry.all_points else 0.0)
-            if report.num_resamples
-            else None
-        ),
-        ap_all_points_95=intervals or None,
-    )
-
-
 def _gates(dataset: KittiObjectDataset, suite: Suite, out: Path) -> tuple[CaseGates, ...]:
     pooled = {
-        case.name: pool_gates(case_folder(out, "gated", case).gate_records(dataset.sample_ids))
+        case.name: pool_gates(_records(_case_folder(out, "gated", case), dataset))
         for case in track(suite.cases, description="reading gates")
     }
     return tuple(score_gates(name, each, pooled[CLEAN]) for name, each in pooled.items())
 
 
-def _is_published_split(dataset: KittiObjectDataset) -> bool:
-    """Check that these are the papers' frames, and not simulated ones of the same names."""
-    if (dataset.root / SIMULATION_MANIFEST).exists():
-        return False
-    return set(dataset.sample_ids) == set(read_sample_list(_PUBLISHED_SPLIT, dataset.root))
+def _records(folder: Path, dataset: KittiObjectDataset) -> Iterator[Gates]:
+    return (read_gate_record(_gates_file(folder, name)) for name in dataset.sample_ids)

@@ -15,19 +15,20 @@ from sightline.data.image_file import read_rgb
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.sample_list import read_sample_list
 from sightline.detection2d.config import PostprocessConfig
-from sightline.detection2d.dgfn import reproduce as module
-from sightline.detection2d.dgfn.report import FULL, TABLE_1
-from sightline.detection2d.dgfn.reproduce import System, detect_in_cases, reproduce_dgfn
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection2d.registration import TASK
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.inference.predict import predict
+from sightline.papers.gated_fusion import FULL, TABLE_1, GatedFusionReport
+from sightline.papers.gated_fusion_cases import System, detect_in_cases, reproduce_gated_fusion
+from sightline.papers.rows import GivenNetwork, is_published_split
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection2d.frames import TINY, write_network
 
 SUITE = find_suite("dgfn7")
 FRAMES = ("000000", "000001")
 LABELS = PACKAGED_FRAMES / "training" / "label_2"
+OTHER = GivenNetwork(name="any", design="any", departures=("width 0.03",))
 FEW = PostprocessConfig(min_score=0.2, max_detections=10)
 
 
@@ -45,7 +46,7 @@ def weights(tmp_path_factory):
 def run(weights, tmp_path_factory):
     """A report, the folder that it was made in and that of its figures."""
     out, figures = (tmp_path_factory.mktemp(name) for name in ("out", "figures"))
-    report = reproduce_dgfn(
+    report = reproduce_gated_fusion(
         PACKAGED_FRAMES, weights, out, figures=figures, figure_frame="000001", workers=1, seed=3
     )
     return report, out, figures
@@ -74,9 +75,40 @@ def test_published_figures_are_quoted_and_open_cells_say_what_they_need(run):
         assert " ".join(f"{value:6.2f}" for value in levels) in said
     assert said.count("needs --early WEIGHTS") == said.count("needs --late WEIGHTS") == 8
     assert said.count("needs --lidar WEIGHTS") == 1
-    assert "needs --gated" not in said
-    assert "sightline fit --config detection2d-dgfn-kitti" in said
+    assert "recipe detection2d-dgfn-kitti), without --gated --ones --early" in said
     assert "does not compare with the published figures" in said
+
+
+def test_a_row_of_the_paper_is_filled_by_its_own_network_alone(run):
+    report = run[0]
+    gated = report.systems["gated"]
+    figures = " ".join(f"{value:6.2f}" for value in gated.cases["lidar_blank"].max_recall)
+    published = " ".join(f"{value:6.2f}" for value in TABLE_1["gated"]["lidar_blank"])
+    said = text(report)
+    row = next(line for line in said.splitlines() if published in line)
+    assert "needs --gated WEIGHTS" in row
+    assert figures not in row
+    assert said.count("not the paper's: gated: DGFN, width 0.03,") == 9  # Table I and II
+    assert "Not the paper's network: gated (width 0.03" in said
+    as_papers = replace(gated.network, departures=())
+    said = text(replace(report, systems={"gated": replace(gated, network=as_papers)}))
+    row = next(line for line in said.splitlines() if published in line)
+    assert "gated: DGFN, width 0.03, steps unknown" in row
+    assert figures in row
+    assert "needs --gated" not in said
+
+
+def test_without_data_the_published_figures_stand_alone():
+    report = reproduce_gated_fusion()
+    assert isinstance(report, GatedFusionReport)
+    said = text(report)
+    assert "98.69  90.31  82.16" in said
+    assert said.rstrip().splitlines()[-1] == (
+        "Not measured: ours, without --data KITTI and weights."
+    )
+    assert report.to_json()["networks"] == {}
+    with pytest.raises(ValueError, match="name KITTI's object tree with --data"):
+        reproduce_gated_fusion(None, {"gated": "detection2d-best"})
 
 
 def test_the_published_row_of_all_is_the_mean_of_the_others_but_for_one_misprint():
@@ -118,6 +150,7 @@ def test_a_second_call_makes_what_is_missing_and_nothing_else(run, weights):
         System(
             fusion=fusion,
             predictor=DetectionPredictor.load(weights[fusion], threads=1),
+            network=OTHER,
             cases=SUITE.cases,
         )
         for fusion in ("gated", "ones")
@@ -139,9 +172,9 @@ def test_files_of_other_weights_or_another_seed_are_not_mixed(run, weights, tmp_
     other = tmp_path / "gated.safetensors"
     write_network(other, DetectionPredictor.load(weights["gated"])._config, seed=1)
     with pytest.raises(ValueError, match="files made with weights_sha256"):
-        reproduce_dgfn(PACKAGED_FRAMES, {"gated": other}, out, seed=3)
+        reproduce_gated_fusion(PACKAGED_FRAMES, {"gated": other}, out, seed=3)
     with pytest.raises(ValueError, match="files made with seed 3 instead of 4"):
-        reproduce_dgfn(PACKAGED_FRAMES, {"gated": weights["gated"]}, out, seed=4)
+        reproduce_gated_fusion(PACKAGED_FRAMES, {"gated": weights["gated"]}, out, seed=4)
 
 
 @pytest.fixture
@@ -149,7 +182,7 @@ def with_cars_found(weights, tmp_path):
     """A folder in which the network without gates found the labelled objects, and no others."""
     out = tmp_path / "out"
     given = {"ones": weights["ones"]}
-    reproduce_dgfn(PACKAGED_FRAMES, given, out, sample_list=["000000"], workers=1)
+    reproduce_gated_fusion(PACKAGED_FRAMES, given, out, sample_list=["000000"], workers=1)
     lines = (LABELS / "000000.txt").read_text().splitlines()
     for case in ("clean", "camera_noise"):
         left = lines if case == "clean" else lines[::2]
@@ -160,7 +193,7 @@ def with_cars_found(weights, tmp_path):
 
 def test_every_cell_is_what_evaluate_objects_gives(with_cars_found):
     given, out = with_cars_found
-    report = reproduce_dgfn(
+    report = reproduce_gated_fusion(
         PACKAGED_FRAMES, given, out, sample_list=["000000"], bootstrap=20, workers=1
     )
     system = report.systems["ones"]
@@ -182,13 +215,15 @@ def test_every_cell_is_what_evaluate_objects_gives(with_cars_found):
 def test_another_class_and_another_overlap_take_the_same_files(with_cars_found):
     given, out = with_cars_found
     settings = {"sample_list": ["000000"], "workers": 1}
-    people = reproduce_dgfn(PACKAGED_FRAMES, given, out, class_name="Pedestrian", **settings)
+    people = reproduce_gated_fusion(
+        PACKAGED_FRAMES, given, out, class_name="Pedestrian", **settings
+    )
     assert (people.iou, people.is_comparable) == (0.5, False)
-    loose = reproduce_dgfn(PACKAGED_FRAMES, given, out, iou=0.25, **settings)
+    loose = reproduce_gated_fusion(PACKAGED_FRAMES, given, out, iou=0.25, **settings)
     assert loose.iou == 0.25
     assert "Car, IoU 0.25" in text(loose)
     with pytest.raises(ValueError, match="overlap bbox must be at least 0 and below 1"):
-        reproduce_dgfn(PACKAGED_FRAMES, given, out, iou=1.5, **settings)
+        reproduce_gated_fusion(PACKAGED_FRAMES, given, out, iou=1.5, **settings)
 
 
 def test_the_gates_of_every_case_are_told(run):
@@ -200,12 +235,14 @@ def test_the_gates_of_every_case_are_told(run):
         for name in FRAMES
     ]
     means = [frame["camera"]["mean"] for frame in frames]
-    assert by_case["camera_blank"].camera.mean == pytest.approx(statistics.fmean(means))
-    assert by_case["camera_blank"].camera.auroc_cells is None  # nothing is left to compare with
-    assert by_case["camera_blank"].camera.auroc_clean_cells is not None
-    assert by_case["camera_blank"].lidar.auroc_frames is None
-    assert 0 < by_case["lidar_occlusion"].lidar.auroc_cells < 1
-    assert by_case["clean"].camera.masked_mean is None
+    assert by_case["camera_blank"].scores["camera"].mean == pytest.approx(statistics.fmean(means))
+    assert (
+        by_case["camera_blank"].scores["camera"].auroc_cells is None
+    )  # nothing is left to compare with
+    assert by_case["camera_blank"].scores["camera"].auroc_clean_cells is not None
+    assert by_case["camera_blank"].scores["lidar"].auroc_frames is None
+    assert 0 < by_case["lidar_occlusion"].scores["lidar"].auroc_cells < 1
+    assert by_case["clean"].scores["camera"].masked_mean is None
     assert re.search(r"Lidar \+ RGB \(blank\) +camera +0\.\d{3}", text(report))
 
 
@@ -230,7 +267,7 @@ def test_the_file_for_scripts_holds_what_the_tables_say(run):
     assert saved["comparable_with_published"] is False
     assert saved["table_1"]["early"]["ours"] is None
     ours = saved["table_1"]["gated"]["ours"]
-    assert list(ours)[:2] == ["name", "full"]
+    assert list(ours)[:3] == ["name", "is_papers", "full"]
     assert ours["clean"]["ap_r11"] == list(report.systems["gated"].cases["clean"].ap_r11)
     assert saved["table_2"]["ours"]["camera"]["name"] == "camera"
     assert [case["case"] for case in saved["gates"]] == list(SUITE.case_names)
@@ -241,39 +278,37 @@ def test_only_the_val_split_of_kitti_compares_with_the_published_figures(run, mo
     assert replace(report, is_published_split=True).is_comparable
     assert not replace(report, is_published_split=True, iou=0.5).is_comparable
     dataset = KittiObjectDataset(PACKAGED_FRAMES)
-    assert not module._is_published_split(dataset)
+    assert not is_published_split(dataset)
     monkeypatch.setattr(
         KittiObjectDataset, "sample_ids", read_sample_list("kitti-object-val", PACKAGED_FRAMES)
     )
-    assert module._is_published_split(dataset)
+    assert is_published_split(dataset)
 
 
 def test_what_makes_no_sense_is_refused_before_anything_is_done(weights, tmp_path):
     out = tmp_path / "out"
     ones = {"ones": weights["ones"]}
     for given, settings, said in (
-        ({}, {}, "give the weights of one or more"),
         ({"gated": weights["ones"]}, {}, "ones is a network of fusion ones, expected gated; give"),
-        (ones, {"figures": tmp_path}, "the figures show gates"),
         (ones, {"figure_frame": "000009"}, "frame 000009 to draw is not among the 2 frames"),
         (ones, {"suite": "dgfn8"}, "perhaps dgfn7"),
         (ones, {"workers": 0}, "workers must be at least 1"),
         (ones, {"seed": -1}, "seed must not be negative"),
     ):
         with pytest.raises(ValueError, match=said):
-            reproduce_dgfn(PACKAGED_FRAMES, given, out, **settings)
+            reproduce_gated_fusion(PACKAGED_FRAMES, given, out, **settings)
     assert not out.exists()
 
 
 def test_data_without_labels_are_refused(weights, tmp_path):
     (tmp_path / "testing").symlink_to(PACKAGED_FRAMES / "training")
     with pytest.raises(ValueError, match="with labels to score against"):
-        reproduce_dgfn(tmp_path, {"ones": weights["ones"]}, tmp_path / "out")
+        reproduce_gated_fusion(tmp_path, {"ones": weights["ones"]}, tmp_path / "out")
 
 
 def test_the_command_prints_the_tables_and_names_the_pictures(run, weights, tmp_path, capsys):
     _, out, _ = run
-    command = ["reproduce", "dgfn", "--data", str(PACKAGED_FRAMES), "--out", str(out)]
+    command = ["reproduce", "gated-fusion", "--data", str(PACKAGED_FRAMES), "--out", str(out)]
     command += ["--gated", str(weights["gated"]), "--seed", "3", "--workers", "1"]
     command += ["--figures", str(tmp_path), "--json", str(tmp_path / "report.json")]
     assert main(command) == 0

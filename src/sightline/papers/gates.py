@@ -1,4 +1,7 @@
-"""Gates over corrupted and intact parts of the sensors' images: records, statistics, figures."""
+"""Gates of Kim et al. 2018 over corrupted and intact parts of the sensors' images.
+
+Records of frames, statistics of cases, and Fig. 4 and 5.
+"""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,6 +32,7 @@ from sightline.visualization.shares import ShareSeries, draw_histogram
 NUM_LEVELS = 1024
 _LEVELS_A_LOGIT = 32  # for log odds from -16 to 16
 _MOST_CELLS = 2**31  # in a map
+_SENSORS: Final[tuple[Sensor, ...]] = ("camera", "lidar")
 _REMEDY = "remove it and run the same command again"
 
 
@@ -53,29 +57,26 @@ class GateCells:
         return self.total / self.num_cells if self.num_cells else None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class SensorGate:
-    """One sensor's gate in one frame, or in several."""
+_NO_CELLS = GateCells(total=0.0, counts=np.zeros(NUM_LEVELS, dtype=np.int64))
 
-    mean: float
-    """Mean over the whole map."""
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SensorGate:
+    """One sensor's gate in a frame, or in all frames of a case."""
+
+    means: Float64[np.ndarray, " num_frames"]
+    """Each frame's mean over the whole map."""
     masked: GateCells
     """Cells of which a corruption has changed more than half."""
     clear: GateCells
     """Unchanged cells."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class GateRecord:
-    """Both gates of a frame at the network's finest map."""
-
-    camera: SensorGate
-    lidar: SensorGate
+Gates = Mapping[Sensor, SensorGate]
+"""Both sensors' gates at the network's finest map."""
 
 
-def measure_gates(
-    answer: DetectorAnswer, sound: CameraLidarSample, corrupted: Corrupted
-) -> GateRecord:
+def measure_gates(answer: DetectorAnswer, sound: CameraLidarSample, corrupted: Corrupted) -> Gates:
     """Measure a frame's gates over changed and unchanged cells.
 
     Cells where the intact sweep has no point are left out of the LiDAR's masked and clear cells:
@@ -99,10 +100,10 @@ def measure_gates(
     has_point = everywhere
     if sound.points is not None:
         has_point = sparse_depth_map(sound.points, sound.calibration, size) > 0
-    return GateRecord(
-        camera=_sensor_gate(answer.camera_gate, corrupted.camera_mask, everywhere),
-        lidar=_sensor_gate(answer.lidar_gate, corrupted.lidar_mask, has_point),
-    )
+    return {
+        "camera": _sensor_gate(answer.camera_gate, corrupted.camera_mask, everywhere),
+        "lidar": _sensor_gate(answer.lidar_gate, corrupted.lidar_mask, has_point),
+    }
 
 
 def _sensor_gate(
@@ -114,7 +115,7 @@ def _sensor_gate(
     masked_share = F.adaptive_avg_pool2d(mask.float()[None], cells)[0]
     is_known = F.adaptive_max_pool2d(could_be_seen.float()[None], cells)[0] > 0
     return SensorGate(
-        mean=float(gate.double().mean()),
+        means=np.array([float(gate.double().mean())]),
         masked=_cells(gate[is_known & (masked_share > 0.5)]),
         clear=_cells(gate[is_known & (masked_share == 0)]),
     )
@@ -128,13 +129,13 @@ def _cells(gates: Float32[Tensor, " num_cells"]) -> GateCells:
     return GateCells(total=float(exact.sum()), counts=counts.numpy())
 
 
-def write_gate_record(path: Path, record: GateRecord) -> None:
-    """Write a JSON file atomically."""
-    plain = {"camera": _to_plain(record.camera), "lidar": _to_plain(record.lidar)}
+def write_gate_record(path: Path, record: Gates) -> None:
+    """Write a frame's gates to a JSON file atomically."""
+    plain = {sensor: _to_plain(gate) for sensor, gate in record.items()}
     atomic_write_text(path, json.dumps(plain) + "\n")
 
 
-def read_gate_record(path: Path) -> GateRecord:
+def read_gate_record(path: Path) -> Gates:
     """Read a file of `write_gate_record`.
 
     Raises:
@@ -143,14 +144,14 @@ def read_gate_record(path: Path) -> GateRecord:
     text = read_text(path)
     try:
         plain = json.loads(text)
-        return GateRecord(camera=_from_plain(plain["camera"]), lidar=_from_plain(plain["lidar"]))
+        return {sensor: _from_plain(plain[sensor]) for sensor in _SENSORS}
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise FileError(path, "is no record of gates", _REMEDY) from error
 
 
 def _to_plain(gate: SensorGate) -> dict[str, object]:
     groups = {"masked": gate.masked, "clear": gate.clear}
-    return {"mean": gate.mean} | {
+    return {"mean": float(gate.means[0])} | {
         name: {
             "total": cells.total,
             "counts": [
@@ -163,7 +164,7 @@ def _to_plain(gate: SensorGate) -> dict[str, object]:
 
 def _from_plain(plain: Mapping[str, Any]) -> SensorGate:
     return SensorGate(
-        mean=_number(plain["mean"], 1),
+        means=np.array([_number(plain["mean"], 1)]),
         masked=_cells_from_plain(plain["masked"]),
         clear=_cells_from_plain(plain["clear"]),
     )
@@ -183,9 +184,6 @@ def _number(value: object, most: int) -> float:
     if not isinstance(value, int | float) or not 0 <= value <= most:
         raise ValueError(f"no {value} can be a mean or a sum of gates")
     return float(value)
-
-
-_NO_CELLS = np.zeros(NUM_LEVELS, dtype=np.int64)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -212,43 +210,29 @@ class CaseGates:
     """Gates of all frames in one case."""
 
     case: str
-    camera: SensorGateScore
-    lidar: SensorGateScore
-    camera_means: Float64[np.ndarray, " num_frames"]
+    scores: Mapping[Sensor, SensorGateScore]
+    means: Mapping[Sensor, Float64[np.ndarray, " num_frames"]]
     """Each frame's mean gate."""
-    lidar_means: Float64[np.ndarray, " num_frames"]
 
     def to_json(self) -> dict[str, object]:
         """Convert to the contents of a report file."""
-        return {"case": self.case, "camera": asdict(self.camera), "lidar": asdict(self.lidar)}
+        return {"case": self.case} | {name: asdict(each) for name, each in self.scores.items()}
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PooledGate:
-    """One sensor's gate over the frames of a case."""
-
-    means: Float64[np.ndarray, " num_frames"]
-    """Each frame's mean gate."""
-    masked: GateCells
-    clear: GateCells
-
-
-def pool_gates(records: Iterable[GateRecord]) -> dict[Sensor, PooledGate]:
+def pool_gates(records: Iterable[Gates]) -> Gates:
     """Pool the gates of a case's frames, one or more, one at a time."""
-    means: dict[Sensor, list[float]] = {"camera": [], "lidar": []}
-    masked = {sensor: GateCells(total=0.0, counts=_NO_CELLS) for sensor in means}
-    clear = dict(masked)
+    means: dict[Sensor, list[float]] = {sensor: [] for sensor in _SENSORS}
+    masked, clear = dict.fromkeys(_SENSORS, _NO_CELLS), dict.fromkeys(_SENSORS, _NO_CELLS)
     for record in records:
-        gates: dict[Sensor, SensorGate] = {"camera": record.camera, "lidar": record.lidar}
-        for sensor, gate in gates.items():
-            means[sensor].append(gate.mean)
+        for sensor, gate in record.items():
+            means[sensor] += gate.means.tolist()
             masked[sensor] = _sum(masked[sensor], gate.masked)
             clear[sensor] = _sum(clear[sensor], gate.clear)
     return {
-        sensor: PooledGate(
+        sensor: SensorGate(
             means=np.array(means[sensor]), masked=masked[sensor], clear=clear[sensor]
         )
-        for sensor in means
+        for sensor in _SENSORS
     }
 
 
@@ -256,21 +240,16 @@ def _sum(first: GateCells, second: GateCells) -> GateCells:
     return GateCells(total=first.total + second.total, counts=first.counts + second.counts)
 
 
-def score_gates(
-    case: str, pooled: Mapping[Sensor, PooledGate], clean: Mapping[Sensor, PooledGate]
-) -> CaseGates:
+def score_gates(case: str, pooled: Gates, clean: Gates) -> CaseGates:
     """Compare the gates of a case with its masks, and with those of the same frames when clean."""
-    camera, lidar = pooled["camera"], pooled["lidar"]
     return CaseGates(
         case=case,
-        camera=_score(camera, clean["camera"]),
-        lidar=_score(lidar, clean["lidar"]),
-        camera_means=camera.means,
-        lidar_means=lidar.means,
+        scores={sensor: _score(gate, clean[sensor]) for sensor, gate in pooled.items()},
+        means={sensor: gate.means for sensor, gate in pooled.items()},
     )
 
 
-def _score(pooled: PooledGate, clean: PooledGate) -> SensorGateScore:
+def _score(pooled: SensorGate, clean: SensorGate) -> SensorGateScore:
     masked, is_changed = pooled.masked, pooled.masked.num_cells > 0
     return SensorGateScore(
         mean=float(pooled.means.mean()),
@@ -300,8 +279,8 @@ def write_gate_means(path: Path, gates: Sequence[CaseGates], suite: Suite) -> No
         draw_histogram(
             titles[case.case],
             (
-                ShareSeries(name="camera gate", values=case.camera_means, color=CAMERA_COLOR),
-                ShareSeries(name="LiDAR gate", values=case.lidar_means, color=LIDAR_COLOR),
+                ShareSeries(name="camera gate", values=case.means["camera"], color=CAMERA_COLOR),
+                ShareSeries(name="LiDAR gate", values=case.means["lidar"], color=LIDAR_COLOR),
             ),
             size=_CHART_SIZE,
         )

@@ -1,0 +1,1 @@
+"""The three published systems that Sightline rebuilds: their tables and figures beside ours."""
