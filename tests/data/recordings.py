@@ -336,7 +336,10 @@ def write_nuscenes(root: Path, *, num_samples: int = 2) -> Path:
             {"token": f"{token}-l", "calibrated_sensor_token": "cl", "filename": cloud}
             | {"timestamp": time_us, "height": 0, "width": 0, **common},
         ]
-        write_rgb(root / image, IMAGE)
+        picture = IMAGE.copy()
+        picture[:8, : 8 * number] = 0
+        write_rgb(root / image, picture)
+        sweep[-1, 3] = (POINTS[-1, 3] * 255 + number) % 256  # no two files are equal
         (root / cloud).parent.mkdir(parents=True, exist_ok=True)
         sweep.tofile(root / cloud)
         world_from_ours = world_from_ego @ ego_from_lidar @ lidar_from_ours

@@ -31,8 +31,10 @@ def write_drive(path, **bag_changes):
         for at in range(4):
             time_ns = START_NS + at * 10**8
             bag.info("/front/camera_info", time_ns, matrix=matrix, size=SMALL.shape[:2])
-            bag.image("/front/image_raw", time_ns, picture=SMALL)
-            bag.cloud("/points", time_ns + 8 * 10**6, points=FEW)
+            picture = SMALL.copy()
+            picture[0, :at] = 0  # no two pictures and clouds are equal
+            bag.image("/front/image_raw", time_ns, picture=picture)
+            bag.cloud("/points", time_ns + 8 * 10**6, points=FEW[: len(FEW) - at])
     return path
 
 
