@@ -32,7 +32,7 @@ MEAN = replace(WITHOUT_SMOOTHING, classical_share=0.5)
 wide = pytest.mark.parametrize("row_spacing", BEAMS.values(), ids=BEAMS)
 
 
-# what it promises
+# properties of the method
 
 
 @wide
@@ -215,7 +215,7 @@ def test_a_setting_out_of_range_is_refused_by_name(field, value):
         AdaptiveConfig(**{field: value})
 
 
-# its steps, against loops over lists
+# single steps, against slow references
 
 
 @given(random_maps(max_rows=10, max_columns=14), st.integers(1, 12), st.integers(1, 4))
@@ -319,7 +319,7 @@ def test_rows_are_averaged_over_a_width_that_follows_the_distance(seed, width):
         np.testing.assert_allclose(smooth[row], expected, rtol=1e-5)
 
 
-# what rounds contours
+# smoothing steps
 
 
 def test_a_value_that_stands_out_of_its_surroundings_takes_their_median():

@@ -1,4 +1,4 @@
-"""Two processes on the CPU train as one does."""
+"""Training on two processes equals training on one."""
 
 import os
 import subprocess

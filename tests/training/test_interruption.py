@@ -1,4 +1,4 @@
-"""A run that is ended at any moment, and gone on with, is the run that was not ended."""
+"""Interrupted and resumed runs equal uninterrupted ones."""
 
 import contextlib
 import multiprocessing

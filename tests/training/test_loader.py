@@ -1,4 +1,4 @@
-"""Workers that cannot hand their batches on, hang or die never let a training wait without end."""
+"""Loading ends with an error if workers cannot send batches, hang or die."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""A training that was stopped and resumed is the training that was not stopped."""
+"""Resumed trainings equal uninterrupted ones."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""`sightline validate` and `sightline test`: what is scored, and the report."""
+"""`sightline validate` and `sightline test`: scored weights and report."""
 
 import json
 from pathlib import Path

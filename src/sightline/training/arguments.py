@@ -38,7 +38,7 @@ KEEP_LAST_WEIGHTS = RunOption(
     flag="--keep_last_weights",
     kind=bool,
     default=False,
-    help="Whether weights.safetensors and scores are of the last weights, not the best validated.",
+    help="Whether weights.safetensors and scores use the last weights, not the best validated.",
 )
 
 MIN_DATA_SETTINGS: Final = {
@@ -186,7 +186,7 @@ def check_data_number(name: str, value: int | None) -> None:
 
 
 def nulls_as_configs(arguments: Sequence[str]) -> list[str]:
-    """Replace each `--SETTING null` by a configuration of that setting alone.
+    """Replace each `--SETTING null` by a configuration with only that setting.
 
     jsonargparse 4.53 accepts nulls in configurations, but not as flags of nested settings
     (`--model.init_args.network.regions null`).

@@ -52,7 +52,7 @@ def _types(value: Namespace, kinds: Sequence[Any]) -> Mapping[str, Any]:
         annotated = next(filter(is_dataclass, kinds), None)
     try:
         return get_type_hints(annotated)
-    except (NameError, TypeError):  # types that are imported for type checkers alone; no types
+    except (NameError, TypeError):  # types imported only for type checkers; no types
         return {}
 
 

@@ -167,7 +167,7 @@ def read_table(path: Path) -> Table:
 
 def _number(value: object, maximum: float) -> int | float | None:
     """Return a finite number of plausible size unchanged; None for anything else."""
-    if type(value) is int:  # True is an int, too
+    if type(value) is int:  # True is an int too
         return value if abs(value) <= maximum else None
     if isinstance(value, float) and math.isfinite(value) and abs(value) <= maximum:
         return value
