@@ -343,9 +343,9 @@ def write_nuscenes(root: Path, *, num_samples: int = 2) -> Path:
             {"token": f"{token}-l", "calibrated_sensor_token": "cl", "filename": cloud}
             | {"timestamp": time_us, "height": 0, "width": 0, **common},
         ]
-        shown = IMAGE.copy()
-        shown[:8, : 8 * number] = 0
-        write_rgb(root / image, shown)
+        picture = IMAGE.copy()
+        picture[:8, : 8 * number] = 0
+        write_rgb(root / image, picture)
         (root / cloud).parent.mkdir(parents=True, exist_ok=True)
         sweep[:, 4] = number
         sweep.tofile(root / cloud)

@@ -17,12 +17,12 @@ TINY = {
 
 
 def tiny_config(**settings) -> DepthCompletionConfig:
-    """A network of stride 2 with a few thousand weights."""
+    """Settings of a network of stride 2 with a few thousand weights."""
     return DepthCompletionConfig(**{**TINY, **settings})
 
 
 def write_tiny_weights(path: Path, *, seed: int = 0, task: str = "depth-completion", **settings):
-    """Writes weights that are random throughout; gives the path."""
+    """Write random weights; returns the path."""
     config = tiny_config(**settings)
     network = DepthCompletionNet(config)
     generator = torch.Generator().manual_seed(seed)

@@ -26,19 +26,19 @@ from tests.depth_completion.sparse_maps import plane, random_map, random_maps, r
 from tests.reference import adaptive_completion as reference
 
 BEAMS = {64: 5, 32: 11, 16: 23, 8: 44}  # ring spacing in KITTI's images [rows]
-ALONE = AdaptiveConfig(classical_share=0.0, softening=np.inf)
-"""Without what rounds contours: the median, and the mean with morphological completion."""
-MEAN = replace(ALONE, classical_share=0.5)
+WITHOUT_SMOOTHING = AdaptiveConfig(classical_share=0.0, softening=np.inf)
+"""Settings without the steps that round contours: the median and morphological completion."""
+MEAN = replace(WITHOUT_SMOOTHING, classical_share=0.5)
 wide = pytest.mark.parametrize("row_spacing", BEAMS.values(), ids=BEAMS)
 
 
-# what it promises
+# properties of the method
 
 
 @wide
 def test_a_plane_comes_out_exactly_at_every_ring_spacing(row_spacing):
     truth = plane((180, 90), per_row=0.0008)
-    dense = adaptive_depth(rings(truth, row_spacing=row_spacing), ALONE)
+    dense = adaptive_depth(rings(truth, row_spacing=row_spacing), WITHOUT_SMOOTHING)
     between = slice(2, 2 + (177 // row_spacing) * row_spacing + 1)
     np.testing.assert_allclose(dense.depth_m[between], truth[between], rtol=1e-5)
     assert dense.valid[between, :-3].all()
@@ -47,7 +47,7 @@ def test_a_plane_comes_out_exactly_at_every_ring_spacing(row_spacing):
 @wide
 def test_a_plane_that_also_turns_sideways_comes_out_within_a_hundredth(row_spacing):
     truth = plane((180, 90), per_row=0.0008, per_column=0.0002)
-    dense = adaptive_depth(rings(truth, row_spacing=row_spacing), ALONE)
+    dense = adaptive_depth(rings(truth, row_spacing=row_spacing), WITHOUT_SMOOTHING)
     between = slice(2, 2 + (177 // row_spacing) * row_spacing + 1)
     inner = slice(12, -12)  # at the border the mean of a row is one-sided
     np.testing.assert_allclose(dense.depth_m[between, inner], truth[between, inner], rtol=0.01)
@@ -57,7 +57,7 @@ def test_the_ground_goes_on_below_the_lowest_ring():
     truth = plane((120, 60), per_row=0.0008)
     sparse = rings(truth, row_spacing=20)
     sparse[90:] = 0  # the lowest ring is in row 82
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     np.testing.assert_allclose(dense.depth_m[83:], truth[83:], rtol=1e-5)
     assert dense.valid[83:103, :-3].all()
     assert not dense.valid[103:].any()
@@ -67,14 +67,14 @@ def test_below_the_lowest_ring_the_ground_ends_after_twice_the_last_gap():
     truth = plane((120, 60), per_row=0.0008)
     sparse = rings(truth, row_spacing=20)
     sparse[30:] = 0  # rings in rows 2 and 22
-    depth = adaptive_depth(sparse, ALONE).depth_m.numpy()
+    depth = adaptive_depth(sparse, WITHOUT_SMOOTHING).depth_m.numpy()
     np.testing.assert_allclose(depth[22:63], truth[22:63], rtol=1e-5)
     np.testing.assert_allclose(depth[63:], np.broadcast_to(truth[62], (57, 60)), rtol=1e-5)
 
 
 def test_above_the_top_ring_its_depth_goes_on_and_only_a_ring_spacing_of_it_is_valid():
     sparse = rings(np.full((200, 60), 30.0, np.float32), row_spacing=10, first_row=100)
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     np.testing.assert_allclose(dense.depth_m, 30.0, rtol=1e-5)
     assert dense.valid[90:190, :-3].all()
     assert not dense.valid[:90].any()
@@ -86,14 +86,14 @@ def test_above_a_top_ring_that_bends_its_depth_goes_on():
     bent = 30 - (columns - 100) ** 2 // 500  # rises by 20 rows at the sides, as KITTI's does
     for below in range(0, 30, 5):
         sparse[bent + below, columns] = np.where(np.abs(columns - 100) < 60, 50.0, 10.0)
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     np.testing.assert_allclose(dense.depth_m[5:20, 80:120], 50.0, rtol=1e-5)
 
 
 def test_a_hole_that_spans_many_rings_is_filled_but_not_valid():
     sparse = rings(np.full((200, 60), 30.0, np.float32), row_spacing=10)
     sparse[50:110, 20:40] = 0  # rows 42 and 112, columns 18 and 42 are measured around it
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     np.testing.assert_allclose(dense.depth_m, 30.0, rtol=1e-5)
     assert not dense.valid[53:102, 19:42].any()
     assert dense.valid[53:102, :19].all()
@@ -104,7 +104,7 @@ def test_where_a_part_of_the_sweep_is_hidden_the_plane_beside_it_goes_on(hidden)
     depth = plane((200, 400), per_row=0.0005)
     sparse = rings(depth, row_spacing=5)
     sparse[hidden, 150:250] = 0
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     measured_rows = slice(10, 190)
     error = np.abs(dense.depth_m.numpy() / depth - 1)[measured_rows]
     assert error.max() < 0.1  # just beyond a ring its depth goes on
@@ -118,7 +118,7 @@ def test_a_road_of_which_the_sweep_shows_a_fifth_goes_on_where_rings_were(hidden
     depth = plane((200, 600), per_row=0.0005)
     sparse = rings(depth, row_spacing=5)
     sparse[hidden_rows, 60:540] = 0
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     error = np.abs(dense.depth_m.numpy() / depth - 1)[80:190]
     assert error.max() < 0.1
 
@@ -128,7 +128,7 @@ def test_near_things_on_either_side_do_not_reach_across_what_no_ring_reaches():
     sparse[60::5] = 50.0
     for pole in (slice(5, 20), slice(280, 295)):
         sparse[20::5, pole] = 5.0
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     np.testing.assert_allclose(dense.depth_m[25:55, 60:240], 50.0, rtol=1e-5)
     np.testing.assert_allclose(dense.depth_m[25:55, 8:17], 5.0, rtol=1e-5)
 
@@ -138,7 +138,7 @@ def test_a_far_measurement_between_near_ones_is_dropped_and_one_above_them_is_ke
     sparse[20:50:5, ::3] = 6.0
     sparse[32, 30] = 40.0  # seen past an edge by the LiDAR, hidden from the camera
     sparse[10, ::3] = 40.0  # behind the top edge
-    dense = adaptive_depth(sparse, ALONE)
+    dense = adaptive_depth(sparse, WITHOUT_SMOOTHING)
     np.testing.assert_allclose(dense.depth_m[20:46], 6.0, rtol=1e-5)
     assert (dense.depth_m[10, ::3] == 40.0).all()
 
@@ -147,14 +147,14 @@ def test_a_far_measurement_between_near_ones_is_dropped_and_one_above_them_is_ke
 def test_a_far_measurement_is_dropped_wherever_it_lies_between_two_near_rings(row_spacing):
     sparse = rings(np.full((180, 60), 6.0, np.float32), row_spacing=row_spacing)
     sparse[2 + row_spacing + row_spacing // 2, 30] = 40.0
-    np.testing.assert_allclose(adaptive_depth(sparse, ALONE).depth_m, 6.0, rtol=1e-5)
+    np.testing.assert_allclose(adaptive_depth(sparse, WITHOUT_SMOOTHING).depth_m, 6.0, rtol=1e-5)
 
 
 def test_a_gap_in_a_ring_is_not_bridged_by_way_of_the_ring_below():
     sparse = rings(np.full((60, 60), 10.0, np.float32), row_spacing=3)
-    sparse[32] *= np.float32(1.1)  # another depth, to tell the rings apart
+    sparse[32] *= np.float32(1.1)  # another depth, to distinguish the rings
     sparse[29, 30:36] = 0  # the ring goes on after 9 columns, the one below after 3
-    depth = adaptive_depth(sparse, ALONE).depth_m.numpy()
+    depth = adaptive_depth(sparse, WITHOUT_SMOOTHING).depth_m.numpy()
     np.testing.assert_allclose(depth[29], 10.0, rtol=1e-5)
 
 
@@ -162,7 +162,7 @@ def test_a_gap_in_a_ring_is_not_bridged_by_way_of_the_ring_below():
 def test_two_walls_side_by_side_keep_a_sharp_edge_on_the_rings(row_spacing):
     truth = np.full((180, 120), 8.0, np.float32)
     truth[:, 60:] = 30.0
-    depth = adaptive_depth(rings(truth, row_spacing=row_spacing), ALONE).depth_m.numpy()
+    depth = adaptive_depth(rings(truth, row_spacing=row_spacing), WITHOUT_SMOOTHING).depth_m.numpy()
     on_ring = depth[2 + row_spacing]
     is_near, is_far = np.isclose(on_ring, 8.0, rtol=1e-6), np.isclose(on_ring, 30.0, rtol=1e-6)
     assert (is_near | is_far).all()
@@ -174,7 +174,7 @@ def test_what_is_far_away_in_the_image_changes_nothing():
     sparse = rings(truth, row_spacing=10)
     other = sparse.copy()
     other[:, :200] *= np.float32(1.5)
-    a, b = adaptive_depth(sparse, ALONE), adaptive_depth(other, ALONE)
+    a, b = adaptive_depth(sparse, WITHOUT_SMOOTHING), adaptive_depth(other, WITHOUT_SMOOTHING)
     assert torch.equal(a.depth_m[:, 300:], b.depth_m[:, 300:])
     assert not torch.equal(a.depth_m[:, :200], b.depth_m[:, :200])
 
@@ -189,7 +189,7 @@ def test_the_first_edition_gives_depths_in_another_unit_the_same_map_in_that_uni
 
 @given(random_maps())
 def test_measurements_are_kept_or_hidden_by_nearer_ones_and_nothing_is_farther_than_all(sparse):
-    depth = adaptive_depth(sparse, ALONE).depth_m.numpy()
+    depth = adaptive_depth(sparse, WITHOUT_SMOOTHING).depth_m.numpy()
     measured = sparse > 0
     if not measured.any():
         assert not depth.any()
@@ -215,10 +215,10 @@ def test_a_setting_out_of_range_is_refused_by_name(field, value):
         AdaptiveConfig(**{field: value})
 
 
-# its steps, against loops over lists
+# single steps, against slow references
 
 
-@given(random_maps(most_rows=10, most_columns=14), st.integers(1, 12), st.integers(1, 4))
+@given(random_maps(max_rows=10, max_columns=14), st.integers(1, 12), st.integers(1, 4))
 def test_the_right_neighbour_is_the_first_one_on_the_ring(sparse, reach_columns, reach_rows):
     pixels = np.argwhere(sparse > 0)
     steps = right_neighbours(sparse, pixels, reach_columns, reach_rows)
@@ -233,7 +233,7 @@ def test_the_right_neighbour_is_the_first_one_on_the_ring(sparse, reach_columns,
 reach = st.tuples(st.integers(0, 4), st.sampled_from([0.0, 1.5, 6.0]))
 
 
-@given(random_maps(most_rows=12, most_columns=12, far_m=3.0), reach, reach, reach)
+@given(random_maps(max_rows=12, max_columns=12, far_m=3.0), reach, reach, reach)
 def test_a_pixel_is_hidden_by_nearer_ones_above_and_below_in_reach(sparse, above, below, columns):
     pixels = np.argwhere(sparse > 0)
     nearest_around = np.full_like(sparse, sparse.max())
@@ -247,19 +247,19 @@ def test_a_pixel_is_hidden_by_nearer_ones_above_and_below_in_reach(sparse, above
 
 
 @pytest.mark.parametrize(
-    ("right", "drawn"),
+    ("right", "expected"),
     [(0.12, [0.1, 0.105, 0.11, 0.115, 0.12]), (0.4, [0.1, 0.1, 0.4, 0.4, 0.4])],
     ids=["on one surface", "from one surface to another"],
 )
-def test_a_ring_is_drawn_between_its_measurements_and_over_none(right, drawn):
+def test_a_ring_is_drawn_between_its_measurements_and_over_none(right, expected):
     measured = np.zeros((3, 5), np.float32)
     measured[0, 0], measured[2, 4] = 0.1, right
     measured[1, 2] = 0.01  # of another ring, behind the line
     pixels, steps = np.array([[0, 0]]), np.array([[4, 2]])
     traced = trace_rings(measured, pixels, steps, 1.25)
     on_line = traced[[0, 1, 1, 2, 2], range(5)]
-    drawn[2] = 0.01
-    np.testing.assert_allclose(on_line, drawn, rtol=1e-5)
+    expected[2] = 0.01
+    np.testing.assert_allclose(on_line, expected, rtol=1e-5)
     assert (traced > 0).sum() == 5
 
 
@@ -273,7 +273,7 @@ def test_where_two_lines_cross_the_nearer_one_stays():
 
 
 @given(
-    random_maps(most_rows=20, most_columns=4),
+    random_maps(max_rows=20, max_columns=4),
     st.sampled_from([1.05, 4.0]),
     st.sampled_from([0.0, 2.0]),
     st.sampled_from([-1.0, 0.0, 0.7, 1.0]),
@@ -304,8 +304,8 @@ def test_holes_are_linear_between_the_trusted_pixels_of_their_rows(seed, width):
     distance[:, rng.random(width) < 0.2] = np.inf  # columns without a ring
     bridged = bridge_rows(filled, distance, trusted, 2.0)
     for row in range(3):
-        of_row = (filled[row], distance[row], trusted[row], distance[:row])
-        expected = reference.bridge_row(*(values.tolist() for values in of_row), 2.0)
+        inputs = (filled[row], distance[row], trusted[row], distance[:row])
+        expected = reference.bridge_row(*(values.tolist() for values in inputs), 2.0)
         np.testing.assert_allclose(bridged[row], expected, rtol=1e-5)
 
 
@@ -319,14 +319,14 @@ def test_rows_are_averaged_over_a_width_that_follows_the_distance(seed, width):
         np.testing.assert_allclose(smooth[row], expected, rtol=1e-5)
 
 
-# what rounds contours
+# smoothing steps
 
 
 def test_a_value_that_stands_out_of_its_surroundings_takes_their_median():
     sparse = rings(np.full((60, 60), 20.0, np.float32), row_spacing=5)
     sparse[32, 30] = 23.0
-    hard = adaptive_depth(sparse, ALONE).depth_m
-    soft = adaptive_depth(sparse, replace(ALONE, softening=0.01)).depth_m
+    hard = adaptive_depth(sparse, WITHOUT_SMOOTHING).depth_m
+    soft = adaptive_depth(sparse, replace(WITHOUT_SMOOTHING, softening=0.01)).depth_m
     assert hard[32, 30] == soft[32, 30] == 23.0  # a measurement stays
     assert hard[31, 30] > 20.5
     np.testing.assert_allclose(soft[31, 30], 20.0, rtol=0.01)
@@ -337,35 +337,37 @@ def test_dense_rings_give_the_mean_with_morphology_where_both_differ_and_keep_me
     truth[60:] = 20.0
     sparse = rings(truth, row_spacing=5)
     sparse[:30] = 0
-    alone, mean = (adaptive_depth(sparse, config).depth_m for config in (ALONE, MEAN))
+    plain, mean = (adaptive_depth(sparse, config).depth_m for config in (WITHOUT_SMOOTHING, MEAN))
     filtered = classical_depth(sparse).depth_m
-    differs = (filtered - alone).abs() > MEAN.classical_difference * alone
+    differs = (filtered - plain).abs() > MEAN.classical_difference * plain
     is_mixed = torch.from_numpy(sparse == 0) & (filtered > 0) & differs
     is_mixed &= torch.tensor(reference.near_or_above(sparse.tolist(), reach=2))
     assert 100 < is_mixed.sum() < is_mixed.numel() / 2
-    torch.testing.assert_close(mean[is_mixed], (alone + filtered)[is_mixed] / 2)
-    assert torch.equal(mean[~is_mixed], alone[~is_mixed])
+    torch.testing.assert_close(mean[is_mixed], (plain + filtered)[is_mixed] / 2)
+    assert torch.equal(mean[~is_mixed], plain[~is_mixed])
 
 
 def test_where_rings_are_beyond_the_reach_of_its_kernels_morphology_has_no_share():
     truth = np.full((120, 120), 50.0, np.float32)
     truth[60:] = 20.0
     sparse = rings(truth, row_spacing=11)
-    assert torch.equal(adaptive_depth(sparse, ALONE).depth_m, adaptive_depth(sparse, MEAN).depth_m)
+    assert torch.equal(
+        adaptive_depth(sparse, WITHOUT_SMOOTHING).depth_m, adaptive_depth(sparse, MEAN).depth_m
+    )
 
 
-@given(random_maps(most_rows=8), st.integers(0, 2**31), st.sampled_from([0.0, 0.03, 0.5]))
+@given(random_maps(max_rows=8), st.integers(0, 2**31), st.sampled_from([0.0, 0.03, 0.5]))
 def test_depths_move_towards_others_that_differ_by_more_than_a_tolerance(depth, seed, tolerance):
     rng = np.random.default_rng(seed)
     other = rng.uniform(0, 60, depth.shape).astype(np.float32)
-    chosen = rng.random(depth.shape) < 0.5
-    moved = move_towards(depth, other, chosen, tolerance, 0.25)
+    is_selected = rng.random(depth.shape) < 0.5
+    moved = move_towards(depth, other, is_selected, tolerance, 0.25)
     expected = [
         [
-            a + 0.25 * (b - a) if is_chosen and abs(b - a) > tolerance * a else a
-            for a, b, is_chosen in zip(*row, strict=True)
+            a + 0.25 * (b - a) if is_moved and abs(b - a) > tolerance * a else a
+            for a, b, is_moved in zip(*row, strict=True)
         ]
-        for row in zip(depth.tolist(), other.tolist(), chosen.tolist(), strict=True)
+        for row in zip(depth.tolist(), other.tolist(), is_selected.tolist(), strict=True)
     ]
     np.testing.assert_allclose(moved, np.array(expected, np.float32), rtol=1e-5)
 
@@ -376,7 +378,7 @@ def test_between_two_surfaces_of_dense_rings_the_nearer_one_goes_on_for_most_of_
 ):
     truth = np.full((100, 60), 40.0, np.float32)
     truth[40:] = 10.0
-    depth = adaptive_depth(rings(truth, row_spacing=row_spacing), ALONE).depth_m.numpy()
+    depth = adaptive_depth(rings(truth, row_spacing=row_spacing), WITHOUT_SMOOTHING).depth_m.numpy()
     rows = range(
         2 + row_spacing * ((37) // row_spacing) + 1, 2 + row_spacing * (37 // row_spacing + 1)
     )

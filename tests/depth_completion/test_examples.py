@@ -62,52 +62,52 @@ def test_an_example_depends_on_nothing_but_its_generator(sample):
 
 def test_for_validation_nothing_is_perturbed_and_the_whole_crop_is_seen(sample):
     config = replace(ALL_FAULTS, crop_size=None, beams=(64,), truth="held_out")
-    seen = example(sample, config, training=False)
+    batch = example(sample, config, training=False)
     frame = split_rings(sample)
-    given = frame.with_beams(64)
-    sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
-    assert torch.equal(seen.sparse_depth_m[0, 0], sparse_m)
-    assert torch.equal(seen.filled_depth_m[0, 0], starting_depth(sparse_m).depth_m)
-    assert torch.equal(seen.depth_m[0, 0], frame.truth_m)
-    assert torch.equal(seen.image[0], given.image.float() / 255)
+    inputs = frame.with_beams(64)
+    sparse_m = sparse_depth_map(inputs.points, inputs.calibration, inputs.image_size)
+    assert torch.equal(batch.sparse_depth_m[0, 0], sparse_m)
+    assert torch.equal(batch.filled_depth_m[0, 0], starting_depth(sparse_m).depth_m)
+    assert torch.equal(batch.depth_m[0, 0], frame.truth_m)
+    assert torch.equal(batch.image[0], inputs.image.float() / 255)
 
 
 def test_scoring_does_without_what_is_for_training_only(sample):
     bare = replace(ALL_FAULTS, augmentation=AugmentationConfig())
     for seed in range(3):
-        seen = example(sample, ALL_FAULTS, seed=seed, training=False)
-        assert same(seen, example(sample, bare, seed=seed, training=False))
+        batch = example(sample, ALL_FAULTS, seed=seed, training=False)
+        assert same(batch, example(sample, bare, seed=seed, training=False))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_network_never_sees_a_return_that_is_its_truth(sample, seed):
     config = ExampleConfig(truth="held_out")
-    seen = example(sample, config, seed=seed)
-    both = (seen.sparse_depth_m > 0) & (seen.depth_m > 0)
+    batch = example(sample, config, seed=seed)
+    both = (batch.sparse_depth_m > 0) & (batch.depth_m > 0)
     # Returns of two rings may fall on one pixel; they are then different returns.
-    assert (both & (seen.sparse_depth_m == seen.depth_m)).sum() <= 0.5 * both.sum()
-    assert both.sum() < 0.05 * (seen.depth_m > 0).sum()
+    assert (both & (batch.sparse_depth_m == batch.depth_m)).sum() <= 0.5 * both.sum()
+    assert both.sum() < 0.05 * (batch.depth_m > 0).sum()
 
 
 def test_the_depth_map_stands_beside_the_rings_that_are_held_out(sample):
-    seen = example(sample, ExampleConfig(truth="both"), training=False)
-    alone = example(sample, ExampleConfig(truth="depth"), training=False)
-    assert torch.equal(seen.depth_m[0, 0], split_rings(sample).truth_m)
-    assert torch.equal(seen.dense_depth_m, alone.depth_m)
-    assert alone.dense_depth_m is None
+    batch = example(sample, ExampleConfig(truth="both"), training=False)
+    depth_only = example(sample, ExampleConfig(truth="depth"), training=False)
+    assert torch.equal(batch.depth_m[0, 0], split_rings(sample).truth_m)
+    assert torch.equal(batch.dense_depth_m, depth_only.depth_m)
+    assert depth_only.dense_depth_m is None
     top, left = sample.depth.shape[0] - 352, (sample.depth.shape[1] - 1216) // 2
     dense_m = sample.depth[top:, left : left + 1216]
-    assert torch.equal(seen.dense_depth_m[0, 0], torch.where(dense_m <= 90, dense_m, 0.0))
+    assert torch.equal(batch.dense_depth_m[0, 0], torch.where(dense_m <= 90, dense_m, 0.0))
 
 
 @pytest.mark.parametrize(("beams", "keep_every"), [(64, 1), (16, 4)])
 def test_beside_a_true_depth_map_no_ring_is_held_out(sample, beams, keep_every):
-    seen = example(sample, ExampleConfig(beams=(beams,)), training=False)
-    given = thin_rings(sample, keep_every)
-    sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
-    height, width = seen.sparse_depth_m.shape[-2:]
+    batch = example(sample, ExampleConfig(beams=(beams,)), training=False)
+    inputs = thin_rings(sample, keep_every)
+    sparse_m = sparse_depth_map(inputs.points, inputs.calibration, inputs.image_size)
+    height, width = batch.sparse_depth_m.shape[-2:]
     left = (sample.image_size[1] - width) // 2
-    assert torch.equal(seen.sparse_depth_m[0, 0], sparse_m[-height:, left : left + width])
+    assert torch.equal(batch.sparse_depth_m[0, 0], sparse_m[-height:, left : left + width])
 
 
 def test_truth_above_the_highest_measurement_is_left_out_where_asked_for(sample):
@@ -129,16 +129,17 @@ def test_truth_is_shaped_for_training_alone(sample):
     scored = example(sample, shaped, training=False)
     assert same(scored, example(sample, plain, training=False))
     assert scored.weight is None
-    given, seen = example(sample, plain), example(sample, shaped)
+    unshaped, batch = example(sample, plain), example(sample, shaped)
     assert torch.equal(
-        seen.filled_depth_m[0, 0], starting_depth(seen.sparse_depth_m[0, 0], "second").depth_m
+        batch.filled_depth_m[0, 0], starting_depth(batch.sparse_depth_m[0, 0], "second").depth_m
     )
     maps = [
-        each[0, 0].numpy() for each in (given.depth_m, given.sparse_depth_m, given.filled_depth_m)
+        each[0, 0].numpy()
+        for each in (unshaped.depth_m, unshaped.sparse_depth_m, unshaped.filled_depth_m)
     ]
-    assert torch.equal(seen.weight[0, 0], torch.from_numpy(pixel_weights(*maps, shaping)))
-    assert torch.equal(seen.depth_m[0, 0], torch.from_numpy(widen_near_surfaces(maps[0], shaping)))
-    assert (seen.depth_m < given.depth_m).any()
+    assert torch.equal(batch.weight[0, 0], torch.from_numpy(pixel_weights(*maps, shaping)))
+    assert torch.equal(batch.depth_m[0, 0], torch.from_numpy(widen_near_surfaces(maps[0], shaping)))
+    assert (batch.depth_m < unshaped.depth_m).any()
 
 
 def test_with_fewer_beams_pixels_are_away_from_those_of_all_beams(sample):
@@ -150,11 +151,11 @@ def test_with_fewer_beams_pixels_are_away_from_those_of_all_beams(sample):
 
 
 def test_truth_beyond_the_reach_of_a_sweep_is_left_out(sample):
-    seen = example(sample, ExampleConfig(farthest_m=30.0))
+    batch = example(sample, ExampleConfig(farthest_m=30.0))
     whole = example(sample, ExampleConfig(farthest_m=256.0))
     near = whole.depth_m <= 30
     assert (~near).any()
-    assert torch.equal(seen.depth_m, torch.where(near, whole.depth_m, 0.0))
+    assert torch.equal(batch.depth_m, torch.where(near, whole.depth_m, 0.0))
 
 
 def test_fewer_beams_give_fewer_measurements(sample):
@@ -169,16 +170,16 @@ def test_fewer_beams_give_fewer_measurements(sample):
 def test_a_mirror_turns_all_maps_alike(sample):
     config = ExampleConfig(truth="both", filled=True, augmentation=AugmentationConfig(mirror=True))
     plain = example(sample, replace(config, augmentation=AugmentationConfig()))
-    seen = [example(sample, config, seed=seed) for seed in range(8)]
-    mirrored = next(one for one in seen if not torch.equal(one.image, plain.image))
+    batches = [example(sample, config, seed=seed) for seed in range(8)]
+    mirrored = next(one for one in batches if not torch.equal(one.image, plain.image))
     for name in ("image", "sparse_depth_m", "filled_depth_m", "depth_m", "dense_depth_m"):
         assert torch.equal(getattr(mirrored, name).flip(-1), getattr(plain, name))
 
 
 def test_a_dropped_camera_is_a_black_image(sample):
-    seen = example(sample, ExampleConfig(augmentation=AugmentationConfig(camera_dropout=1.0)))
-    assert not seen.image.any()
-    assert seen.sparse_depth_m.any()
+    batch = example(sample, ExampleConfig(augmentation=AugmentationConfig(camera_dropout=1.0)))
+    assert not batch.image.any()
+    assert batch.sparse_depth_m.any()
 
 
 def test_a_part_of_the_sweep_is_hidden_and_its_truth_stays(sample):
@@ -195,9 +196,9 @@ def test_a_part_of_the_sweep_is_hidden_and_its_truth_stays(sample):
 
 def test_a_fixed_crop_is_the_bottom_centre(sample):
     config = ExampleConfig(crop_size=(96, 256), augmentation=AugmentationConfig(random_crop=False))
-    seen = example(sample, config)
+    batch = example(sample, config)
     whole = example(sample, replace(config, crop_size=None))
-    assert torch.equal(seen.depth_m, whole.depth_m[..., 256:, 480:736])
+    assert torch.equal(batch.depth_m, whole.depth_m[..., 256:, 480:736])
 
 
 def test_the_preparation_asks_for_a_depth_map_where_that_is_the_truth(sample):
@@ -216,15 +217,15 @@ def test_truth_that_the_data_lacks_is_named(sample):
 
 
 def test_a_crop_larger_than_the_image_is_refused_with_both_sizes(sample):
-    with pytest.raises(ValueError, match=r"crop_size is 400x500 .* has only 352x1216 to cut"):
+    with pytest.raises(ValueError, match=r"crop_size is 400x500 .* the sample's 352x1216"):
         example(sample, ExampleConfig(crop_size=(400, 500)))
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"beams": ()}, "beams must name some of 64, 32, 16, 8"),
-        ({"beams": (64, 12)}, "beams must name some of"),
+        ({"beams": ()}, "beams must be some of 64, 32, 16, 8"),
+        ({"beams": (64, 12)}, "beams must be some of"),
         ({"farthest_m": 300.0}, "farthest_m must be above 0 and at most 256"),
         ({"farthest_m": 0.0}, "farthest_m must be above 0"),
         ({"crop_size": (-8, 64)}, r"crop_size must be at least 1 x 1 .* got \(-8, 64\)"),
@@ -234,10 +235,10 @@ def test_a_crop_larger_than_the_image_is_refused_with_both_sizes(sample):
     ],
 )
 def test_settings_out_of_range_are_refused(wrong, message):
-    of_training, of_both = wrong.get("augmentation", {}), dict(wrong)
-    of_both.pop("augmentation", None)
+    augmentation, others = wrong.get("augmentation", {}), dict(wrong)
+    others.pop("augmentation", None)
     with pytest.raises(ValueError, match=message):
-        ExampleConfig(augmentation=AugmentationConfig(**of_training), **of_both)
+        ExampleConfig(augmentation=AugmentationConfig(**augmentation), **others)
 
 
 def test_a_truth_that_there_is_not_is_refused():

@@ -47,7 +47,7 @@ def random_network(config):
 
 
 def export_weights(weights, out, file_format):
-    """The report of the one file."""
+    """Export weights; returns the report of the only file."""
     reports = export_graphs(TASK.graphs(load_network(TASK, weights)), out, file_format)
     assert list(reports) == [out]
     return reports[out]
@@ -79,7 +79,9 @@ def test_an_openvino_file_alone_gives_what_the_network_gives_at_a_third_size(tmp
     assert report.is_within(export_graph.MAX_DIFFERENCE_MM)
     assert {entry.output for entry in report.differences} == {"depth_m", "uncertainty_m"}
     assert {entry.case for entry in report.differences} == {
-        f"{size}{what}" for size in ("10x14", "16x26") for what in ("", ", no camera", ", no LiDAR")
+        f"{size}{sensors}"
+        for size in ("10x14", "16x26")
+        for sensors in ("", ", no camera", ", no LiDAR")
     }
     assert sorted(path.name for path in out.parent.iterdir()) == ["tiny.bin", "tiny.xml"]
 

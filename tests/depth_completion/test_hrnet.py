@@ -14,7 +14,7 @@ SMALL = TrunkConfig(channels=(4, 6, 8, 10), modules=1, reduction=2)
 
 
 def zero_paths_except(exchange, target, source):
-    """Leaves one path of an exchange: the others give nothing."""
+    """Set all paths of an exchange to zero except one."""
     for row, paths in enumerate(exchange.paths):
         for column, path in zip(exchange.sources[row], paths, strict=True):
             if (row, column) != (target, source):
@@ -90,8 +90,8 @@ def test_smaller_scales_come_up_by_the_nearest_neighbour():
     assert torch.equal(largest, lifted.repeat_interleave(4, dim=2).repeat_interleave(4, dim=3))
 
 
-@pytest.mark.parametrize(("kind", "hears"), [("all", True), ("neighbours", False)])
-def test_far_scales_are_heard_only_where_all_exchange(kind, hears):
+@pytest.mark.parametrize(("kind", "receives"), [("all", True), ("neighbours", False)])
+def test_far_scales_are_heard_only_where_all_exchange(kind, receives):
     config = TrunkConfig(channels=(4, 6, 8, 10), reduction=2, exchange=kind)
     exchange = Exchange(config).eval()
     maps = maps_of(config)
@@ -99,7 +99,7 @@ def test_far_scales_are_heard_only_where_all_exchange(kind, hears):
     maps[3] = maps[3] + 1
     after = exchange(maps)
     assert not torch.equal(after[2], before[2])
-    assert torch.equal(after[0], before[0]) is not hears
+    assert torch.equal(after[0], before[0]) is not receives
 
 
 def test_a_bottleneck_without_a_correction_is_a_relu():
@@ -121,7 +121,7 @@ def test_a_convolution_of_stride_2_halves_and_no_relu_keeps_the_sign():
     ("settings", "message"),
     [
         ({"modules": 0}, "modules must be at least 1, got 0"),
-        ({"channels": ()}, "one positive number a scale"),
+        ({"channels": ()}, "one positive number per scale"),
         ({"channels": (6, 9), "reduction": 2}, "multiples of trunk.reduction 2"),
     ],
 )

@@ -10,7 +10,7 @@ from tests.reference import interpolation as reference
 # nearest
 
 
-@given(random_maps(most_rows=8, most_columns=10))
+@given(random_maps(max_rows=8, max_columns=10))
 @settings(max_examples=60)
 def test_every_pixel_takes_the_depth_of_a_nearest_measurement(sparse):
     dense = nearest_depth(sparse)
@@ -56,7 +56,7 @@ def test_linear_is_linear_in_inverse_depth_in_a_triangle(seed):
     corners = [tuple(corner) for corner in rng.integers(0, 12, (3, 2)).tolist()]
     (a, b), (c, d), (e, f) = corners
     if (c - a) * (f - b) == (d - b) * (e - a):
-        return  # a line, which another test is about
+        return  # a line has its own test
     sparse = np.zeros((12, 12), np.float32)
     for corner in corners:
         sparse[corner] = rng.uniform(2, 50)

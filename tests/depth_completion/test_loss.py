@@ -78,7 +78,7 @@ def test_weights_count_pixels_and_large_errors_cost_up_to_fourfold(seed, shape, 
         mse=0.0, rmse=0.0, l1=0.5, rising_l1=2.0, emd=0.0, uncertainty=0.3, unit_m=4.0
     )
     found = depth_completion_loss(output, truth_m, config, step=0, weight=weight)
-    l1, rising, surprise, images = 0.0, 0.0, 0.0, 0
+    l1, rising, likelihood_loss, images = 0.0, 0.0, 0.0, 0
     for image, truth in enumerate(truth_m[:, 0].tolist()):
         pixels = [(y, x) for y, row in enumerate(truth) for x, true in enumerate(row) if true > 0]
         images += bool(pixels)
@@ -89,8 +89,8 @@ def test_weights_count_pixels_and_large_errors_cost_up_to_fourfold(seed, shape, 
             scale = output.uncertainty_m[image, 0, y, x].item() / 4
             l1 += share * error / 4
             rising += share * (error + error**2 / (3 + 0.3 * error)) / 4
-            surprise += share * (error / 4 / scale + np.log(scale))
-    terms = [each / max(images, 1) for each in (l1, rising, surprise)]
+            likelihood_loss += share * (error / 4 / scale + np.log(scale))
+    terms = [each / max(images, 1) for each in (l1, rising, likelihood_loss)]
     np.testing.assert_allclose(
         [found.l1.item(), found.rising_l1.item(), found.uncertainty.item()], terms, rtol=1e-9
     )
@@ -121,7 +121,7 @@ def test_dense_truth_counts_beside_the_rings_and_tells_the_uncertainty(seed, sha
 
 def test_a_depth_of_zero_or_less_costs_no_more_than_a_hundredth_of_the_true_one():
     truth_m = torch.full((1, 1, 2, 2), 20.0)
-    truth_m[..., 1, 1] = 0  # nothing is known there
+    truth_m[..., 1, 1] = 0  # no truth there
     depth_m = torch.tensor([[[[0.0, -5.0], [0.2, 0.0]]]], requires_grad=True)
     config = DepthLossConfig(**{**NO_TERMS, "dense_relative": 1.0})
     output = depth_only(depth_m)

@@ -13,7 +13,7 @@ from sightline.depth_completion.config import (
     TrunkConfig,
 )
 from sightline.depth_completion.model import DepthCompletionNet
-from sightline.depth_completion.surroundings import look_around
+from sightline.depth_completion.surroundings import find_surroundings
 from tests.settings import set_unchecked
 
 PAPER = DepthCompletionConfig(
@@ -67,7 +67,7 @@ def network(config):
 
 
 def trained(config):
-    """A network whose last layer is not zero, as after training."""
+    """Network with a non-zero last layer, as after training."""
     net = network(config)
     with torch.no_grad():
         for parameter in net.parameters():
@@ -115,7 +115,7 @@ def test_a_residual_network_starts_as_the_classical_completion(correction, refin
 
 def test_propagation_leaves_that_start_where_nothing_is_measured():
     image, sparse_m, filled_m = inputs()
-    other_m = sparse_m * 1.5  # measurements that the completion does not agree with
+    other_m = sparse_m * 1.5  # measurements that differ from the completion
     depth_m = network(FULL)(image, other_m, filled_m).depth_m
     assert torch.equal(depth_m != filled_m, sparse_m > 0)
 
@@ -151,7 +151,7 @@ def test_what_lies_in_the_dead_zone_still_learns():
 @pytest.mark.parametrize("stride", [1, 2, 4])
 def test_the_refinement_sees_what_lies_around_each_pixel(stride):
     net = trained(replace(FULL, trunk_stride=4, refinement_stride=stride, propagation_steps=0))
-    nn.init.zeros_(net.trunk.head.weight)  # what is left goes through the refinement alone
+    nn.init.zeros_(net.trunk.head.weight)  # only the refinement contributes
     image, sparse_m, filled_m = inputs(32, 32)
     changed = image.clone()
     changed[..., 17, 14] += 1.0
@@ -197,11 +197,11 @@ def test_sizes_that_the_scales_do_not_divide_are_refused(size):
 def test_a_black_image_counts_as_a_missing_camera():
     net = trained(RESIDUAL)
     _, sparse_m, filled_m = inputs()
-    seen = []
-    net.stems[0].register_forward_pre_hook(lambda _, given: seen.append(given[0]))
+    stem_inputs = []
+    net.stems[0].register_forward_pre_hook(lambda _, args: stem_inputs.append(args[0]))
     net(torch.zeros(1, 3, 16, 24), sparse_m, filled_m)
     net(torch.full((1, 3, 16, 24), 0.5), sparse_m, filled_m)
-    missing, grey = (nn.functional.pixel_shuffle(planes, 2) for planes in seen)
+    missing, grey = (nn.functional.pixel_shuffle(planes, 2) for planes in stem_inputs)
     assert torch.equal(missing, torch.zeros_like(missing))
     assert torch.equal(grey[:, :3], torch.zeros_like(grey[:, :3]))
     assert torch.equal(grey[:, 3], torch.ones_like(grey[:, 3]))
@@ -210,9 +210,9 @@ def test_a_black_image_counts_as_a_missing_camera():
 def test_one_missing_camera_does_not_touch_the_others_of_a_batch():
     net = trained(FULL)
     image, sparse_m, filled_m = inputs(batch=2)
-    alone = net(image[:1], sparse_m[:1], filled_m[:1]).depth_m
+    single = net(image[:1], sparse_m[:1], filled_m[:1]).depth_m
     image[1] = 0
-    torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m[:1], alone)
+    torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m[:1], single)
 
 
 @each_config
@@ -226,20 +226,20 @@ def test_an_empty_sweep_gives_finite_numbers(config):
 @pytest.mark.parametrize("config", [PAPER, FULL], ids=["paper", "full"])
 def test_the_exported_graph_takes_other_sizes_and_gives_the_same(config):
     net = trained(config)
-    taken = 3 if net.takes_filled_depth else 2
+    num_inputs = 3 if net.takes_filled_depth else 2
     stride = net.stride
     rows, columns = torch.export.Dim("rows", min=2), torch.export.Dim("columns", min=2)
     dynamic = {2: stride * rows, 3: stride * columns}
-    shapes = (dynamic,) * taken
+    shapes = (dynamic,) * num_inputs
     exported = torch.export.export(
-        net, inputs(4 * stride, 6 * stride)[:taken], dynamic_shapes=shapes
+        net, inputs(4 * stride, 6 * stride)[:num_inputs], dynamic_shapes=shapes
     ).module()
-    other = inputs(8 * stride, 3 * stride)[:taken]
-    for given, expected in zip(exported(*other), net(*other), strict=True):
+    other = inputs(8 * stride, 3 * stride)[:num_inputs]
+    for found, expected in zip(exported(*other), net(*other), strict=True):
         if expected is None:
-            assert given is None
+            assert found is None
         else:
-            torch.testing.assert_close(given, expected)
+            torch.testing.assert_close(found, expected)
 
 
 @each_config
@@ -255,17 +255,17 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
     [
         ({"residual": True}, "set filled_input too"),
         ({"filled_input": True, "residual": True, "correction": "between"}, "set surroundings_px"),
-        ({"surroundings_px": 6}, "set filled_input, and shift_conv to null"),
+        ({"surroundings_px": 6}, "set filled_input to true and shift_conv to null"),
         ({"surroundings_px": 6, "filled_input": True}, "and shift_conv to null"),
         ({"surroundings_px": -1}, "surroundings_px must be at least 0"),
-        ({"keep_measured": True}, "keep_measured is of the classical completion"),
+        ({"keep_measured": True}, "keep_measured needs the classical completion"),
         (
             {"refinement_channels": 4, "refinement_stride": 2},
             "refinement_stride must be at most trunk_stride 1, got 2",
         ),
-        ({"trunk_stride": 2, "refinement_stride": 2}, "set refinement_channels too"),
+        ({"trunk_stride": 2, "refinement_stride": 2}, "needs refinement_channels"),
         ({"correction": "log"}, "set residual"),
-        ({"dead_zone": 0.1}, "set correction log"),
+        ({"dead_zone": 0.1}, "set correction to log"),
         ({"dead_zone": -0.1}, "dead_zone must be from 0"),
         ({"least_correction": 1.0}, "least_correction must be from 0"),
         ({"least_correction_above": -0.1}, "least_correction_above must be from 0"),
@@ -277,7 +277,7 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
             {"least_correction_beside": SignedThreshold(nearer=float("nan"), farther=0.0)},
             "beside must be",
         ),
-        ({"least_correction_beside": 0.1}, "beside is of a factor's logarithm"),
+        ({"least_correction_beside": 0.1}, "beside is the logarithm of a factor"),
         ({"depth_scale_m": 0.0}, "depth_scale_m must be from 0.001 to 1e"),
         ({"stem_channels": 0}, "stem_channels must be at least 1"),
         ({"propagation_steps": -1}, "propagation_steps must be at least 0, got -1"),
@@ -310,8 +310,8 @@ def test_between_surfaces_depth_moves_as_far_as_the_measurements_around():
     net = network(BETWEEN)
     image, sparse_m, filled_m = inputs(16, 24)
     assert torch.equal(net(image, sparse_m, filled_m).depth_m, filled_m)  # as it starts
-    around = look_around(sparse_m, filled_m, BETWEEN.surroundings_px)
-    for bias, reached in ((50.0, around.farthest_m), (-50.0, around.nearest_m)):
+    surroundings = find_surroundings(sparse_m, filled_m, BETWEEN.surroundings_px)
+    for bias, reached in ((50.0, surroundings.farthest_m), (-50.0, surroundings.nearest_m)):
         with torch.no_grad():
-            net.refinement[-1].bias[0] = bias  # the share; then the factor, then the uncertainty
+            net.refinement[-1].bias[0] = bias  # the share; the factor and the uncertainty follow
         torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m, reached)

@@ -19,7 +19,7 @@ WITH_UNCERTAINTY = {"filled_input": True, "residual": True, "uncertainty": True}
 
 
 def predict_depth(data, out, *, method=None, weights=None, uncertainty=None, **job):
-    """As the command does it."""
+    """Predict as the command does."""
     predictor = TASK.predictor(method=method, weights=weights)
     also = {} if uncertainty is None else {"uncertainty": uncertainty}
     return predict(TASK, predictor, data, out, also=also, **job)

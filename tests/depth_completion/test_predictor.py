@@ -6,7 +6,7 @@ import torch
 
 from sightline.depth_completion.config import PlaneSmoothing, SignedThreshold, by_direction
 from sightline.depth_completion.methods import starting_depth
-from sightline.depth_completion.mirrored_answer import answer_with_mirror
+from sightline.depth_completion.mirrored_prediction import predict_with_mirror
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
 from sightline.depth_completion.predictor import (
     DepthCompleter,
@@ -37,7 +37,7 @@ def filled_weights(tmp_path):
 
 
 def random_frame(height, width, *, density=0.2, seed=0):
-    """A sparse map and an image."""
+    """Random sparse map and image."""
     generator = torch.Generator().manual_seed(seed)
     depth_m = 5 + 40 * torch.rand(height, width, generator=generator)
     is_measured = torch.rand(height, width, generator=generator) < density
@@ -82,7 +82,7 @@ def test_a_map_is_smoothed_as_the_settings_say(tmp_path):
     assert torch.equal(smooth.uncertainty_m, plain.uncertainty_m)
 
 
-@pytest.mark.parametrize("flip_test", [False, True])  # of the mean, where there is one
+@pytest.mark.parametrize("flip_test", [False, True])  # with it, corrections are those of the mean
 @pytest.mark.parametrize(
     ("above", "beside"),
     [
@@ -95,25 +95,25 @@ def test_small_corrections_are_left_out_as_the_settings_say(flip_test, above, be
     sparse, image = random_frame(70, 19)
     sparse[:55] = 0
     settings = {**FILLED, "correction": "log", "flip_test": flip_test}
-    careful = {
+    thresholds = {
         "least_correction": 0.1,
         "least_correction_above": above,
         "least_correction_beside": beside,
     }
-    plain_m, careful_m = (
+    plain_m, corrected_m = (
         DepthPredictor.load(write_tiny_weights(tmp_path / name, **settings, **extra))
         .complete(sparse, image)
         .depth_m.numpy()
         for name, extra in (
             ("plain.safetensors", {}),
-            ("careful.safetensors", careful),
+            ("thresholds.safetensors", thresholds),
         )
     )
     filled_m = starting_depth(sparse).depth_m.numpy()
     directions = [by_direction(each, default=0.1) for each in (above, beside)]
     expected_m = counted(plain_m, filled_m, sparse.numpy() > 0, 0.1, *directions)
-    np.testing.assert_allclose(careful_m, expected_m, rtol=1e-4)
-    assert (careful_m != plain_m).any()
+    np.testing.assert_allclose(corrected_m, expected_m, rtol=1e-4)
+    assert (corrected_m != plain_m).any()
 
 
 def test_measurements_that_the_completion_keeps_are_put_back_as_the_settings_say(tmp_path):
@@ -137,7 +137,7 @@ def test_a_flip_test_is_made_where_the_settings_say_so(tmp_path):
         "sparse_depth_m": sparse[None],
         "filled_depth_m": filled_m[None],
     }
-    expected = answer_with_mirror(
+    expected = predict_with_mirror(
         lambda each: {"depth_m": network(**each).depth_m},
         {name: plane[None] for name, plane in inputs.items()},
     )
@@ -186,8 +186,8 @@ def test_points_in_a_camera_give_what_their_sparse_map_gives(weights):
     assert sparse.any()
     predictor = DepthPredictor.load(weights)
     expected = predictor.complete(sparse).depth_m
-    for given in (points, points[:, :3].numpy()):
-        dense = predictor.complete_points(given, small_calibration(), IMAGE_SIZE)
+    for cloud in (points, points[:, :3].numpy()):
+        dense = predictor.complete_points(cloud, small_calibration(), IMAGE_SIZE)
         assert torch.equal(dense.depth_m, expected)
 
 
@@ -203,8 +203,8 @@ def test_a_missing_camera_is_a_black_image(weights):
 def test_an_empty_sweep_gives_no_depth_and_nothing_valid(filled_weights):
     _, image = random_frame(15, 20)
     predictor = DepthPredictor.load(filled_weights)
-    for given in (image, None):
-        dense = predictor.complete(torch.zeros(15, 20), given)
+    for picture in (image, None):
+        dense = predictor.complete(torch.zeros(15, 20), picture)
         assert not dense.depth_m.any()
         assert not dense.valid.any()
         assert dense.uncertainty_m.isinf().all()
@@ -230,13 +230,13 @@ def test_a_sample_without_a_sweep_is_refused(weights, completer):
     sample = CameraLidarSample(
         sample_id="blind", calibration=small_calibration(), image_size=IMAGE_SIZE
     )
-    made = DepthCompleter("nearest") if completer == "method" else DepthPredictor.load(weights)
+    predictor = DepthCompleter("nearest") if completer == "method" else DepthPredictor.load(weights)
     with pytest.raises(ValueError, match="sample blind has no sweep"):
-        made(sample)
+        predictor(sample)
 
 
 @pytest.mark.parametrize(
-    ("sparse", "image", "said"),
+    ("sparse", "image", "expected"),
     [
         (torch.full((4, 4), -1.0), None, "holds -1.0 in row 0, column 0"),
         (np.full((4, 4), np.nan), None, "holds nan"),
@@ -246,8 +246,8 @@ def test_a_sample_without_a_sweep_is_refused(weights, completer):
         (torch.ones(4, 4), torch.zeros(3, 4, 4), "the image is torch.float32"),
     ],
 )
-def test_inputs_that_make_no_sense_are_refused_in_one_line(weights, sparse, image, said):
-    with pytest.raises(ValueError, match=said) as raised:
+def test_inputs_that_make_no_sense_are_refused_in_one_line(weights, sparse, image, expected):
+    with pytest.raises(ValueError, match=expected) as raised:
         DepthPredictor.load(weights).complete(sparse, image)
     assert "\n" not in str(raised.value)
 
@@ -256,7 +256,7 @@ def test_inputs_that_make_no_sense_are_refused_in_one_line(weights, sparse, imag
 def test_points_without_coordinates_are_refused_with_their_shape(weights, shape):
     predictor = DepthPredictor.load(weights)
     with pytest.raises(
-        ValueError, match=rf"shape \({shape[0]},.*expected a row for each with x, y"
+        ValueError, match=rf"shape \({shape[0]},.*expected one row per point that begins with x, y"
     ):
         predictor.complete_points(np.ones(shape), small_calibration(), IMAGE_SIZE)
 
@@ -292,15 +292,18 @@ def test_masked_values_are_no_measurements_and_other_byte_orders_are_numbers(wei
     sparse, _ = random_frame(16, 24)
     expected = predictor.complete(sparse).depth_m
     wild = np.where(sparse.numpy() > 0, sparse.numpy(), -9)
-    for given in (np.ma.masked_less(wild, 0), sparse.numpy().astype(">f4")):
-        assert torch.equal(predictor.complete(given).depth_m, expected)
+    for values in (np.ma.masked_less(wild, 0), sparse.numpy().astype(">f4")):
+        assert torch.equal(predictor.complete(values).depth_m, expected)
 
 
 def test_a_cloud_by_columns_or_in_millimetres_is_refused(weights):
     predictor = DepthPredictor.load(weights)
     cloud = np.random.default_rng(0).uniform(5, 50, (90, 3))
-    for wrong, said in ((1000 * cloud, "in millimetres"), (cloud.T, "a row for each with x, y, z")):
-        with pytest.raises(ValueError, match=said):
+    for wrong, expected in (
+        (1000 * cloud, "in millimetres"),
+        (cloud.T, "one row per point that begins with x, y, z"),
+    ):
+        with pytest.raises(ValueError, match=expected):
             predictor.complete_points(wrong, small_calibration(), IMAGE_SIZE)
 
 

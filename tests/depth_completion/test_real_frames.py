@@ -1,4 +1,4 @@
-"""On real KITTI frames, by the held-out-rings protocol."""
+"""Completion methods on real KITTI frames, by the held-out-rings protocol."""
 
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.depth_completion.adaptive import adaptive_depth
@@ -7,7 +7,7 @@ from sightline.depth_completion.interpolation import linear_depth, nearest_depth
 from sightline.evaluation.held_out import evaluate_held_out
 from sightline.geometry.projection import sparse_depth_map
 
-EVERY = 7  # of 29 frames, so that this takes seconds; the benchmark takes all
+EVERY = 7  # interval in the 29 frames, so that this takes seconds; the benchmark uses all
 TOLERANCE = 1.05
 
 

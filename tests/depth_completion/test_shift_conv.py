@@ -10,7 +10,7 @@ from tests.reference import shift_conv as reference
 
 
 def whole_numbers(seed, *shape):
-    """Sums of products of small whole numbers are exact, whatever their order."""
+    """Random small whole numbers: sums of their products are exact in any order."""
     generator = torch.Generator().manual_seed(seed)
     return torch.randint(-8, 9, shape, generator=generator).float()
 
@@ -63,7 +63,7 @@ def test_outside_the_map_there_is_zero():
 
 @pytest.mark.parametrize("channels", [0, 8, 10, 35])
 def test_channels_that_are_no_multiple_of_nine_are_refused(channels):
-    with pytest.raises(ValueError, match=f"multiple of 9, one group a direction, got {channels}"):
+    with pytest.raises(ValueError, match=f"multiple of 9, one group per direction, got {channels}"):
         ShiftConv(channels, 36)
 
 

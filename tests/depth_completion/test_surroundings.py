@@ -4,7 +4,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.depth_completion.surroundings import NUM_PLANES, look_around
+from sightline.depth_completion.surroundings import NUM_PLANES, find_surroundings
 
 
 @given(st.integers(0, 2**31), st.integers(1, 4))
@@ -15,26 +15,26 @@ def test_nearest_and_farthest_are_those_of_the_window_and_the_pixels_own(seed, r
     is_measured = torch.rand(1, 1, height, width, generator=generator) < 0.05
     sparse = torch.where(is_measured, depth, 0.0)
     filled = 2 + 80 * torch.rand(1, 1, height, width, generator=generator)
-    around = look_around(sparse, filled, reach)
-    assert around.planes.shape == (1, NUM_PLANES, height, width)
+    surroundings = find_surroundings(sparse, filled, reach)
+    assert surroundings.planes.shape == (1, NUM_PLANES, height, width)
     for y in range(height):
         for x in range(width):
             rows = slice(max(y - reach, 0), y + reach + 1)
             columns = slice(max(x - reach, 0), x + reach + 1)
-            seen = sparse[0, 0, rows, columns]
-            seen = seen[seen > 0].tolist()
+            measured = sparse[0, 0, rows, columns]
+            measured = measured[measured > 0].tolist()
             own = filled[0, 0, y, x].item()
-            planes = around.planes[0, :, y, x].tolist()
+            planes = surroundings.planes[0, :, y, x].tolist()
             assert math.isclose(
-                around.nearest_m[0, 0, y, x].item(), min([*seen, own]), rel_tol=1e-5
+                surroundings.nearest_m[0, 0, y, x].item(), min([*measured, own]), rel_tol=1e-5
             )
             assert math.isclose(
-                around.farthest_m[0, 0, y, x].item(), max([*seen, own]), rel_tol=1e-5
+                surroundings.farthest_m[0, 0, y, x].item(), max([*measured, own]), rel_tol=1e-5
             )
             expected = [(math.log(own) - 3) / 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-            if seen:
+            if measured:
                 expected[1:3] = (
-                    min(max(math.log(each / own), -2), 2) for each in (min(seen), max(seen))
+                    min(max(math.log(each / own), -2), 2) for each in (min(measured), max(measured))
                 )
                 expected[4] = 1.0
             if sparse[0, 0, y, x] > 0:
@@ -48,7 +48,7 @@ def test_nearest_and_farthest_are_those_of_the_window_and_the_pixels_own(seed, r
 
 def test_where_nothing_is_measured_the_completion_is_all_there_is():
     filled = torch.full((1, 1, 4, 5), 7.0)
-    around = look_around(torch.zeros(1, 1, 4, 5), filled, 2)
-    assert torch.equal(around.nearest_m, filled)
-    assert torch.equal(around.farthest_m, filled)
-    assert around.planes.isfinite().all()
+    surroundings = find_surroundings(torch.zeros(1, 1, 4, 5), filled, 2)
+    assert torch.equal(surroundings.nearest_m, filled)
+    assert torch.equal(surroundings.farthest_m, filled)
+    assert surroundings.planes.isfinite().all()

@@ -11,7 +11,7 @@ from sightline.depth_completion.targets import ExpansionConfig, _median_network,
 from tests.depth_completion.sparse_maps import random_map, random_maps
 from tests.reference import expansion as reference
 
-small_maps = random_maps(most_rows=12, most_columns=14)
+small_maps = random_maps(max_rows=12, max_columns=14)
 repeated_variants = pytest.mark.parametrize(
     ("variant", "pick"), [("repeated", max), ("near_wins", min)]
 )

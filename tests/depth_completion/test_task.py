@@ -106,10 +106,10 @@ def test_tensorboard_gets_losses_scores_and_pictures(task, example, tmp_path):
 
 def test_a_picture_shows_every_map_that_there_is(task, example):
     output = task.eval()(example)
-    shown = training_picture(example, output)
+    picture = training_picture(example, output)
     maps = 3 + 2 + 1  # image, sparse, E-Point; depth, uncertainty; error
     row_px = 256 + 22  # with its title
-    assert shown.shape == (maps * row_px, 512, 3)
+    assert picture.shape == (maps * row_px, 512, 3)
     without = training_picture(replace(example, depth_m=None), output._replace(e_point_m=None))
     assert without.shape == ((maps - 2) * row_px, 512, 3)
 

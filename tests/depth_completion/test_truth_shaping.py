@@ -15,7 +15,7 @@ WEIGHTS = TruthShaping(thin_weight=0.5, away_weight=0.25, kept_weight=0.0)
 
 
 def blocks(seed, shape=(14, 17)):
-    """Surfaces of several depths, some without truth."""
+    """Random surfaces of several depths, some without truth."""
     rng = np.random.default_rng(seed)
     depth = np.full(shape, rng.choice([0.0, 30.0, 60.0]), np.float32)
     for _ in range(int(rng.integers(0, 5))):

@@ -46,13 +46,13 @@ def _quiet():
 
 @pytest.fixture(scope="session")
 def frames(tmp_path_factory):
-    """A folder of nine small frames."""
+    """Folder of nine small frames."""
     return toy.write_frames(tmp_path_factory.mktemp("frames"))
 
 
 @pytest.fixture
 def recipes(tmp_path, frames, monkeypatch):
-    """A folder with a recipe named toy; the current folder is an empty one."""
+    """Folder with a recipe named toy; the current folder is empty."""
     recipe = json.loads(json.dumps(RECIPE))
     recipe["data"]["init_args"]["root"] = str(frames)
     folder = tmp_path / "recipes"

@@ -19,7 +19,7 @@ from tests.training import toy
 
 
 class PressCtrlC(Callback):
-    """Does so in the second step."""
+    """Callback that presses Ctrl-C in the second step."""
 
     def on_train_batch_start(self, trainer, *_):
         if trainer.global_step == 1:
@@ -27,7 +27,7 @@ class PressCtrlC(Callback):
 
 
 class PressCtrlCAtOnce(Callback):
-    """Does so before the first step."""
+    """Callback that presses Ctrl-C before the first step."""
 
     def on_fit_start(self, *_):
         os.kill(os.getpid(), signal.SIGINT)
@@ -121,7 +121,9 @@ def test_ctrl_c_tells_how_to_go_on_and_going_on_is_exact(recipes, averaged):
 
 def test_a_run_is_not_begun_over_another(recipes):
     run_training("fit", ["--config", "toy"], recipes)
-    with pytest.raises(ValueError, match=r"holds a run already; .* --ckpt_path last, or .*folder"):
+    with pytest.raises(
+        ValueError, match=r"holds a run already; resume .* --ckpt_path last, or .*folder"
+    ):
         run_training("fit", ["--config", "toy"], recipes)
 
 
@@ -146,8 +148,8 @@ def test_a_training_that_diverges_says_so(recipes):
         run_training("fit", ["--config", "toy", rate], recipes)
 
 
-class RefusesItsAnswers(toy.ToyModule):
-    """As a detector whose boxes are no numbers does."""
+class InvalidPredictions(toy.ToyModule):
+    """Module that refuses its own predictions, as a detector with NaN boxes does."""
 
     def losses(self, batch):
         raise ValueError(f"boxes of {batch.sample_ids[0]} are nan")
@@ -156,14 +158,14 @@ class RefusesItsAnswers(toy.ToyModule):
 
 
 def test_what_comes_of_weights_that_are_not_finite_is_told_as_such(frames):
-    module = RefusesItsAnswers()
+    module = InvalidPredictions()
     batch = next(iter(toy.data(frames).train_dataloader()))
     for step in (module.training_step, module.validation_step, module.test_step):
         with pytest.raises(ValueError, match=r"^boxes of \d+ are nan"):
             step(batch, 0)
     torch.nn.init.constant_(next(module.parameters()), float("nan"))
     for step in (module.training_step, module.validation_step, module.test_step):
-        with pytest.raises(ValueError, match="has diverged, its weights are not finite; begin"):
+        with pytest.raises(ValueError, match="has diverged, its weights are not finite; restart"):
             step(batch, 0)
 
 
@@ -193,9 +195,9 @@ def test_a_checkpoint_that_is_scored_is_said_to_be_of_no_step(recipes, capsys):
     run_training("fit", ["--config", "toy"], recipes)
     capsys.readouterr()
     run_training("validate", ["--config", "toy", "--trainer.enable_progress_bar=true"], recipes)
-    said = capsys.readouterr().err
-    assert "validation/mse " in said
-    assert "step" not in said
+    output = capsys.readouterr().err
+    assert "validation/mse " in output
+    assert "step" not in output
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -212,8 +214,8 @@ def test_sources_that_are_given_take_nothing_from_those_of_the_recipe(recipes, c
     }
     with pytest.raises(SystemExit):
         run_training("fit", ["--config", "toy", *arguments[form], "--print_config"], recipes)
-    shown = yaml.safe_load(capsys.readouterr().out)["data"]["init_args"]["training"]
-    assert [(source["path"], source["repeat"]) for source in shown] == [("mine", 1)] * count
+    printed = yaml.safe_load(capsys.readouterr().out)["data"]["init_args"]["training"]
+    assert [(source["path"], source["repeat"]) for source in printed] == [("mine", 1)] * count
 
 
 @pytest.mark.parametrize(
@@ -223,14 +225,14 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named):
     with pytest.raises(SystemExit) as end:
         run_training("fit", [*named, "--data.batch_size", "3", "--print_config"], recipes)
     assert end.value.code in (None, 0)
-    shown = yaml.safe_load(capsys.readouterr().out)
-    assert shown["data"]["init_args"]["batch_size"] == 3
-    assert shown["model"]["init_args"]["optimizer"]["schedule"] == "cosine"
-    assert shown["trainer"]["use_distributed_sampler"] is False
+    printed = yaml.safe_load(capsys.readouterr().out)
+    assert printed["data"]["init_args"]["batch_size"] == 3
+    assert printed["model"]["init_args"]["optimizer"]["schedule"] == "cosine"
+    assert printed["trainer"]["use_distributed_sampler"] is False
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (["--config", "tony"], "there is no recipe tony; .*: toy"),
         (["--config", "toy", "--model.network.chanels", "3"], "chanels"),
@@ -257,8 +259,8 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named):
         ([], "no recipe is given; name one with --config: .*: toy"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_trained_is_refused_in_one_sentence(recipes, arguments, said):
-    with pytest.raises(ValueError, match=said) as refused:
+def test_what_cannot_be_trained_is_refused_in_one_sentence(recipes, arguments, expected):
+    with pytest.raises(ValueError, match=expected) as refused:
         run_training("fit", arguments, recipes)
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) < 300, refused.value
@@ -374,7 +376,7 @@ def test_a_longer_run_under_a_schedule_is_refused_before_it_goes_on(recipes, sch
     toy_run = ["--config", "toy", f"--model.optimizer.schedule={schedule}"]
     run_training("fit", toy_run, recipes)
     before = Path("runs/toy/last.ckpt").read_bytes()
-    with pytest.raises(ValueError, match=r"begun for 8 steps, .* have 12; resume with"):
+    with pytest.raises(ValueError, match=r"schedule has 8 steps, .* has 12; resume with"):
         run_training(
             "fit",
             [*toy_run, "--ckpt_path=last", *(f"--trainer.{length}" for length in longer)],
@@ -391,7 +393,7 @@ def test_without_a_schedule_a_run_can_go_on_for_longer(recipes):
 
 
 def scalars(folder, name):
-    """Steps and values of a curve in the events of a folder's runs."""
+    """Steps and values of a curve in the event files of a folder."""
     found = {}
     for path in sorted(Path(folder).glob("events.*")):
         events = EventAccumulator(str(path)).Reload()
@@ -408,9 +410,9 @@ def test_a_short_run_leaves_a_curve_of_its_loss(recipes):
 def test_given_weights_are_scored_before_they_are_changed(recipes, capsys):
     run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
     weights = "--model.initial_weights=first/weights.safetensors"
-    shown = "--trainer.enable_progress_bar=true"
+    progress_bar = "--trainer.enable_progress_bar=true"
     capsys.readouterr()
-    run_training("fit", ["--config", "toy", weights, shown], recipes)
+    run_training("fit", ["--config", "toy", weights, progress_bar], recipes)
     best = read_weights("first/weights.safetensors").provenance["validation/mse"]
     assert f"step 0: validation/mse {best}\n" in capsys.readouterr().err
     curve = scalars("runs/toy", "validation/mse")
@@ -458,14 +460,14 @@ def test_a_resumed_run_names_the_steps_of_its_scores(recipes, capsys):
 
 
 @pytest.mark.parametrize(
-    ("given", "policy", "is_told"),
+    ("given", "policy", "is_printed"),
     [
         ({}, "passive", True),
         ({"OMP_NUM_THREADS": "1"}, "passive", False),
         ({"OMP_WAIT_POLICY": "active"}, "active", False),
     ],
 )
-def test_threads_wait_passively_unless_told_otherwise_and_it_is_said(given, policy, is_told):
+def test_threads_wait_passively_unless_told_otherwise_and_it_is_said(given, policy, is_printed):
     program = """
 import os, sys, types
 from pathlib import Path
@@ -486,4 +488,4 @@ run_training("fit", ["--config", "depth-fast-cpu"], PACKAGE_RECIPES)
         timeout=120,
     )
     assert done.stdout.split() == [policy, "False"]
-    assert ("OMP_WAIT_POLICY=active" in done.stderr) == is_told
+    assert ("OMP_WAIT_POLICY=active" in done.stderr) == is_printed

@@ -182,20 +182,20 @@ def test_an_epoch_draws_nothing_from_the_global_generators(frames):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "expected"),
     [
         ({"batch_size": 0}, "batch_size must be at least 1, got 0"),
         ({"samples_per_epoch": 0}, "samples_per_epoch must be at least 1"),
         ({"workers": -1}, "workers must be at least 0, got -1: set --data.init_args.workers"),
     ],
 )
-def test_settings_out_of_range_are_refused(frames, settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_settings_out_of_range_are_refused(frames, settings, expected):
+    with pytest.raises(ValueError, match=expected):
         toy.data(frames, **settings)
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "expected"),
     [
         ({"batch_size": 10}, "an epoch of 9 samples does not fill a batch of 10; set a smaller"),
         ({"samples_per_epoch": 10}, "only 9 training samples"),
@@ -203,14 +203,14 @@ def test_settings_out_of_range_are_refused(frames, settings, said):
         ({"training": (SourceConfig(path=Path("gone")),)}, "gone: does not exist"),
     ],
 )
-def test_data_that_does_not_suffice_is_refused(frames, settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_data_that_does_not_suffice_is_refused(frames, settings, expected):
+    with pytest.raises(ValueError, match=expected):
         toy.data(frames, **settings).train_dataloader()
     before_any_validation = toy.data(frames, **settings)
     before_any_validation.trainer = SimpleNamespace(
         global_rank=0, world_size=1, limit_val_batches=1.0
     )
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=expected):
         before_any_validation.setup("fit")
 
 

@@ -1,4 +1,4 @@
-"""Two processes on the CPU train as one does."""
+"""Training on two processes equals training on one."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ def reports(folder, ranks):
 
 @pytest.fixture(scope="module")
 def runs(frames, tmp_path_factory):
-    """A folder with trainings on two ranks, that one resumed, on one rank; and with scores."""
+    """Folder with a training on two ranks, its resumed copy, one on one rank, and scores."""
     folder = tmp_path_factory.mktemp("runs")
     command = [sys.executable, "-m", "tests.training.two_ranks", str(frames), str(folder)]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
@@ -60,7 +60,7 @@ def test_two_ranks_score_an_odd_number_of_frames_as_one_does(runs, batch_size):
     assert sum(score > 0 for score in single.values()) > 10
     for rank in reports(runs / f"scores{batch_size}", 2):
         assert rank.keys() == single.keys()
-        # What the network itself gives differs in its last digits with the batch it comes in.
+        # The network's output differs in its last digits between batch sizes.
         assert rank.pop("mse").item() == pytest.approx(single["mse"].item(), rel=1e-6)
         for name, ap in rank.items():
             assert ap.item() == pytest.approx(single[name].item(), abs=1e-9, rel=0), name

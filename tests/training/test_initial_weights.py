@@ -12,16 +12,16 @@ from tests.training import toy
 
 @dataclass(frozen=True, kw_only=True)
 class TwoStagesConfig:
-    """A network of two networks."""
+    """Settings of a network of two networks."""
 
     first: toy.ToyConfig = toy.ToyConfig()  # noqa: RUF009 - frozen
     second: toy.ToyConfig = toy.ToyConfig()  # noqa: RUF009
     width: int = 1
-    """Of no module."""
+    """Setting without a module."""
 
 
 class TwoStages(toy.ToyModule):
-    """Its first stage can come from elsewhere."""
+    """Network whose first stage can have weights of its own."""
 
     task_name = "two-stages"
 
@@ -61,7 +61,7 @@ def test_initial_weights_fill_a_part_from_its_own_file_or_from_a_whole_network(t
 
 
 @pytest.mark.parametrize(
-    ("initial", "said"),
+    ("initial", "expected"),
     [
         ({"initial_part": "third"}, "initial_part third is no part .* first, second"),
         ({"initial_part": "width"}, "initial_part width is no part"),
@@ -70,15 +70,15 @@ def test_initial_weights_fill_a_part_from_its_own_file_or_from_a_whole_network(t
          r"of other settings \(channels 2 instead of 3\)"),
     ],
 )  # fmt: skip
-def test_weights_that_do_not_fit_the_part_are_refused(tmp_path, initial, said):
+def test_weights_that_do_not_fit_the_part_are_refused(tmp_path, initial, expected):
     file = write(tmp_path / "w.safetensors", toy.ToyModule(), 3)
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=expected):
         TwoStages(initial_weights=file, **initial)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SizedConfig:
-    """Cannot be made without saying how."""
+    """Settings with a required value."""
 
     size: int
     depth: int = 1
@@ -86,7 +86,7 @@ class SizedConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class PartsConfig:
-    """Parts of every kind."""
+    """Settings with parts of every kind."""
 
     optional: toy.ToyConfig | None = None
     wide: toy.ToyConfig = toy.ToyConfig(channels=8)  # noqa: RUF009 - frozen
@@ -108,16 +108,16 @@ def test_what_a_file_is_too_old_to_name_of_a_part_is_what_it_is_read_with():
 
 
 def test_a_part_without_weights_is_refused():
-    with pytest.raises(ValueError, match="set those too"):
+    with pytest.raises(ValueError, match="initial_part first needs initial_weights"):
         TwoStages(initial_part="first")
 
 
 def test_settings_come_from_the_recipe_else_from_the_weights_else_are_the_defaults(tmp_path):
-    of_weights = toy.ToyConfig(channels=5)
-    file = write(tmp_path / "w.safetensors", toy.ToyModule(of_weights), 0)
+    stored = toy.ToyConfig(channels=5)
+    file = write(tmp_path / "w.safetensors", toy.ToyModule(stored), 0)
     given = toy.ToyConfig(channels=7)
     assert choose_settings(given, toy.ToyConfig, file) == given
-    assert choose_settings(None, toy.ToyConfig, file) == of_weights
+    assert choose_settings(None, toy.ToyConfig, file) == stored
     assert choose_settings(None, toy.ToyConfig, None) == toy.ToyConfig()
     with pytest.raises(ValueError, match=r"w\.safetensors describes a network that cannot be buil"):
         choose_settings(None, OptimizerConfig, file)

@@ -1,4 +1,4 @@
-"""A run that is ended at any moment, and gone on with, is the run that was not ended."""
+"""Interrupted and resumed runs equal uninterrupted ones."""
 
 import contextlib
 import multiprocessing
@@ -15,9 +15,9 @@ from sightline.files.weights import read_weights
 from sightline.training.callbacks import checkpoint_callbacks
 from sightline.training.interruption import (
     Interruption,
-    ending_like_ctrl_c,
-    leave_interruption_to_the_parent,
-    taking_workers_along,
+    ending_by_signals,
+    ignore_interruptions,
+    terminating_workers,
 )
 from tests.training import toy
 
@@ -37,11 +37,11 @@ SETTINGS = {
 
 
 class KilledError(Exception):
-    """Stands for a machine that went down."""
+    """Simulated crash of the machine."""
 
 
 class Strike(Checkpoint):
-    """Does something to the process at one of the hooks of a run, counted from 0."""
+    """Callback that runs an action at one hook call of a run, counted from 0."""
 
     def __init__(self, number, action):
         self.number = number
@@ -65,7 +65,7 @@ def kill():
 
 
 def run(frames, folder, strike, *, every=100, place=None, **settings):
-    """Three epochs of three steps, from the last checkpoint if there is one; how they ended."""
+    """Train for three epochs of three steps, resuming if possible; returns the interruption."""
     module = toy.module(warm_up_share=0.0, schedule="cosine")
     callbacks = checkpoint_callbacks(folder, every_n_steps=every, monitored=module.monitored)
     callbacks.insert(len(callbacks) if place is None else place, strike)
@@ -77,7 +77,7 @@ def run(frames, folder, strike, *, every=100, place=None, **settings):
         validation=(toy.SourceConfig(path=Path()),),
         validation_batch_size=5,
     )
-    with ending_like_ctrl_c(), contextlib.suppress(KilledError):
+    with ending_by_signals(), contextlib.suppress(KilledError):
         try:
             trainer.fit(module, datamodule=data, ckpt_path=last if last.is_file() else None)
         except SystemExit as end:
@@ -86,7 +86,7 @@ def run(frames, folder, strike, *, every=100, place=None, **settings):
 
 
 def results(folder):
-    """What a run leaves: its last weights, its best ones, and the file of those, to the byte."""
+    """Results of a run: its last weights, its best weights, and the bytes of the weights file."""
     last, best = (read_weights(folder / f"{name}.ckpt") for name in ("last", "best"))
     return last, best, (folder / "weights.safetensors").read_bytes()
 
@@ -101,7 +101,7 @@ def assert_same(found, expected):
 
 @pytest.fixture(scope="module", params=SETTINGS)
 def whole(request, frames, tmp_path_factory):
-    """Settings of a run, what it leaves when nothing happens, and the number of its hooks."""
+    """Settings of a run, results of the uninterrupted run, and the number of its hook calls."""
     folder, counted = tmp_path_factory.mktemp("whole"), Strike(-1, kill)
     settings = SETTINGS[request.param]
     assert run(frames, folder, counted, **settings) is None
@@ -119,7 +119,7 @@ def test_a_run_that_is_killed_anywhere_ends_with_the_uninterrupted_weights(whole
 
 def test_so_does_one_that_is_killed_between_two_files(whole, frames, tmp_path):
     settings, expected, count = whole
-    for place in (2, 3):  # behind the best and behind the last checkpoint, before the weights
+    for place in (2, 3):  # after the best and after the last checkpoint, before the weights
         for number in range(5, count, 7):
             folder = tmp_path / f"{place}-{number}"
             run(frames, folder, Strike(number, kill), every=1, place=place, **settings)
@@ -131,10 +131,10 @@ def test_so_does_one_that_is_killed_between_two_files(whole, frames, tmp_path):
 def test_so_does_one_that_is_stopped_by_a_signal_anywhere(whole, frames, tmp_path, number):
     settings, expected, count = whole
     stopped = 0
-    for place in range(number % 3, count, 3):  # 2, 15 and 1: each takes a third of the places
+    for place in range(number % 3, count, 3):  # each signal takes a third of the hook calls
         folder = tmp_path / str(place)
         ended = run(frames, folder, Strike(place, lambda: os.kill(os.getpid(), number)), **settings)
-        if ended is not None:  # else it came behind the last step and the run was over
+        if ended is not None:  # else it came after the last step
             assert isinstance(ended, Interruption)
             assert ended.exit_status == 128 + number
             assert (folder / "last.ckpt").is_file()
@@ -151,7 +151,7 @@ def run_until_a_signal(worker, is_ready):
 
 
 def wait_as_a_worker(is_ready):
-    leave_interruption_to_the_parent()
+    ignore_interruptions()
     is_ready.set()
     time.sleep(120)
 
@@ -159,7 +159,7 @@ def wait_as_a_worker(is_ready):
 def test_a_worker_that_an_interrupted_run_leaves_ends_by_the_signal_of_pythons_exit():
     is_ready = multiprocessing.Event()
     worker = multiprocessing.Process(target=wait_as_a_worker, args=(is_ready,), daemon=True)
-    with pytest.raises(Interruption), taking_workers_along():
+    with pytest.raises(Interruption), terminating_workers():
         run_until_a_signal(worker, is_ready)
     worker.terminate()  # as Python does at exit, before it waits without a limit
     worker.join(60)
@@ -171,10 +171,10 @@ def test_processes_of_before_stay():
     other = multiprocessing.Process(target=wait_as_a_worker, args=(is_ready,), daemon=True)
     other.start()
     assert is_ready.wait(60)
-    with pytest.raises(Interruption), taking_workers_along():
+    with pytest.raises(Interruption), terminating_workers():
         raise Interruption("", signal.SIGHUP)
     other.terminate()
     other.join(2)
-    assert other.is_alive()  # that was its first signal
+    assert other.is_alive()  # it ignores its first signal
     other.kill()
     other.join(60)

@@ -1,4 +1,4 @@
-"""Workers that cannot hand their batches on, hang or die never let a training wait for ever."""
+"""Loading ends with an error if workers cannot send batches, hang or die."""
 
 import errno
 import os
@@ -11,12 +11,12 @@ from torch import Tensor
 from torch.utils.data import BatchSampler, Dataset, SequentialSampler
 
 from sightline.training import interruption, loader
-from sightline.training.interruption import Interruption, InterruptionNote
+from sightline.training.interruption import DeferredInterruption, Interruption
 from sightline.training.loader import BatchLoader
 
 
 class Batches(Dataset[Tensor]):
-    """Gives tensors of the number of their batch, and does something before in a worker."""
+    """Data set of tensors of the batch's number, with an action before each batch."""
 
     def __init__(self, action=None):
         self._action = action
@@ -46,7 +46,7 @@ def not_sendable():
 
 def test_batches_come_through_pipes_where_shared_memory_is_full(monkeypatch):
     monkeypatch.setattr(Tensor, "share_memory_", no_room)
-    # Else PyTorch's own pickling would use it all the same.
+    # PyTorch's own pickling calls it as well.
     with pytest.warns(UserWarning, match="/dev/shm has no room.*No space left.*--shm-size"):
         assert load() == [0, 1, 2]
 
@@ -66,7 +66,7 @@ def test_a_worker_that_cannot_send_or_is_killed_ends_the_loading_with_an_error(a
 
 
 def test_workers_that_hang_end_the_loading_with_an_error(monkeypatch):
-    monkeypatch.setattr(loader, "_LONGEST_BATCH_S", 0.3)
+    monkeypatch.setattr(loader, "_BATCH_TIMEOUT_S", 0.3)
     monkeypatch.setattr(torch.utils.data._utils, "MP_STATUS_CHECK_INTERVAL", 0.1)
     with pytest.raises(ChildProcessError, match=r"no worker .* batch .*data\.init_args\.workers 0"):
         load(lambda: time.sleep(5))
@@ -82,9 +82,9 @@ def test_workers_that_cannot_be_started_end_the_loading_with_an_error(monkeypatc
 
 
 def test_a_step_that_does_not_end_after_a_signal_is_ended(monkeypatch):
-    monkeypatch.setattr(interruption, "_LONGEST_STEP_S", 0.1)
-    note = InterruptionNote()
-    note.listen()
+    monkeypatch.setattr(interruption, "_MAX_STEP_S", 0.1)
+    note = DeferredInterruption()
+    note.install()
     signal.raise_signal(signal.SIGTERM)
     with pytest.raises(Interruption) as ended:
         time.sleep(60)
@@ -92,21 +92,21 @@ def test_a_step_that_does_not_end_after_a_signal_is_ended(monkeypatch):
 
 
 def test_a_run_that_is_over_leaves_no_clock_behind(monkeypatch):
-    monkeypatch.setattr(interruption, "_LONGEST_STEP_S", 60.0)
-    note = InterruptionNote()
-    note.listen()
+    monkeypatch.setattr(interruption, "_MAX_STEP_S", 60.0)
+    note = DeferredInterruption()
+    note.install()
     signal.raise_signal(signal.SIGTERM)
     assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
-    note.give_back()
+    note.restore_handlers()
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
 
 
 def test_what_follows_a_step_takes_its_time_after_a_signal():
-    note = InterruptionNote()
-    note.listen()
+    note = DeferredInterruption()
+    note.install()
     signal.raise_signal(signal.SIGINT)
     assert signal.getitimer(signal.ITIMER_REAL)[0] > 0
-    note.stop_waiting()
+    note.cancel_timeout()
     assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
     with pytest.raises(Interruption):
-        note.raise_noted()
+        note.raise_pending()

@@ -9,7 +9,7 @@ from tests.training import toy
 
 
 def rates(config, total_steps):
-    """The learning rate of each step."""
+    """Learning rate of each step."""
     optimizer = torch.optim.SGD([torch.nn.Parameter(torch.zeros(1))], lr=config.learning_rate,
                                 momentum=0.9)  # fmt: skip
     schedule = make_schedule(optimizer, config, total_steps)
@@ -109,7 +109,7 @@ def test_parts_with_a_factor_learn_at_that_share_of_the_rate_all_along(name, sch
 def test_a_factor_that_fits_nothing_is_told(frames, tmp_path, capsys):
     module = toy.module(rate_factors={"*_gate.*": 0.05, "network.*": 0.5})
     toy.trainer(tmp_path, max_epochs=1).fit(module, datamodule=toy.data(frames))
-    assert "rate_factors has *_gate.*, which fits no parameter" in capsys.readouterr().err
+    assert "rate_factors has *_gate.*, which matches no parameter" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, math.inf, math.nan])

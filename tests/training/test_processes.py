@@ -19,7 +19,7 @@ PATIENCE_S = 120
 
 
 class Wait(Callback):
-    """Says in the third step that it is there, and waits."""
+    """Callback that writes a file in the third step and waits."""
 
     def on_train_batch_start(self, trainer, *_):
         if trainer.global_step == 2:
@@ -30,7 +30,7 @@ class Wait(Callback):
 
 @pytest.fixture
 def waiting(recipes):
-    """A training in a session of its own, with workers, that waits in its third step."""
+    """Training in its own session, with workers, that waits in its third step."""
     command = [sys.executable, "-m", "sightline", "fit", "--config", str(recipes / "toy.yaml"),
                "--data.workers=2",
                "--trainer.callbacks+=tests.training.test_processes.Wait"]  # fmt: skip
@@ -52,7 +52,7 @@ def waiting(recipes):
 
 def test_a_second_training_in_a_folder_is_refused_until_the_first_is_dead(recipes, waiting):
     with pytest.raises(
-        ValueError, match=rf"\(process {waiting.pid}\) is at work in runs/toy; wait"
+        ValueError, match=rf"\(process {waiting.pid}\) is running in runs/toy; wait"
     ):
         run_training("fit", ["--config", "toy"], recipes)
     run_training("fit", ["--config", "toy", "--run_folder", "other"], recipes)
@@ -79,10 +79,10 @@ sys.exit(__main__.run())
     environment = os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'src'}", "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 128 + signal.SIGTERM
-    begun, said = done.stderr.splitlines()
-    assert begun == "sightline fit: toy"
-    assert said.startswith("sightline: interrupted; ")
-    assert "run the same command again" in said
+    first_line, last_line = done.stderr.splitlines()
+    assert first_line == "sightline fit: toy"
+    assert last_line.startswith("sightline: interrupted; ")
+    assert "run the same command again" in last_line
     assert not Path("runs/toy/last.ckpt").exists()
 
 
@@ -90,11 +90,11 @@ sys.exit(__main__.run())
 def test_sigterm_ends_a_training_with_a_checkpoint_and_it_can_go_on(recipes, waiting, to_all):
     (os.killpg if to_all else os.kill)(waiting.pid, signal.SIGTERM)
     Path("go").touch()
-    _, said = waiting.communicate(timeout=PATIENCE_S)
+    _, output = waiting.communicate(timeout=PATIENCE_S)
     assert waiting.returncode == 128 + signal.SIGTERM
-    assert said.splitlines() == [
+    assert output.splitlines() == [
         "sightline fit: toy",
-        "sightline: interrupted; add --ckpt_path last to the same command to go on",
+        "sightline: interrupted; add --ckpt_path last to the same command to resume",
     ]
     assert read_weights("runs/toy/last.ckpt").provenance["steps"] == "3"
     run_training("fit", ["--config", "toy", "--ckpt_path", "last"], recipes)

@@ -10,7 +10,7 @@ from sightline.training.progress import RunProgress
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock that stands unless it is set."""
+    """Clock that stands still unless it is set."""
     now = types.SimpleNamespace(s=0.0)
     monkeypatch.setattr(progress.time, "monotonic", lambda: now.s)
     return now
@@ -58,17 +58,17 @@ def test_bars_show_every_job_and_keep_what_is_said():
     bars.say("step 3: validation/rmse_mm 1032 [mm]")
     bars.end("validation")
     bars.close()
-    shown = file.getvalue()
-    assert "training, loss 0.5" in shown
-    assert "3/10" in shown
-    assert "step 3: validation/rmse_mm 1032 [mm]" in shown
+    output = file.getvalue()
+    assert "training, loss 0.5" in output
+    assert "3/10" in output
+    assert "step 3: validation/rmse_mm 1032 [mm]" in output
 
 
 def test_a_process_that_is_not_the_first_shows_nothing(capsys):
-    shown = RunProgress()
-    shown.disable()
-    shown._show("training", 0, 10)
+    run_progress = RunProgress()
+    run_progress.disable()
+    run_progress._show("training", 0, 10)
     assert capsys.readouterr().err == ""
-    shown.enable()
-    shown._show("training", 0, 10)
+    run_progress.enable()
+    run_progress._show("training", 0, 10)
     assert capsys.readouterr().err == "training: 0 of 10\n"

@@ -1,4 +1,4 @@
-"""A training that was stopped and resumed is the training that was not stopped."""
+"""Resumed trainings equal uninterrupted ones."""
 
 import contextlib
 import os
@@ -15,16 +15,16 @@ from sightline.training.callbacks import RandomState
 from sightline.training.last_checkpoint import LastCheckpoint
 from tests.training import toy
 
-STEPS_AN_EPOCH = 4
+STEPS_PER_EPOCH = 4
 VALIDATED = {"validation": (toy.SourceConfig(path=Path()),)}
 
 
 class KilledError(Exception):
-    """Stands for a machine that went down."""
+    """Simulated crash of the machine."""
 
 
 class Kill(Callback):
-    """Ends the training in the step after the given one."""
+    """Callback that ends the training in the step after the given one."""
 
     def __init__(self, step):
         self.step = step
@@ -35,7 +35,7 @@ class Kill(Callback):
 
 
 def train(frames, folder, *, every=100, kill=None, resume=None, averaged=False, **settings):
-    """A training of 6 steps; answers with the module and where its last checkpoint is."""
+    """Train for 6 steps; returns the module and the path of its last checkpoint."""
     last = LastCheckpoint(folder, every_n_steps=every)
     callbacks = [RandomState(), last]
     callbacks += [EMAWeightAveraging(decay=0.8)] if averaged else []
@@ -53,7 +53,7 @@ def train(frames, folder, *, every=100, kill=None, resume=None, averaged=False, 
 
 
 def assert_same_end(resumed, uninterrupted):
-    """Same weights, bit for bit, and the same batches on the way."""
+    """Check that weights are equal bit for bit, and the batches of the training too."""
     for name, tensor in uninterrupted.state_dict().items():
         assert torch.equal(resumed.state_dict()[name], tensor), name
     count = len(resumed.seen)
@@ -63,7 +63,7 @@ def assert_same_end(resumed, uninterrupted):
 
 
 @pytest.mark.parametrize("averaged", [False, True], ids=["", "averaged"])
-@pytest.mark.parametrize("step", [3, STEPS_AN_EPOCH, 5])
+@pytest.mark.parametrize("step", [3, STEPS_PER_EPOCH, 5])
 def test_resuming_gives_the_weights_of_the_uninterrupted_training(frames, tmp_path, step, averaged):
     whole, _ = train(frames, tmp_path / "whole", averaged=averaged)
     _, last = train(frames, tmp_path / "part", every=step, kill=step, averaged=averaged)
@@ -100,7 +100,7 @@ def test_it_does_so_under_other_settings_of_the_trainer(frames, tmp_path, every,
 
 
 def test_without_the_random_states_dropout_would_differ(frames, tmp_path):
-    # Proves that the tests above can fail: the network draws from the global generator.
+    # Shows that the tests above can fail: the network draws from the global generator.
     whole, _ = train(frames, tmp_path / "whole")
     _, last = train(frames, tmp_path / "part", every=3, kill=3)
     checkpoint = torch.load(last, weights_only=True)
@@ -146,7 +146,7 @@ def test_ctrl_c_leaves_a_checkpoint_of_the_step_it_came_in(frames, tmp_path, wor
     trainer = toy.trainer(tmp_path, callbacks=[RandomState(), last, PressCtrlC()])
     with pytest.raises(SystemExit):
         trainer.fit(toy.module(), datamodule=toy.data(frames, workers=workers))
-    signal.signal(signal.SIGINT, previous)  # Lightning leaves it switched off
+    signal.signal(signal.SIGINT, previous)  # Lightning leaves it disabled
     assert torch.load(last.path, weights_only=True)["global_step"] == 2
 
 

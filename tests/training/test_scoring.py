@@ -1,4 +1,4 @@
-"""`sightline validate` and `sightline test`: what is scored, and the report."""
+"""`sightline validate` and `sightline test`: scored weights and report."""
 
 import json
 from pathlib import Path
@@ -39,28 +39,32 @@ def test_weights_files_can_be_tested_without_a_run(recipes):
     assert reports[0] == reports[1]
 
 
-@pytest.mark.parametrize("kept", ["best", "last"])
+@pytest.mark.parametrize("remaining", ["best", "last"])
 def test_a_run_that_started_from_weights_is_scored_itself_even_when_they_are_gone(
-    recipes, capsys, kept
+    recipes, capsys, remaining
 ):
     run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
     config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]
     run_training("fit", config, recipes)
-    if kept == "last":
+    if remaining == "last":
         Path("runs/toy/best.ckpt").unlink()
     Path("first/weights.safetensors").unlink()
     capsys.readouterr()
     run_training("test", config, recipes)
     run_training(
-        "test", ["--config=toy", "--run_folder=other", f"--ckpt_path=runs/toy/{kept}.ckpt"], recipes
+        "test",
+        ["--config=toy", "--run_folder=other", f"--ckpt_path=runs/toy/{remaining}.ckpt"],
+        recipes,
     )
     reports = [json.loads(Path(run, "test.json").read_text()) for run in ("runs/toy", "other")]
     assert reports[0].pop("initial_weights") == "first/weights.safetensors"
     assert reports[1].pop("initial_weights") is None
     assert reports[0] == reports[1]
-    assert reports[0]["checkpoint"] == f"runs/toy/{kept}.ckpt"
-    said = capsys.readouterr().out
-    assert f"scored runs/toy/{kept}.ckpt, which started from first/weights.safetensors" in said
+    assert reports[0]["checkpoint"] == f"runs/toy/{remaining}.ckpt"
+    output = capsys.readouterr().out
+    assert (
+        f"scored runs/toy/{remaining}.ckpt, which started from first/weights.safetensors" in output
+    )
 
 
 def test_scores_that_are_no_numbers_are_null_in_the_report(recipes, monkeypatch):

@@ -14,14 +14,14 @@ LABEL = "{} 0 0 0 10 10 20 20 1.5 1.6 3.9 0 1.7 20 0\n"
 
 @pytest.fixture
 def tree(tmp_path):
-    """Twelve frames without lists."""
+    """Data set of twelve frames without lists."""
     return toy.write_frames(tmp_path / "tree", count=12)
 
 
-def frames(root, name, *, held_for=("validation",), path=".", told=None):
+def frames(root, name, *, held_out_for=("validation",), path=".", lines=None):
     source = SourceConfig(path=Path(path), sample_list=name)
-    tell = [].append if told is None else told.append
-    opened = open_source(source, root, PARTS, held_for=held_for, tell=tell)
+    notify = [].append if lines is None else lines.append
+    opened = open_source(source, root, PARTS, held_out_for=held_out_for, notify=notify)
     return [int(n) for n in opened.sample_ids]
 
 
@@ -44,9 +44,9 @@ def test_a_list_of_training_frames_alone_is_divided_as_the_simulator_writes_it(t
 
 
 def test_where_nothing_validates_on_the_folder_all_of_it_trains(tree):
-    assert frames(tree, "train", held_for=()) == list(range(12))
+    assert frames(tree, "train", held_out_for=()) == list(range(12))
     write_list(tree, "train", (3, 4))
-    assert frames(tree, "train", held_for=()) == [3, 4]
+    assert frames(tree, "train", held_out_for=()) == [3, 4]
 
 
 def test_what_a_list_of_validation_frames_leaves_trains(tree):
@@ -56,31 +56,31 @@ def test_what_a_list_of_validation_frames_leaves_trains(tree):
 
 
 @pytest.mark.parametrize(
-    ("listed", "held_for", "said"),
+    ("listed", "held_out_for", "expected"),
     [
-        ({}, ["validation", "test"], "2 of 12 .* for validation and test: it has no list val"),
+        ({}, ["validation", "test"], "2 of 12 .* for validation and test: without a list val"),
         ({"train": range(12)}, ["test"], "2 of 12 .* for test: .* set --data.init_args.test '..'$"),
         ({"val": (5, 7, 99)}, ["validation"], "2 of 12 .* its list val has them"),
         ({"val": (5, 7)}, [], "2 of 12 .* for validation: its list val has them"),
     ],
 )
-def test_frames_that_are_held_back_are_counted(tree, listed, held_for, said):
+def test_frames_that_are_held_back_are_counted(tree, listed, held_out_for, expected):
     for name, numbers in listed.items():
         write_list(tree, name, numbers)
-    told = []
-    frames(tree, "train", held_for=held_for, told=told)
-    (line,) = told
-    assert re.search(said, line)
+    lines = []
+    frames(tree, "train", held_out_for=held_out_for, lines=lines)
+    (line,) = lines
+    assert re.search(expected, line)
 
 
 def test_nothing_is_said_where_every_frame_trains(tree):
-    told = []
-    frames(tree, "train", held_for=(), told=told)
+    lines = []
+    frames(tree, "train", held_out_for=(), lines=lines)
     write_list(tree, "train", (1, 2))
     write_list(tree, "val", (3, 4))
-    frames(tree, "train", told=told)
-    frames(tree, None, told=told)
-    assert not told
+    frames(tree, "train", lines=lines)
+    frames(tree, None, lines=lines)
+    assert not lines
 
 
 def test_frames_that_are_both_trained_and_scored_on_are_counted_once(tree, capsys):
@@ -94,7 +94,7 @@ def test_frames_that_are_both_trained_and_scored_on_are_counted_once(tree, capsy
     data.val_dataloader()
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("2 of 3 validation frames of")
-    assert "are trained on, too (000006 first)" in line
+    assert "are also training frames (000006 first)" in line
 
 
 def test_lists_that_are_there_are_taken_as_they_are(tree):
@@ -110,7 +110,7 @@ def test_another_list_that_is_missing_is_still_refused(tree):
 
 def test_one_frame_cannot_be_divided(tmp_path):
     root = toy.write_frames(tmp_path, count=1)
-    with pytest.raises(ValueError, match="holds 1 frames, too few to train and to validate on"):
+    with pytest.raises(ValueError, match="holds 1 frames, too few for training and validation"):
         frames(root, "train")
 
 
@@ -119,12 +119,12 @@ def write_label(root, number, *class_names):
     path.write_text("".join(LABEL.format(name) for name in class_names))
 
 
-def showing(root, *class_names, parts=frozenset({"points", "objects"}), sample_list=None):
+def open_with_classes(root, *class_names, parts=frozenset({"points", "objects"}), sample_list=None):
     source = SourceConfig(path=Path(), sample_list=sample_list, with_classes=class_names)
-    return open_source(source, root, parts, held_for=(), tell=[].append)
+    return open_source(source, root, parts, held_out_for=(), notify=[].append)
 
 
-@pytest.mark.filterwarnings("ignore:.*probably in the order")  # all are of a car's size
+@pytest.mark.filterwarnings("ignore:.*probably in the order")  # all labels have a car's size
 @pytest.mark.filterwarnings("ignore:.*repeats 1 of 2 objects")
 def test_frames_can_be_chosen_by_the_classes_that_they_show(tree):
     for number in range(12):
@@ -132,30 +132,30 @@ def test_frames_can_be_chosen_by_the_classes_that_they_show(tree):
     write_label(tree, 3, "Car", "Cyclist")
     write_label(tree, 5)
     write_label(tree, 7, "Pedestrian", "Pedestrian")
-    chosen = showing(tree, "Cyclist", "Pedestrian")
+    chosen = open_with_classes(tree, "Cyclist", "Pedestrian")
     assert chosen.sample_ids == ("000003", "000007")
     assert chosen[0].objects.class_names == ("Car", "Cyclist")
     write_list(tree, "few", (5, 7, 11))
-    assert showing(tree, "Pedestrian", sample_list="few").sample_ids == ("000007",)
-    assert showing(tree, "Car", sample_list="few").sample_ids == ("000011",)
+    assert open_with_classes(tree, "Pedestrian", sample_list="few").sample_ids == ("000007",)
+    assert open_with_classes(tree, "Car", sample_list="few").sample_ids == ("000011",)
 
 
 def test_classes_that_no_frame_shows_are_refused(tree):
     write_label(tree, 2, "Car", "Van")
     with pytest.raises(ValueError, match=r"tree has an object of .* Bike; its labels have Car"):
-        showing(tree, "Bike")
+        open_with_classes(tree, "Bike")
     with pytest.raises(ValueError, match="with_classes Bike; its labels have Car"):
-        showing(tree, "Car", "Bike")
+        open_with_classes(tree, "Car", "Bike")
     for number in range(12):
         write_label(tree, number)
     with pytest.raises(ValueError, match="its labels have none"):
-        showing(tree, "Car")
+        open_with_classes(tree, "Car")
 
 
 def test_classes_are_refused_where_the_task_reads_no_labels(tree):
     write_label(tree, 2, "Car")
     with pytest.raises(ValueError, match="Car needs labels, which this task does not read; leave"):
-        showing(tree, "Car", parts=PARTS)
+        open_with_classes(tree, "Car", parts=PARTS)
 
 
 def test_a_recordings_labels_choose_as_well(tmp_path):
@@ -163,13 +163,13 @@ def test_a_recordings_labels_choose_as_well(tmp_path):
     (root / "labels").mkdir()
     (root / "labels" / "a.txt").write_text("")
     (root / "labels" / "b.txt").write_text(LABEL.format("Cyclist"))
-    assert showing(root, "Cyclist").sample_ids == ("b",)
+    assert open_with_classes(root, "Cyclist").sample_ids == ("b",)
 
 
 def test_data_without_labels_cannot_be_chosen_by_class(tmp_path):
     drive = trees.write_drive(tmp_path / "drive")
-    with pytest.raises(ValueError, match="no labels to look for Car in; leave out with_classes"):
-        showing(drive, "Car")
+    with pytest.raises(ValueError, match="no labels, needed for with_classes Car; leave it out"):
+        open_with_classes(drive, "Car")
 
 
 def test_sweeps_are_found_whole_or_cut_to_the_image(tree):

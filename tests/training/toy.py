@@ -1,4 +1,4 @@
-"""A task as small as can be: it finds the depth of points by one convolution."""
+"""Smallest possible task: predicts the depth of points by two convolutions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,12 +24,12 @@ from tests.data import trees
 
 @dataclass(frozen=True, kw_only=True)
 class ToyConfig:
-    """Settings of the network."""
+    """Settings of the toy network."""
 
     channels: int = 2
-    """Between its two layers."""
+    """Number of channels between its two layers."""
     dropout: float = 0.5
-    """Draws from the global generator."""
+    """Dropout rate; its draws come from the global generator."""
 
 
 class ToyNet(nn.Module):
@@ -51,7 +51,7 @@ class ToyNet(nn.Module):
 @jaxtyped(typechecker=beartype)
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ToyBatch(FieldwiseBatch):
-    """Images and the points on them."""
+    """Images and their sparse depth maps."""
 
     sample_ids: tuple[str, ...]
     image: Float32[Tensor, "batch 3 height width"]
@@ -59,14 +59,14 @@ class ToyBatch(FieldwiseBatch):
 
 
 class ToyLosses(NamedTuple):
-    """One term."""
+    """Losses with one term."""
 
     total: Tensor
     mse: Tensor
 
 
 class ToyScores(Metric):
-    """The mean over samples of their mean squared error."""
+    """Mean over samples of their mean squared error."""
 
     full_state_update = False
 
@@ -84,7 +84,7 @@ class ToyScores(Metric):
 
 
 class ToyModule(TrainingModule):
-    """Trains it on the points themselves."""
+    """Training of the toy network with the points as targets."""
 
     task_name: ClassVar[str] = "toy"
     monitored: ClassVar[tuple[str, Literal["min", "max"]]] = ("validation/mse", "min")
@@ -120,7 +120,7 @@ class ToyModule(TrainingModule):
 
 
 class ToyPreparation(SamplePreparation):
-    """Adds noise to the image in training."""
+    """Preparation that adds noise to the image in training."""
 
     def __init__(self, noise: float = 0.1) -> None:
         self.noise = noise
@@ -138,7 +138,7 @@ class ToyPreparation(SamplePreparation):
 
 
 def write_frames(root: Path, count: int = 9) -> Path:
-    """A tree of several frames with one picture each of its own."""
+    """Write an object tree of several frames with different images."""
     names = [f"{number:06}" for number in range(count)]
     trees.write_object_tree(root, *names)
     for number, name in enumerate(names):
@@ -147,22 +147,22 @@ def write_frames(root: Path, count: int = 9) -> Path:
 
 
 def data(root: Path, **settings: object) -> CameraLidarData:
-    """Batches of two of its frames; 4 an epoch of 9."""
+    """Data of two frames per batch; 4 batches in an epoch of 9 frames."""
     sources = (SourceConfig(path=Path()),)
-    given = {"batch_size": 2, "workers": 0, "root": root, "training": sources}
-    return CameraLidarData(ToyPreparation(), **(given | settings))
+    defaults = {"batch_size": 2, "workers": 0, "root": root, "training": sources}
+    return CameraLidarData(ToyPreparation(), **(defaults | settings))
 
 
 def module(seed: int = 0, *, dropout: float = 0.5, **optimizer: object) -> ToyModule:
-    """A network with weights drawn from the seed."""
+    """Module with weights drawn from the seed."""
     lightning.seed_everything(seed, verbose=False)
     settings = {"learning_rate": 0.05, "schedule": "one_cycle", "warm_up_share": 0.3} | optimizer
     return ToyModule(ToyConfig(dropout=dropout), OptimizerConfig(**settings))
 
 
 def trainer(folder: Path, **settings: object) -> lightning.Trainer:
-    """A Trainer that says nothing and writes only what it is told to."""
-    given = {
+    """Silent Trainer that writes only checkpoints of given callbacks."""
+    defaults = {
         "accelerator": "cpu",
         "devices": 1,
         "logger": False,
@@ -173,4 +173,4 @@ def trainer(folder: Path, **settings: object) -> lightning.Trainer:
         "default_root_dir": folder,
         "max_epochs": 2,
     }
-    return lightning.Trainer(**(given | settings))
+    return lightning.Trainer(**(defaults | settings))

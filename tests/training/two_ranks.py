@@ -1,7 +1,7 @@
 """Trains on two processes, resumes, scores: `python -m tests.training.two_ranks FRAMES FOLDER`.
 
-A program of its own, so that it can fork: its processes begin with all imported, and the test's
-threads are not in their way.
+A separate program, so that it can fork: its processes start with all imports done and without
+the threads of the test.
 """
 
 import shutil
@@ -24,7 +24,7 @@ STOPPED_AFTER = 3
 
 
 class Report(Callback):
-    """Writes what each rank saw and has at the end, and keeps a checkpoint of the middle."""
+    """Callback that writes each rank's samples and final state, and keeps a middle checkpoint."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -40,7 +40,7 @@ class Report(Callback):
 
 
 def train(frames, folder, *, batch_size, resume=None, **settings):
-    """Two epochs, without what is each device's own: dropout's draws, the batches' statistics."""
+    """Train for two epochs without dropout and batch statistics, which differ between devices."""
     folder.mkdir()
     callbacks = [RandomState(), LastCheckpoint(folder, every_n_steps=1), Report(folder)]
     module = toy.module(dropout=0.0)
@@ -50,7 +50,7 @@ def train(frames, folder, *, batch_size, resume=None, **settings):
 
 
 class Detector(toy.ToyModule):
-    """Scored by KITTI's AP on made-up objects of each frame, its own scores besides."""
+    """Module scored by KITTI's AP on simulated results of each frame, besides its own scores."""
 
     def __init__(self, folder):
         super().__init__()
@@ -73,7 +73,7 @@ class Detector(toy.ToyModule):
 
 
 def score(frames, folder, *, batch_size, **settings):
-    """Scores all nine frames: an odd number for two ranks."""
+    """Score all nine frames: an odd number for two ranks."""
     folder.mkdir()
     torch.manual_seed(0)
     module = Detector(folder)

@@ -28,14 +28,14 @@ HiddenRule = Literal["contrast", "window"]
 """Search range for nearer returns that hide a return from the camera. `contrast`: grows with the
 difference of the inverse depths, as parallax does. `window`: constant (versions up to 0.2)."""
 
-WIDEST_SPACING_PX = 64  # between neighbours of a ring; bounds the search in very sparse maps
+MAX_SPACING_PX = 64  # largest spacing within a ring; bounds the search in very sparse maps
 HOLE_COLUMNS = 3  # column spacings beyond the valid guesses at which a hole begins
 SMOOTHING_PASSES = 2  # two running means make a triangle
 SEARCH_COLUMNS = 5  # column spacings to each side of the search for the nearest return
 KITTI_COLUMNS = 3  # column spacing of KITTI's sweeps in its images [px]
 # Rule "contrast": reach in ring spacings (beside: column spacings), and its growth in column
 # spacings per difference of inverse depths [m]. Wider than the parallax of KITTI's mount, some 20:
-# true depth bleeds at edges, too. Found on the frames of real truth.
+# true depth bleeds at edges too. Tuned on frames with real depth truth.
 REACH_ABOVE, REACH_BELOW, REACH_BESIDE = (0.6, 50.0), (0.8, 133.0), (4 / 3, 40 / 3)
 NEAR_PX = 5  # side of the square around a measurement where morphological completion is used
 _MEDIAN_PX, _GAUSS_PX, GAUSS_SIGMA_PX = 5, 5, 0.8
@@ -74,7 +74,7 @@ class AdaptiveConfig:
     """Averaged columns to either side, per row of distance to the nearest ring."""
     softening: float = 0.01
     """Largest relative difference to the smoothed local median; depths beyond it take the
-    median's value. Infinite: no depth does."""
+    median's value. Infinite: depths stay unchanged."""
     trusted_rings: float = 4.0
     """Largest valid gap between two rings, in ring spacings."""
     classical_share: float = 0.5
@@ -92,13 +92,13 @@ class AdaptiveConfig:
                 f"hidden_rule must be one of {', '.join(get_args(HiddenRule))}, got "
                 f"{self.hidden_rule!r}"
             )
-        lowest = {"surface_ratio": 1.0, "hidden_ratio": 1.0, "nearer_share": -1.0}
-        highest = {"nearer_share": 1.0, "classical_share": 1.0, "softening": np.inf}
+        minimum = {"surface_ratio": 1.0, "hidden_ratio": 1.0, "nearer_share": -1.0}
+        maximum = {"nearer_share": 1.0, "classical_share": 1.0, "softening": np.inf}
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, str):
                 continue
-            low, high = lowest.get(field.name, 0.0), highest.get(field.name)
+            low, high = minimum.get(field.name, 0.0), maximum.get(field.name)
             if not low <= value <= (np.finfo(float).max if high is None else high):
                 bound = "finite" if high is None else f"at most {high:g}"
                 raise ValueError(f"{field.name} must be at least {low} and {bound}, got {value}")
@@ -143,8 +143,8 @@ def adaptive_depth(
         ValueError: `sparse_depth_m` contains invalid depths.
     """
     check_sparse_depth(sparse_depth_m)
-    places = np.flatnonzero(sparse_depth_m > 0)
-    pixels = np.stack(np.divmod(places, sparse_depth_m.shape[1]), axis=1)
+    indices = np.flatnonzero(sparse_depth_m > 0)
+    pixels = np.stack(np.divmod(indices, sparse_depth_m.shape[1]), axis=1)
     if not len(pixels):
         return DepthMap(
             depth_m=torch.zeros(sparse_depth_m.shape),
@@ -156,9 +156,9 @@ def adaptive_depth(
     inverse_depth[*pixels[is_hidden].T] = 0
     pixels = pixels[~is_hidden]
     depth_m, is_trusted = _between_rings(inverse_depth, pixels, spacing, config)
-    depth_m = _softened(depth_m, config.softening)
+    depth_m = _limit_to_median(depth_m, config.softening)
     if config.classical_share and spacing.rows <= config.classical_rows:
-        depth_m = _mixed_with_classical(depth_m, sparse_depth_m, config)
+        depth_m = _mix_with_classical(depth_m, sparse_depth_m, config)
     depth_m[*pixels.T] = sparse_depth_m[*pixels.T]  # undoes the rounding of two inversions
     return DepthMap(depth_m=torch.from_numpy(depth_m), valid=torch.from_numpy(is_trusted))
 
@@ -185,14 +185,14 @@ def _between_rings(
     if not has_rings.all():
         nearest = _nearest_true(has_rings)
         filled, distance = filled.take(nearest, axis=1), distance.take(nearest, axis=1)
-    beyond_bends = float(spacing.rows + HOLE_COLUMNS * spacing.columns)
-    depth_m = inverse(bridge_rows(filled, to_ring, is_trusted, beyond_bends))
+    min_hole_distance = float(spacing.rows + HOLE_COLUMNS * spacing.columns)
+    depth_m = inverse(bridge_rows(filled, to_ring, is_trusted, min_hole_distance))
     for _ in range(SMOOTHING_PASSES):
         depth_m = smooth_rows(depth_m, distance, config.smoothing)
     return depth_m, is_trusted
 
 
-def _softened(
+def _limit_to_median(
     depth_m: Float32[np.ndarray, "height width"], tolerance: float
 ) -> Float32[np.ndarray, "height width"]:
     """Replace depths that differ from the smoothed local median by the median."""
@@ -203,7 +203,7 @@ def _softened(
     return move_towards(depth_m, smooth, smooth > 0, tolerance, 1.0)
 
 
-def _mixed_with_classical(
+def _mix_with_classical(
     depth_m: Float32[np.ndarray, "height width"],
     sparse_depth_m: Float32[np.ndarray, "height width"],
     config: AdaptiveConfig,
@@ -235,12 +235,12 @@ class _Spacing:
 def _measure_spacing(
     inverse_depth: Float32[np.ndarray, "height width"], pixels: Int64[np.ndarray, "n 2"]
 ) -> _Spacing:
-    steps = right_neighbours(inverse_depth, pixels, WIDEST_SPACING_PX, WIDEST_SPACING_PX)
+    steps = right_neighbours(inverse_depth, pixels, MAX_SPACING_PX, MAX_SPACING_PX)
     gaps = steps[steps[:, 0] != NO_NEIGHBOUR, 0]
     columns = int(np.median(gaps)) if len(gaps) else 1
     covered = cv2.dilate(inverse_depth, np.ones((1, columns | 1), np.uint8)) > 0
-    up_to = np.cumsum(gap_counts(covered))
-    rows = int(np.searchsorted(up_to, up_to[-1] / 2)) if up_to[-1] else columns
+    cumulative = np.cumsum(gap_counts(covered))
+    rows = int(np.searchsorted(cumulative, cumulative[-1] / 2)) if cumulative[-1] else columns
     return _Spacing(columns, rows)
 
 
@@ -286,9 +286,9 @@ def _trace(
 
 def _nearest_true(is_true: Bool[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
     """Index of the nearest true entry for each index; the left one at a tie."""
-    places = np.flatnonzero(is_true)
-    here = np.arange(len(is_true))
-    right = np.searchsorted(places, here).clip(max=len(places) - 1)
+    true_indices = np.flatnonzero(is_true)
+    indices = np.arange(len(is_true))
+    right = np.searchsorted(true_indices, indices).clip(max=len(true_indices) - 1)
     left = (right - 1).clip(min=0)
-    is_left = np.abs(places[left] - here) <= np.abs(places[right] - here)
-    return places[np.where(is_left, left, right)]
+    is_left = np.abs(true_indices[left] - indices) <= np.abs(true_indices[right] - indices)
+    return true_indices[np.where(is_left, left, right)]

@@ -13,7 +13,7 @@ NO_NEIGHBOUR = 0
 """Gap value for a pixel without a neighbour."""
 
 RING_SLOPE = 0.4  # largest slope of a ring between two returns, in rows per column
-WIDEST_HOLE = 2  # largest width of a hole, per trusted pixel of its row
+MAX_HOLE_RATIO = 2  # largest width of a hole, per trusted pixel of its row
 GROWTH_BELOW = 2  # rows of ground below the lowest ring, as a multiple of the last gap
 
 
@@ -110,10 +110,10 @@ def hidden_pixels(
         limit = np.float32(ratio * own)
         if nearest_around[row, column] <= limit:
             continue
-        most = nearest_around[row, column] - own
-        top = max(row - int(rows_above[0] + rows_above[1] * most), 0)
-        bottom = min(row + int(rows_below[0] + rows_below[1] * most), height - 1)
-        beside = int(columns[0] + columns[1] * most)
+        max_difference = nearest_around[row, column] - own
+        top = max(row - int(rows_above[0] + rows_above[1] * max_difference), 0)
+        bottom = min(row + int(rows_below[0] + rows_below[1] * max_difference), height - 1)
+        beside = int(columns[0] + columns[1] * max_difference)
         left, right = max(column - beside, 0), min(column + beside, width - 1)
         above, below = False, False
         for other in range(top, bottom + 1):
@@ -277,11 +277,11 @@ def bridge_rows(
     filled: Float32[ndarray, "height width"],
     distance: Float32[ndarray, "height width"],
     trusted: Bool[ndarray, "height width"],
-    least_distance: float,
+    min_distance: float,
 ) -> Float32[ndarray, "height width"]:
     """Fills holes along their rows, linear between the trusted pixels on either side.
 
-    A hole is a run of untrusted pixels whose first and last are at least `least_distance` from the
+    A hole is a run of untrusted pixels whose first and last are at least `min_distance` from the
     nearest ring of their columns; nearer pixels lie beside a bent ring, such as the top one. A run
     is no hole if it lies above the rings of most of its columns and is more than twice as wide as
     the trusted part of its row: no ring reaches this space between near objects. A run without a
@@ -291,33 +291,33 @@ def bridge_rows(
     """
     height, width = filled.shape
     bridged = filled.copy()
-    is_below_top = np.zeros(
-        width, dtype=np.bool_
-    )  # the column has a ring in this row or above, or no ring at all
+    # Whether the column has a ring in this row or above, or no ring at all.
+    is_below_top = np.zeros(width, dtype=np.bool_)
     for column in range(width):
         is_below_top[column] = np.isinf(distance[0, column])
     for row in range(height):
-        widest, above = 0, 0  # above: columns with all rings below, since the last trusted column
+        # num_above: columns with all rings below, since the last trusted column
+        max_gap, num_above = 0, 0
         for column in range(width):
-            widest += WIDEST_HOLE * trusted[row, column]
+            max_gap += MAX_HOLE_RATIO * trusted[row, column]
             is_below_top[column] |= distance[row, column] == 0
         left = -1
         for right in range(width):
             if not trusted[row, right]:
-                above += not is_below_top[right]
+                num_above += not is_below_top[right]
                 continue
             gap = right - left - 1
             if (
                 left >= 0
                 and gap > 0
-                and (gap <= widest or 2 * above <= gap)
-                and min(distance[row, left + 1], distance[row, right - 1]) >= least_distance
+                and (gap <= max_gap or 2 * num_above <= gap)
+                and min(distance[row, left + 1], distance[row, right - 1]) >= min_distance
             ):
                 start = filled[row, left]
                 slope = (filled[row, right] - start) / np.float32(right - left)
                 for at in range(left + 1, right):
                     bridged[row, at] = start + slope * np.float32(at - left)
-            left, above = right, 0
+            left, num_above = right, 0
     return bridged
 
 
@@ -346,11 +346,11 @@ def smooth_rows(
 def move_towards(
     depth_m: Float32[ndarray, "height width"],
     other_m: Float32[ndarray, "height width"],
-    chosen: Bool[ndarray, "height width"],
+    is_selected: Bool[ndarray, "height width"],
     tolerance: float,
     share: float,
 ) -> Float32[ndarray, "height width"]:
-    """Move chosen depths towards another map where the two differ by more than a tolerance.
+    """Move selected depths towards another map where the two differ by more than a tolerance.
 
     The tolerance is a share of the depth; a depth moves by `share` of the difference.
     """
@@ -359,6 +359,6 @@ def move_towards(
         for column in range(depth_m.shape[1]):
             depth = depth_m[row, column]
             difference = other_m[row, column] - depth
-            if chosen[row, column] and abs(difference) > np.float32(tolerance) * depth:
+            if is_selected[row, column] and abs(difference) > np.float32(tolerance) * depth:
                 moved[row, column] = depth + np.float32(share) * difference
     return moved

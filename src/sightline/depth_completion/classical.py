@@ -1,4 +1,4 @@
-"""Depth completion by image morphology alone."""
+"""Depth completion by image morphology."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -11,17 +11,17 @@ TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
 
 # A file of weights may come from anywhere; these settings cost time or memory but add no weights.
-_SMALLEST_SCALE_M, _LARGEST_SCALE_M = 1e-3, 1e6
-_LONGEST_SHIFT_PX = 1024
-_MOST_SCALES = 8
-_MOST_PROPAGATION_STEPS = 64
-_WIDEST_WINDOW_PX = 1024
-_MOST_WINDOWS = 8
+_MIN_SCALE_M, _MAX_SCALE_M = 1e-3, 1e6
+_MAX_SHIFT_PX = 1024
+_MAX_SCALES = 8
+_MAX_PROPAGATION_STEPS = 64
+_MAX_WINDOW_PX = 1024
+_MAX_WINDOWS = 8
 
 
-def _check_at_least(name: str, value: int, smallest: int) -> None:
-    if value < smallest:
-        raise ValueError(f"{name} must be at least {smallest}, got {value}")
+def _check_at_least(name: str, value: int, minimum: int) -> None:
+    if value < minimum:
+        raise ValueError(f"{name} must be at least {minimum}, got {value}")
 
 
 def _check_at_most(name: str, value: int, largest: int) -> None:
@@ -63,7 +63,7 @@ class ShiftConvConfig:
                 f"shift_conv.shifts_px must hold one shift or more of at least 1 pixel, "
                 f"got {self.shifts_px}"
             )
-        _check_at_most("shift_conv.shifts_px", max(self.shifts_px), _LONGEST_SHIFT_PX)
+        _check_at_most("shift_conv.shifts_px", max(self.shifts_px), _MAX_SHIFT_PX)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +92,9 @@ class TrunkConfig:
             _check_at_least(f"trunk.{name}", getattr(self, name), 1)
         if not self.channels or min(self.channels) < 1:
             raise ValueError(
-                f"trunk.channels must hold one positive number a scale, got {self.channels}"
+                f"trunk.channels must hold one positive number per scale, got {self.channels}"
             )
-        _check_at_most("the number of trunk.channels", len(self.channels), _MOST_SCALES)
+        _check_at_most("the number of trunk.channels", len(self.channels), _MAX_SCALES)
         if any(count % self.reduction for count in self.channels):
             raise ValueError(
                 f"trunk.channels must be multiples of trunk.reduction {self.reduction}, "
@@ -123,8 +123,8 @@ class PlaneSmoothing:
                 "smoothing.windows_px must hold one window or more of at least 1 pixel, got "
                 f"{self.windows_px}"
             )
-        _check_at_most("smoothing.windows_px", max(self.windows_px), _WIDEST_WINDOW_PX)
-        _check_at_most("the number of smoothing.windows_px", len(self.windows_px), _MOST_WINDOWS)
+        _check_at_most("smoothing.windows_px", max(self.windows_px), _MAX_WINDOW_PX)
+        _check_at_most("the number of smoothing.windows_px", len(self.windows_px), _MAX_WINDOWS)
         if not 0 <= self.noise_m < math.inf:
             raise ValueError(f"smoothing.noise_m must be at least 0 and finite, got {self.noise_m}")
 
@@ -195,7 +195,7 @@ class DepthCompletionConfig:
     least_correction_above: float | SignedThreshold | None = field(
         default=None, metadata=INFERENCE_ONLY
     )
-    """Threshold far above the measurements in a pixel's columns; see `least_corrections`. None:
+    """Threshold far above the measurements in a pixel's columns; see `correction_thresholds`. None:
     `least_correction`."""
     least_correction_beside: float | SignedThreshold | None = field(
         default=None, metadata=INFERENCE_ONLY
@@ -204,62 +204,64 @@ class DepthCompletionConfig:
     keep_measured: bool = field(default=False, metadata=INFERENCE_ONLY)
     """Whether predictors restore the measurements that the classical completion keeps."""
     flip_test: bool = field(default=False, metadata=INFERENCE_ONLY)
-    """Whether predictors also run the network on the mirrored frame; see `answer_with_mirror`."""
+    """Whether predictors also run the network on the mirrored frame; see `predict_with_mirror`."""
     smoothing: PlaneSmoothing | None = field(default=None, metadata=INFERENCE_ONLY)
     """Smoothing of the completed map by predictors."""
 
     def __post_init__(self) -> None:
         """Checks the choices, the numbers and their combinations."""
         _check_choices(self)
-        if not _SMALLEST_SCALE_M <= self.depth_scale_m <= _LARGEST_SCALE_M:
+        if not _MIN_SCALE_M <= self.depth_scale_m <= _MAX_SCALE_M:
             raise ValueError(
-                f"depth_scale_m must be from {_SMALLEST_SCALE_M:g} to {_LARGEST_SCALE_M:g}, got "
+                f"depth_scale_m must be from {_MIN_SCALE_M:g} to {_MAX_SCALE_M:g}, got "
                 f"{self.depth_scale_m}"
             )
         _check_at_least("stem_channels", self.stem_channels, 1)
         _check_at_least("refinement_channels", self.refinement_channels, 0)
         _check_at_least("refinement_hidden_channels", self.refinement_hidden_channels, 0)
         _check_at_least("surroundings_px", self.surroundings_px, 0)
-        _check_at_most("surroundings_px", self.surroundings_px, _WIDEST_WINDOW_PX)
+        _check_at_most("surroundings_px", self.surroundings_px, _MAX_WINDOW_PX)
         _check_at_least("propagation_steps", self.propagation_steps, 0)
-        _check_at_most("propagation_steps", self.propagation_steps, _MOST_PROPAGATION_STEPS)
+        _check_at_most("propagation_steps", self.propagation_steps, _MAX_PROPAGATION_STEPS)
         if self.trunk_stride % self.refinement_stride:
             raise ValueError(
                 f"refinement_stride must be at most trunk_stride {self.trunk_stride}, "
                 f"got {self.refinement_stride}"
             )
         if self.refinement_stride > 1 and not self.refinement_channels:
-            raise ValueError("refinement_stride is of the refinement: set refinement_channels too")
-        self._check_what_needs_the_completion()
+            raise ValueError("refinement_stride needs refinement_channels: set both")
+        self._check_completion_settings()
         for name in ("dead_zone", "least_correction"):
-            self._check_of_factor(name, getattr(self, name))
+            self._check_log_threshold(name, getattr(self, name))
         for name in ("least_correction_above", "least_correction_beside"):
             values = by_direction(getattr(self, name), default=0.0)
-            self._check_of_factor(name, values.nearer)
-            self._check_of_factor(name, values.farther)
+            self._check_log_threshold(name, values.nearer)
+            self._check_log_threshold(name, values.farther)
 
-    def _check_what_needs_the_completion(self) -> None:
+    def _check_completion_settings(self) -> None:
         if self.residual and not self.filled_input:
             raise ValueError("residual corrects the classical completion: set filled_input too")
         if self.correction != "metres" and not self.residual:
             raise ValueError(
-                f"correction {self.correction} is of the classical completion: set residual"
+                f"correction {self.correction} needs the classical completion: set residual"
             )
         if self.correction == "between" and not self.surroundings_px:
-            raise ValueError("correction between needs measurements around: set surroundings_px")
+            raise ValueError(
+                "correction between needs the measurements around: set surroundings_px"
+            )
         if self.surroundings_px and (not self.filled_input or self.shift_conv):
             raise ValueError(
-                "surroundings_px tells depths relative to the classical completion: set "
-                "filled_input, and shift_conv to null"
+                "surroundings_px needs the classical completion: set filled_input to true and "
+                "shift_conv to null"
             )
         if self.keep_measured and not self.filled_input:
-            raise ValueError("keep_measured is of the classical completion: set filled_input too")
+            raise ValueError("keep_measured needs the classical completion: set filled_input too")
 
-    def _check_of_factor(self, name: str, value: float) -> None:
+    def _check_log_threshold(self, name: str, value: float) -> None:
         if not 0 <= value < 1:
             raise ValueError(f"{name} must be from 0 to below 1, got {value}")
         if value and self.correction == "metres":
-            raise ValueError(f"{name} is of a factor's logarithm: set correction log too")
+            raise ValueError(f"{name} is the logarithm of a factor: set correction to log")
 
     @property
     def stride(self) -> int:

@@ -12,10 +12,10 @@ from sightline.depth_completion.config import SignedThreshold
 FIRST_ROWS_ABOVE, LAST_ROWS_ABOVE = 20, 30  # thresholds rise between these heights [rows]
 COLUMNS_AROUND = 7  # columns to either side whose measurements count for a column
 BESIDE_PX, AWAY_PX = 1.2, 2.5  # distances to a measurement: "beside" ends, "away" begins
-_LEAST_THRESHOLD = 1e-9  # avoids division by zero
+_MIN_THRESHOLD = 1e-9  # avoids division by zero
 
 
-class LeastCorrections(NamedTuple):
+class CorrectionThresholds(NamedTuple):
     """Threshold of corrections for each pixel: the logarithm of a factor."""
 
     nearer: Float32[ndarray, "height width"]
@@ -24,13 +24,13 @@ class LeastCorrections(NamedTuple):
     """Threshold of corrections away from the camera."""
 
 
-def least_corrections(
+def correction_thresholds(
     is_measured: Bool[ndarray, "height width"],
     *,
-    least: float,
+    default: float,
     above: SignedThreshold,
     beside: SignedThreshold,
-) -> LeastCorrections:
+) -> CorrectionThresholds:
     """Compute the threshold of corrections for each pixel.
 
     In two places only large corrections are useful. Far above the highest measurement, completion
@@ -40,7 +40,7 @@ def least_corrections(
 
     Args:
         is_measured: Mask of the measured pixels.
-        least: Threshold where neither of the others applies.
+        default: Threshold where neither of the others applies.
         above: Threshold from 30 rows above the highest measurement of the columns around a pixel;
             it rises linearly between 20 and 30 rows.
         beside: Threshold up to 1.2 px from a measurement; it changes linearly until 2.5 px.
@@ -51,12 +51,12 @@ def least_corrections(
     top = cv2.erode(top[None].astype(np.float32), around)[0]  # the border adds no lower value
     rows_above = top - np.arange(height, dtype=np.float32)[:, None]
     is_above = ((rows_above - FIRST_ROWS_ABOVE) / (LAST_ROWS_ABOVE - FIRST_ROWS_ABOVE)).clip(0, 1)
-    is_beside = _is_beside(is_measured)  # never where a pixel is above
+    is_beside = _is_beside(is_measured)  # 0 wherever is_above is positive
     nearer, farther = (
-        (least + (far - least) * is_above + (close - least) * is_beside).astype(np.float32)
+        (default + (far - default) * is_above + (close - default) * is_beside).astype(np.float32)
         for far, close in ((above.nearer, beside.nearer), (above.farther, beside.farther))
     )
-    return LeastCorrections(nearer, farther)
+    return CorrectionThresholds(nearer, farther)
 
 
 def _is_beside(is_measured: Bool[ndarray, "height width"]) -> Float32[ndarray, "height width"]:
@@ -73,7 +73,7 @@ def _is_beside(is_measured: Bool[ndarray, "height width"]) -> Float32[ndarray, "
 def drop_small_corrections(
     depth_m: Float32[ndarray, "height width"],
     filled_m: Float32[ndarray, "height width"],
-    least: LeastCorrections,
+    thresholds: CorrectionThresholds,
 ) -> Float32[ndarray, "height width"]:
     """Undo a network's corrections up to the threshold; keep those from twice the threshold on.
 
@@ -83,11 +83,11 @@ def drop_small_corrections(
     Args:
         depth_m: Depth from the network [m].
         filled_m: Completion that the network corrected [m].
-        least: The thresholds.
+        thresholds: Thresholds for both directions.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         correction = np.log(depth_m / filled_m)
-        threshold = np.where(correction < 0, least.nearer, least.farther)
-        share = (np.abs(correction) / np.maximum(threshold, _LEAST_THRESHOLD) - 1).clip(0, 1)
-        counted: Float32[ndarray, "height width"] = filled_m * np.exp(share * correction)
-    return np.where(np.isfinite(correction), counted, depth_m).astype(np.float32)
+        threshold = np.where(correction < 0, thresholds.nearer, thresholds.farther)
+        share = (np.abs(correction) / np.maximum(threshold, _MIN_THRESHOLD) - 1).clip(0, 1)
+        corrected: Float32[ndarray, "height width"] = filled_m * np.exp(share * correction)
+    return np.where(np.isfinite(correction), corrected, depth_m).astype(np.float32)

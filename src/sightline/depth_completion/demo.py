@@ -82,7 +82,7 @@ def _html(
         picture_html(
             picture,
             f"Frame {picture.stem}: labels, the sweep on the image, what it measures of the depth, "
-            "the completed depth where it may be believed, and the frame from above.",
+            "the valid completed depth, and the frame from above.",
             is_wide=True,
         )
         for picture in pictures

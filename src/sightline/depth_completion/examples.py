@@ -40,13 +40,13 @@ benchmark's. `held_out`: every eighth ring of the sweep, removed from the networ
 as additional dense truth with its own loss weight.
 """
 
-_FARTHEST_TRUTH_M = 256  # range of KITTI's depth maps
+_MAX_TRUTH_M = 256  # range of KITTI's depth maps
 _SIZE_STEP = 32  # validation crops are multiples of it, which suits all our networks
 
 
-def _check_up_to(name: str, value: float, highest: int) -> None:
-    if not 0 <= value <= highest:
-        raise ValueError(f"{name} must be from 0 to {highest}, got {value}")
+def _check_range(name: str, value: float, maximum: int) -> None:
+    if not 0 <= value <= maximum:
+        raise ValueError(f"{name} must be from 0 to {maximum}, got {value}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +70,9 @@ class AugmentationConfig:
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
-        _check_up_to("yaw_error_deg", self.yaw_error_deg, 90)
+        _check_range("yaw_error_deg", self.yaw_error_deg, 90)
         for name in ("outliers", "camera_dropout", "lidar_occlusion"):
-            _check_up_to(name, getattr(self, name), 1)
+            _check_range(name, getattr(self, name), 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,10 +103,10 @@ class ExampleConfig:
                 f"truth must be one of {', '.join(get_args(TruthKind))}, got {self.truth!r}"
             )
         if self.shaping != AS_SIMULATED and self.truth != "depth":
-            raise ValueError(f"shaping is of dense truth: set truth to depth, got {self.truth}")
-        if not 0 < self.farthest_m <= _FARTHEST_TRUTH_M:
+            raise ValueError(f"shaping needs dense truth: set truth to depth, got {self.truth}")
+        if not 0 < self.farthest_m <= _MAX_TRUTH_M:
             raise ValueError(
-                f"farthest_m must be above 0 and at most {_FARTHEST_TRUTH_M}, got {self.farthest_m}"
+                f"farthest_m must be above 0 and at most {_MAX_TRUTH_M}, got {self.farthest_m}"
             )
         if self.crop_size is not None and min(self.crop_size) < 1:
             raise ValueError(
@@ -114,7 +114,7 @@ class ExampleConfig:
             )
         if not self.beams or not set(self.beams) <= set(BEAMS):
             raise ValueError(
-                f"beams must name some of {', '.join(map(str, BEAMS))}, got {self.beams}"
+                f"beams must be some of {', '.join(map(str, BEAMS))}, got {self.beams}"
             )
 
 
@@ -149,33 +149,35 @@ def make_example(
     Raises:
         ValueError: The sample lacks its sweep or the requested truth, or is too small.
     """
-    given, dense_m = _given(sample, config, rng, training=training)
+    inputs, dense_m = _split_truth(sample, config, rng, training=training)
     if training:
-        given = _perturbed(given, config.augmentation, rng)
-    assert given.points is not None, "_given has checked"
-    assert given.depth is not None, "_given has set it"
-    sparse_m = sparse_depth_map(given.points, given.calibration, given.image_size)
-    image = given.image
-    truth_m = _up_to(config.farthest_m, given.depth)
+        inputs = _perturbed(inputs, config.augmentation, rng)
+    assert inputs.points is not None, "checked by _split_truth"
+    assert inputs.depth is not None, "set by _split_truth"
+    sparse_m = sparse_depth_map(inputs.points, inputs.calibration, inputs.image_size)
+    image = inputs.image
+    truth_m = _without_far(config.farthest_m, inputs.depth)
     maps = {
-        "image": torch.zeros(3, *given.image_size) if image is None else image.float() / 255,
+        "image": torch.zeros(3, *inputs.image_size) if image is None else image.float() / 255,
         "sparse_depth_m": sparse_m[None],
         "depth_m": truth_m[None],
     }
     if dense_m is not None:
-        maps["dense_depth_m"] = _up_to(config.farthest_m, dense_m)[None]
-    if config.filled:  # of the whole width: a crop shows too little of the ring spacing
+        maps["dense_depth_m"] = _without_far(config.farthest_m, dense_m)[None]
+    if config.filled:  # over the whole width: a crop shows too little of the ring spacing
         maps["filled_depth_m"] = starting_depth(sparse_m, config.filling).depth_m[None]
     if training and config.shaping != AS_SIMULATED:
-        whole = _bottom_centre(sample, given.image_size)
-        assert whole.points is not None, "_given has checked"
+        whole = _bottom_centre(sample, inputs.image_size)
+        assert whole.points is not None, "checked by _split_truth"
         all_beams_m = sparse_depth_map(whole.points, whole.calibration, whole.image_size)
         maps |= _shaped(maps, all_beams_m, config.shaping)
-    top, left, height, width = _window(given.image_size, config, rng, training=training)
-    cut = {name: item[:, top : top + height, left : left + width] for name, item in maps.items()}
+    top, left, height, width = _window(inputs.image_size, config, rng, training=training)
+    cropped = {
+        name: item[:, top : top + height, left : left + width] for name, item in maps.items()
+    }
     if training and config.augmentation.mirror and rng.random() < 0.5:
-        cut = {name: item.flip(-1) for name, item in cut.items()}
-    stacked = {name: item[None].contiguous() for name, item in cut.items()}
+        cropped = {name: item.flip(-1) for name, item in cropped.items()}
+    stacked = {name: item[None].contiguous() for name, item in cropped.items()}
     return DepthBatch(sample_ids=(sample.sample_id,), **stacked)
 
 
@@ -190,11 +192,11 @@ def _shaped(
     return {"depth_m": torch.from_numpy(widened)[None], "weight": torch.from_numpy(weights)[None]}
 
 
-def _up_to(farthest_m: float, depth_m: Tensor) -> Tensor:
+def _without_far(farthest_m: float, depth_m: Tensor) -> Tensor:
     return torch.where(depth_m <= farthest_m, depth_m, 0.0)
 
 
-def _given(
+def _split_truth(
     sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator, *, training: bool
 ) -> tuple[CameraLidarSample, Tensor | None]:
     """Split a sample into the network's input, with the truth as its depth map, and dense truth."""
@@ -208,7 +210,7 @@ def _given(
             f"sample {sample.sample_id} has no true depth, but truth is {config.truth}: give "
             "simulated data or KITTI's depth tree, or set truth to held_out"
         )
-    largest = _whole_steps(sample)
+    max_size = _max_crop_size(sample)
     if config.truth == "depth":  # the truth is not from the sweep: no ring is held out
         if config.shaping.in_reach:
             sample = replace(sample, depth=dense_truth_in_reach(sample))
@@ -216,20 +218,20 @@ def _given(
         if keep_every > 1:
             first = int(rng.integers(keep_every)) if training else 0
             sample = thin_rings(sample, keep_every, first)
-        return _bottom_centre(sample, largest), None
+        return _bottom_centre(sample, max_size), None
     first = int(rng.integers(HELD_OUT_EVERY)) if training else FIRST_HELD_OUT
     frame = split_rings(sample, first_held_out=first)
     beams = int(rng.choice(config.beams))
     start = int(rng.integers(NUM_RINGS // beams)) if training else 0
-    given = frame.with_beams(beams, start=start)
+    inputs = frame.with_beams(beams, start=start)
     dense_m = None
     if config.truth == "both":
-        dense_m = _bottom_centre(_bottom_centre(sample, given.image_size), largest).depth
-    given = _bottom_centre(replace(given, depth=frame.truth_m), largest)
-    return given, dense_m
+        dense_m = _bottom_centre(_bottom_centre(sample, inputs.image_size), max_size).depth
+    inputs = _bottom_centre(replace(inputs, depth=frame.truth_m), max_size)
+    return inputs, dense_m
 
 
-def _whole_steps(sample: CameraLidarSample) -> tuple[int, int]:
+def _max_crop_size(sample: CameraLidarSample) -> tuple[int, int]:
     """Height and width of the largest crop that suits all our networks."""
     height, width = (
         min(size, limit) // _SIZE_STEP * _SIZE_STEP
@@ -275,8 +277,8 @@ def _window(
     height, width = config.crop_size
     if height > size[0] or width > size[1]:
         raise ValueError(
-            f"crop_size is {height}x{width} (height x width), but the sample has only "
-            f"{size[0]}x{size[1]} to cut from; name a smaller one"
+            f"crop_size is {height}x{width} (height x width), larger than the sample's "
+            f"{size[0]}x{size[1]}; set a smaller one"
         )
     if training and config.augmentation.random_crop:
         return (

@@ -19,7 +19,7 @@ networks with random weights: 0.22 mm at most (for shipped weights see docs/resu
 
 _EXAMPLE_IN_STRIDES = (4, 6)  # height and width; both are dynamic in the graph
 _SIZES_IN_STRIDES = ((5, 7), (8, 13))  # sizes of the cases; different from the example's
-_FARTHEST_M = 85.0
+_MAX_DEPTH_M = 85.0
 _DENSITY = 0.05  # share of pixels with a return, as in a 64-beam sweep
 
 
@@ -74,7 +74,7 @@ def _cases(stride: int, *, takes_filled_depth: bool) -> Cases:
 def _random_inputs(
     size: tuple[int, int], generator: torch.Generator, *, takes_filled_depth: bool
 ) -> dict[str, Tensor]:
-    depth_m = 1 + (_FARTHEST_M - 1) * torch.rand(1, 1, *size, generator=generator)
+    depth_m = 1 + (_MAX_DEPTH_M - 1) * torch.rand(1, 1, *size, generator=generator)
     is_measured = torch.rand(1, 1, *size, generator=generator) < _DENSITY
     inputs = {
         "image": torch.rand(1, 3, *size, generator=generator),

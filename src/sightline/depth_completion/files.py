@@ -16,23 +16,23 @@ from sightline.structures.predictions import DepthMap, Perception
 from sightline.structures.sample import CameraLidarSample
 
 
-def write_depth(path: Path, answer: DepthMap) -> None:
+def write_depth(path: Path, depth_map: DepthMap) -> None:
     """Writes the depths as a 16-bit PNG; depths beyond its range of 256 m become 0 (none)."""
-    _write(path, answer.depth_m)
+    _write(path, depth_map.depth_m)
 
 
-def write_uncertainty(path: Path, answer: DepthMap) -> None:
+def write_uncertainty(path: Path, depth_map: DepthMap) -> None:
     """Writes the expected absolute errors in the same format; infinite ones become 0.
 
     Raises:
         ValueError: The map has no expected errors.
     """
-    if answer.uncertainty_m is None:
+    if depth_map.uncertainty_m is None:
         raise ValueError("the depth map has no expected errors; leave the uncertainty out")
-    _write(path, torch.where(answer.uncertainty_m.isinf(), 0.0, answer.uncertainty_m))
+    _write(path, torch.where(depth_map.uncertainty_m.isinf(), 0.0, depth_map.uncertainty_m))
 
 
-def read_depth(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
+def read_depth(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
     """Adds the depth map of a PNG, valid among the sample's measurements if it has any.
 
     Raises:
@@ -43,23 +43,23 @@ def read_depth(path: Path, sample: CameraLidarSample, told: Perception) -> Perce
     if sample.points is not None:
         sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
         valid = valid & torch.from_numpy(inside_hull(sparse.numpy(force=True) > 0))
-    return replace(told, depth=DepthMap(depth_m=depth_m, valid=valid))
+    return replace(perception, depth=DepthMap(depth_m=depth_m, valid=valid))
 
 
-def read_uncertainty(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
+def read_uncertainty(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
     """Adds the expected errors of a PNG to the depth map; pixels with large errors become invalid.
 
     Raises:
         ValueError: There is no depth map, or the file holds no errors or has another size.
     """
-    if told.depth is None:
+    if perception.depth is None:
         raise ValueError(
-            f"{path} holds expected errors of a depth map; name the folder of the depths, too"
+            f"{path} holds expected errors of a depth map; name the folder of the depths too"
         )
     error_m = _read(path, sample)
     error_m = torch.where(error_m > 0, error_m, torch.inf)
-    valid = told.depth.valid & (error_m < TRUSTED_SHARE * told.depth.depth_m)
-    return replace(told, depth=replace(told.depth, valid=valid, uncertainty_m=error_m))
+    valid = perception.depth.valid & (error_m < TRUSTED_SHARE * perception.depth.depth_m)
+    return replace(perception, depth=replace(perception.depth, valid=valid, uncertainty_m=error_m))
 
 
 def _read(path: Path, sample: CameraLidarSample) -> Float32[Tensor, "height width"]:

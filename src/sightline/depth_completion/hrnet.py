@@ -110,12 +110,12 @@ class HighResolutionTrunk(nn.Module):
             scales.append(down(scales[-1]))
         for module, exchange in zip(self.blocks, self.exchanges, strict=True):
             assert isinstance(module, nn.ModuleList)
-            deeper = [blocks(scale) for blocks, scale in zip(module, scales, strict=True)]
-            scales = exchange(deeper)
+            processed = [blocks(scale) for blocks, scale in zip(module, scales, strict=True)]
+            scales = exchange(processed)
         size = scales[0].shape[-2:]
         smaller = [F.interpolate(scale, size=size, mode="nearest") for scale in scales[1:]]
-        read: Tensor = self.head(torch.cat((scales[0], *smaller), dim=1))
-        return read
+        output: Tensor = self.head(torch.cat((scales[0], *smaller), dim=1))
+        return output
 
 
 def _blocks(config: TrunkConfig, scale: int) -> nn.Sequential:

@@ -15,7 +15,7 @@ from sightline.depth_completion.targets import ExpansionConfig, expand_depth
 EmdKind = Literal["tiles", "global"]
 
 _RISE_M, _RISE_ENDS_M = 3.0, 10.0  # parameters of rising_l1
-_LEAST_RATIO = 0.01  # of predicted to true depth: predictions may be zero or less
+_MIN_RATIO = 0.01  # smallest ratio of predicted to true depth: predictions may be zero or less
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,26 +114,28 @@ def depth_completion_loss(
     truth = truth_m / config.unit_m
     is_valid = truth > 0
     error = torch.where(is_valid, _in_units(output.depth_m, config) - truth, 0.0)
-    counted = is_valid.to(error.dtype) if weight is None else torch.where(is_valid, weight, 0.0)
+    pixel_weights = (
+        is_valid.to(error.dtype) if weight is None else torch.where(is_valid, weight, 0.0)
+    )
     zero = error.sum() * 0  # part of the graph, so that `backward` works on any batch
     mse = rmse = l1 = rising_l1 = dense_l1 = dense_relative = emd = uncertainty = zero
     if config.mse or config.rmse:
-        per_image = _image_means(error.square(), counted)
+        per_image = _image_means(error.square(), pixel_weights)
         mse = _mean_over_images(per_image, is_valid) if config.mse else zero
         rmse = _mean_over_images(_root(per_image), is_valid) if config.rmse else zero
     if config.l1:
-        l1 = _mean_over_images(_image_means(error.abs(), counted), is_valid)
+        l1 = _mean_over_images(_image_means(error.abs(), pixel_weights), is_valid)
     if config.rising_l1:
         metres = error.abs() * config.unit_m
         rising = metres + metres.square() / (_RISE_M + metres * _RISE_M / _RISE_ENDS_M)
-        rising_l1 = _mean_over_images(_image_means(rising / config.unit_m, counted), is_valid)
+        rising_l1 = _mean_over_images(_image_means(rising / config.unit_m, pixel_weights), is_valid)
     if dense_truth_m is not None:
         is_dense = dense_truth_m > 0
         if config.dense_relative:
             # Avoids 0 / 0 where there is no truth: its gradient would be NaN.
             divisor = torch.where(is_dense, dense_truth_m, 1.0)
             ratio = torch.where(is_dense, output.depth_m, 1.0) / divisor
-            distance = ratio.clamp(min=_LEAST_RATIO).log().abs()
+            distance = ratio.clamp(min=_MIN_RATIO).log().abs()
             means = _image_means(distance, is_dense.to(distance.dtype))
             dense_relative = _mean_over_images(means, is_dense)
         dense_error = torch.where(is_dense, _in_units(output.depth_m - dense_truth_m, config), 0.0)
@@ -146,9 +148,9 @@ def depth_completion_loss(
     if config.uncertainty and output.uncertainty_m is not None:
         scale = _in_units(output.uncertainty_m, config)
         if dense_truth_m is not None:
-            is_valid, error, counted = is_dense, dense_error, is_dense.to(error.dtype)
-        surprise = torch.where(is_valid, error.detach().abs() / scale + scale.log(), 0.0)
-        uncertainty = _mean_over_images(_image_means(surprise, counted), is_valid)
+            is_valid, error, pixel_weights = is_dense, dense_error, is_dense.to(error.dtype)
+        likelihood_loss = torch.where(is_valid, error.detach().abs() / scale + scale.log(), 0.0)
+        uncertainty = _mean_over_images(_image_means(likelihood_loss, pixel_weights), is_valid)
     terms = (mse, rmse, l1, rising_l1, dense_l1, dense_relative, emd, uncertainty)
     weights = (getattr(config, name) for name in DepthLosses._fields[1:])
     total = sum((weight * term for weight, term in zip(weights, terms, strict=True)), start=zero)
@@ -178,9 +180,9 @@ def _earth_movers_distance(
         p = _tiles(p, config.emd_tile_px, offset_px)
         q = _tiles(q, config.emd_tile_px, offset_px)
     p, q = p.sort(dim=-1).values, q.sort(dim=-1).values
-    moved = torch.where(q.isfinite(), p - q, 0.0).abs()
+    distances = torch.where(q.isfinite(), p - q, 0.0).abs()
     pixels = is_valid.sum(dim=(1, 2, 3))
-    return _mean_over_images(moved.sum(dim=(1, 2)) / pixels.clamp(min=1), is_valid)
+    return _mean_over_images(distances.sum(dim=(1, 2)) / pixels.clamp(min=1), is_valid)
 
 
 def _tiles(

@@ -12,7 +12,7 @@ from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.hrnet import HighResolutionTrunk, conv_norm
 from sightline.depth_completion.propagation import NEIGHBOURS, propagate
 from sightline.depth_completion.shift_conv import ShiftConvBranch
-from sightline.depth_completion.surroundings import NUM_PLANES, Surroundings, look_around
+from sightline.depth_completion.surroundings import NUM_PLANES, Surroundings, find_surroundings
 
 _MAX_LOG_CORRECTION = math.log(4)  # corrects a completed depth by a factor of 4 at most
 _MAX_LOG_BETWEEN = 0.3  # after the share of the way to a measurement around
@@ -54,21 +54,21 @@ class DepthCompletionNet(nn.Module):
         else:
             planes += [points] + [1] * (config.shift_conv is not None) + [1] * config.filled_input
         stem = config.stem_channels
-        read_together = [sum(planes)] if config.stem_fusion == "joint" else planes
+        stem_planes = [sum(planes)] if config.stem_fusion == "joint" else planes
         self.stems = nn.ModuleList(
-            conv_norm(count * config.trunk_stride**2, stem) for count in read_together
+            conv_norm(count * config.trunk_stride**2, stem) for count in stem_planes
         )
         is_wider = config.stem_fusion == "concatenate"
         in_channels = stem * len(planes) if is_wider else stem
         self.outputs = _output_channels(config)
-        found = config.refinement_channels or sum(self.outputs)
+        features = config.refinement_channels or sum(self.outputs)
         unfolding = config.trunk_stride // config.refinement_stride
-        self.trunk = HighResolutionTrunk(in_channels, found * unfolding**2, config.trunk)
+        self.trunk = HighResolutionTrunk(in_channels, features * unfolding**2, config.trunk)
         cells = config.refinement_stride**2
         self.refinement = (
             _refinement(
-                found + sum(planes) * cells,
-                config.refinement_hidden_channels or found,
+                features + sum(planes) * cells,
+                config.refinement_hidden_channels or features,
                 sum(self.outputs) * cells,
             )
             if config.refinement_channels
@@ -108,11 +108,11 @@ class DepthCompletionNet(nn.Module):
         if config.filled_input and filled_depth_m is None:
             raise ValueError("this network starts from a classical completion: give filled_depth_m")
         planes = [_camera_planes(image, with_presence=config.presence_channel)]
-        around = e_point_m = None
+        surroundings = e_point_m = None
         if config.surroundings_px:
-            assert filled_depth_m is not None, "the config asks for both"
-            around = look_around(sparse_depth_m, filled_depth_m, config.surroundings_px)
-            planes.append(around.planes)
+            assert filled_depth_m is not None, "the config requires both"
+            surroundings = find_surroundings(sparse_depth_m, filled_depth_m, config.surroundings_px)
+            planes.append(surroundings.planes)
         else:
             points = self._points(sparse_depth_m)
             planes.append(points)
@@ -124,7 +124,7 @@ class DepthCompletionNet(nn.Module):
                 planes.append(filled_depth_m / config.depth_scale_m)
         raw = self._predict(planes).to(sparse_depth_m.dtype)  # sums in metres need all digits
         outputs = torch.split(raw, self.outputs, dim=1)
-        depth_m = self._depth_m(outputs[0], filled_depth_m, around)
+        depth_m = self._depth_m(outputs[0], filled_depth_m, surroundings)
         if config.propagation_steps:
             affinity, confidence = outputs[-2:]
             depth_m = propagate(
@@ -151,26 +151,26 @@ class DepthCompletionNet(nn.Module):
 
     def _predict(self, planes: list[Tensor]) -> Tensor:
         stride = self.config.trunk_stride
-        read = [torch.cat(planes, dim=1)] if self.config.stem_fusion == "joint" else planes
+        stem_inputs = [torch.cat(planes, dim=1)] if self.config.stem_fusion == "joint" else planes
         folded = [
             stem(F.pixel_unshuffle(plane, stride))
-            for stem, plane in zip(self.stems, read, strict=True)
+            for stem, plane in zip(self.stems, stem_inputs, strict=True)
         ]
         if self.config.stem_fusion != "concatenate":
-            met = folded[0]
+            fused = folded[0]
             for other in folded[1:]:
-                met = met + other
+                fused = fused + other
         else:
-            met = torch.cat(folded, dim=1)
+            fused = torch.cat(folded, dim=1)
         fine = self.config.refinement_stride
-        found = F.pixel_shuffle(self.trunk(met), stride // fine)
+        features = F.pixel_shuffle(self.trunk(fused), stride // fine)
         if self.refinement is None:
-            return found
+            return features
         inputs = planes if fine == 1 else [F.pixel_unshuffle(plane, fine) for plane in planes]
-        return F.pixel_shuffle(self.refinement(torch.cat((found, *inputs), dim=1)), fine)
+        return F.pixel_shuffle(self.refinement(torch.cat((features, *inputs), dim=1)), fine)
 
     def _depth_m(
-        self, predicted: Tensor, filled_depth_m: Tensor | None, around: Surroundings | None
+        self, predicted: Tensor, filled_depth_m: Tensor | None, surroundings: Surroundings | None
     ) -> Tensor:
         if not self.config.residual:
             return predicted * self.config.depth_scale_m
@@ -178,11 +178,11 @@ class DepthCompletionNet(nn.Module):
         if self.config.correction == "metres":
             return filled_depth_m + predicted * self.config.depth_scale_m
         if self.config.correction == "between":
-            assert around is not None, "the config asks for both"
-            moves = torch.tanh(predicted)
-            share, factor = moves[:, :1], moves[:, 1:]
-            farther = share.clamp(min=0) * (around.farthest_m - filled_depth_m)
-            nearer = share.clamp(max=0) * (filled_depth_m - around.nearest_m)
+            assert surroundings is not None, "the config requires both"
+            bounded = torch.tanh(predicted)
+            share, factor = bounded[:, :1], bounded[:, 1:]
+            farther = share.clamp(min=0) * (surroundings.farthest_m - filled_depth_m)
+            nearer = share.clamp(max=0) * (filled_depth_m - surroundings.nearest_m)
             between: Tensor = filled_depth_m + farther + nearer
             return between * (_MAX_LOG_BETWEEN * factor).exp()
         bounded = _MAX_LOG_CORRECTION * torch.tanh(predicted / _MAX_LOG_CORRECTION)

@@ -9,7 +9,7 @@ from numpy import ndarray
 from sightline.depth_completion.adaptive_kernels import inverse
 from sightline.ops.compiled import compiled
 
-_LEAST_SPREAD = 1e-9  # for windows of one row or column, which have no slope
+_MIN_SPREAD = 1e-9  # for windows of one row or column, which have no slope
 
 
 def smooth_planes(
@@ -30,12 +30,12 @@ def smooth_planes(
     """
     inverse_depth = inverse(depth_m)
     for reach in windows_px:
-        inverse_depth = _draw_to_planes(inverse_depth, reach, noise_m)
+        inverse_depth = _move_to_planes(inverse_depth, reach, noise_m)
     return inverse(inverse_depth)
 
 
 @compiled
-def _draw_to_planes(
+def _move_to_planes(
     inverse_depth: Float32[ndarray, "height width"], reach: int, noise_m: float
 ) -> Float32[ndarray, "height width"]:
     """Run the smoothing for one window size."""
@@ -43,7 +43,7 @@ def _draw_to_planes(
     smooth = np.empty_like(inverse_depth)
     # float64: the residuals are small compared with the sums.
     sums = np.zeros((3, width))  # over the window's rows, by column: value, square, row times value
-    left_of = np.zeros((4, width + 1))  # the same and column times value, summed along the row
+    prefix = np.zeros((4, width + 1))  # prefix sums along the row, also of column times value
     for row in range(-reach, height):
         _add_row(inverse_depth, row + reach, 1.0, sums)
         _add_row(inverse_depth, row - reach - 1, -1.0, sums)
@@ -51,20 +51,20 @@ def _draw_to_planes(
             continue
         for column in range(width):
             for each in range(3):
-                left_of[each, column + 1] = left_of[each, column] + sums[each, column]
-            left_of[3, column + 1] = left_of[3, column] + column * sums[0, column]
+                prefix[each, column + 1] = prefix[each, column] + sums[each, column]
+            prefix[3, column + 1] = prefix[3, column] + column * sums[0, column]
         top, bottom = max(row - reach, 0), min(row + reach, height - 1)
         rows, middle_row = bottom - top + 1, 0.5 * (top + bottom)
-        row_spread = max((rows**2 - 1) / 12, _LEAST_SPREAD)  # mean square from the middle
+        row_spread = max((rows**2 - 1) / 12, _MIN_SPREAD)  # mean square from the middle
         for column in range(width):
             left, right = max(column - reach, 0), min(column + reach, width - 1)
             columns, middle_column = right - left + 1, 0.5 * (left + right)
-            column_spread = max((columns**2 - 1) / 12, _LEAST_SPREAD)
+            column_spread = max((columns**2 - 1) / 12, _MIN_SPREAD)
             share = 1.0 / (rows * columns)
-            mean = (left_of[0, right + 1] - left_of[0, left]) * share
-            mean_square = (left_of[1, right + 1] - left_of[1, left]) * share
-            down = (left_of[2, right + 1] - left_of[2, left]) * share - middle_row * mean
-            across = (left_of[3, right + 1] - left_of[3, left]) * share - middle_column * mean
+            mean = (prefix[0, right + 1] - prefix[0, left]) * share
+            mean_square = (prefix[1, right + 1] - prefix[1, left]) * share
+            down = (prefix[2, right + 1] - prefix[2, left]) * share - middle_row * mean
+            across = (prefix[3, right + 1] - prefix[3, left]) * share - middle_column * mean
             down, across = down / row_spread, across / column_spread  # slopes of the plane
             planar = mean**2 + down**2 * row_spread + across**2 * column_spread
             variance = mean_square - planar  # residual variance of the plane
@@ -74,9 +74,9 @@ def _draw_to_planes(
                 smooth[row, column] = 0
                 continue
             noise = (noise_m * value * value) ** 2  # noise variance of inverse depth
-            kept = 1 - noise / variance if variance > noise else 0.0
-            drawn = plane + kept * (value - plane)
-            smooth[row, column] = drawn if drawn > 0 else value
+            share_kept = 1 - noise / variance if variance > noise else 0.0
+            moved = plane + share_kept * (value - plane)
+            smooth[row, column] = moved if moved > 0 else value
     return smooth
 
 

@@ -37,9 +37,9 @@ def to_depth_map(
         is_supported: Mask of the pixels among measurements.
         smoothing: Smoothing of the planes; None: no smoothing.
     """
-    given, supported = _to_array(depth_m), is_supported.numpy(force=True)
-    has_value = np.isfinite(given)
-    depth = np.where(has_value, given.clip(NEAREST_M, FARTHEST_M), np.float32(0))
+    predicted, supported = _to_array(depth_m), is_supported.numpy(force=True)
+    has_value = np.isfinite(predicted)
+    depth = np.where(has_value, predicted.clip(NEAREST_M, FARTHEST_M), np.float32(0))
     if smoothing is not None:
         smooth = smooth_planes(depth, windows_px=smoothing.windows_px, noise_m=smoothing.noise_m)
         depth = np.where(has_value, smooth.clip(NEAREST_M, FARTHEST_M), np.float32(0))
@@ -48,7 +48,7 @@ def to_depth_map(
             depth_m=torch.from_numpy(depth), valid=torch.from_numpy(has_value & supported)
         )
     uncertainty = _to_array(uncertainty_m)
-    is_estimate = has_value & (uncertainty >= 0)  # NaN, too, compares false
+    is_estimate = has_value & (uncertainty >= 0)  # NaN compares false too
     uncertainty = np.where(is_estimate, uncertainty, np.float32(np.inf))
     is_trusted = uncertainty < np.float32(TRUSTED_SHARE) * depth
     return DepthMap(

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from sightline.data.kitti_trees import Part
 from sightline.depth_completion.config import DepthCompletionConfig, by_direction
-from sightline.depth_completion.corrections import drop_small_corrections, least_corrections
+from sightline.depth_completion.corrections import correction_thresholds, drop_small_corrections
 from sightline.depth_completion.export_graph import export_graph
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth, starting_depth
-from sightline.depth_completion.mirrored_answer import answer_with_mirror
+from sightline.depth_completion.mirrored_prediction import predict_with_mirror
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.network_task import NETWORK_TASK
 from sightline.depth_completion.postprocess import to_depth_map
@@ -229,18 +229,20 @@ class DepthPredictor(SamplePredictor[DepthMap]):
             is_supported = filled.valid
         else:
             is_supported = torch.from_numpy(inside_hull(sparse.numpy() > 0))
-        outputs = answer_with_mirror(self._run, inputs) if settings.flip_test else self._run(inputs)
+        outputs = (
+            predict_with_mirror(self._run, inputs) if settings.flip_test else self._run(inputs)
+        )
         top, width = -sparse.shape[0] % stride, sparse.shape[1]
-        cut = {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
-        depth_m = cut["depth_m"]
+        cropped = {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
+        depth_m = cropped["depth_m"]
         if filled is not None:
-            depth_m = _with_counted_corrections(depth_m, filled.depth_m, sparse, settings)
+            depth_m = _without_small_corrections(depth_m, filled.depth_m, sparse, settings)
             if settings.keep_measured:
                 is_kept = (sparse > 0) & (filled.depth_m == sparse)
                 depth_m = torch.where(is_kept, sparse, depth_m)
         return to_depth_map(
             depth_m,
-            cut.get("uncertainty_m"),
+            cropped.get("uncertainty_m"),
             is_supported=is_supported,
             smoothing=settings.smoothing,
         )
@@ -255,21 +257,23 @@ class DepthPredictor(SamplePredictor[DepthMap]):
         )
 
 
-def _with_counted_corrections(
+def _without_small_corrections(
     depth_m: Float[Tensor, "height width"],
     filled_m: Float32[Tensor, "height width"],
     sparse_m: Float32[Tensor, "height width"],
     settings: DepthCompletionConfig,
 ) -> Float[Tensor, "height width"]:
     """Undo the corrections below the thresholds of the settings."""
-    least = settings.least_correction
-    above = by_direction(settings.least_correction_above, default=least)
-    beside = by_direction(settings.least_correction_beside, default=least)
-    if not max(least, *astuple(above), *astuple(beside)):
+    default = settings.least_correction
+    above = by_direction(settings.least_correction_above, default=default)
+    beside = by_direction(settings.least_correction_beside, default=default)
+    if not max(default, *astuple(above), *astuple(beside)):
         return depth_m
-    thresholds = least_corrections(sparse_m.numpy() > 0, least=least, above=above, beside=beside)
-    given_m = depth_m.float().numpy(force=True)
-    return torch.from_numpy(drop_small_corrections(given_m, filled_m.numpy(), thresholds))
+    thresholds = correction_thresholds(
+        sparse_m.numpy() > 0, default=default, above=above, beside=beside
+    )
+    predicted_m = depth_m.float().numpy(force=True)
+    return torch.from_numpy(drop_small_corrections(predicted_m, filled_m.numpy(), thresholds))
 
 
 Completer = DepthCompleter | DepthPredictor
@@ -324,17 +328,17 @@ def _sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
 
 
 def _checked_points(points: Points) -> Float[Tensor, "num_points fields"]:
-    given = _to_tensor("the points", without_masked(points))
-    if given.ndim != 2 or as_point_rows(given.numpy()) is None:
+    tensor = _to_tensor("the points", without_masked(points))
+    if tensor.ndim != 2 or as_point_rows(tensor.numpy()) is None:
         raise ValueError(
-            f"the points have the shape {tuple(given.shape)}, expected a row for each with x, y, z "
-            "first; give the sweep as an array of points by fields"
+            f"the points have the shape {tuple(tensor.shape)}, expected one row per point that "
+            "begins with x, y, z; give the sweep as an array of points by fields"
         )
-    places = np.pad(given[:, :_COORDINATES].double().numpy(), ((0, 0), (0, 1)))
-    fault = cloud_fault(places[np.isfinite(places).all(axis=1)], 1.0)
+    positions = np.pad(tensor[:, :_COORDINATES].double().numpy(), ((0, 0), (0, 1)))
+    fault = cloud_fault(positions[np.isfinite(positions).all(axis=1)], 1.0)
     if fault is not None:
         raise ValueError(f"the cloud has {fault[0]}; {fault[1]}")
-    return given if given.is_floating_point() else given.float()
+    return tensor if tensor.is_floating_point() else tensor.float()
 
 
 def _to_tensor(name: str, values: object) -> Tensor:
@@ -368,7 +372,7 @@ def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor
 def _padded(
     planes: Float32[Tensor, "channels height width"],
     stride: int,
-    how: Literal["constant", "edge"],
+    mode: Literal["constant", "edge"],
 ) -> Float32[Tensor, "1 channels padded_height padded_width"]:
     """Make a batch of one, padded at the top and right to multiples of the stride.
 
@@ -377,4 +381,4 @@ def _padded(
     """
     height, width = planes.shape[-2:]
     margins = ((0, 0), (-height % stride, 0), (0, -width % stride))
-    return torch.from_numpy(np.pad(planes.numpy(), margins, mode=how)[None])
+    return torch.from_numpy(np.pad(planes.numpy(), margins, mode=mode)[None])

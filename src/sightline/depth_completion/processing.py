@@ -11,15 +11,15 @@ from sightline.depth_completion.adaptive import (
     GAUSS_SIGMA_PX,
     HOLE_COLUMNS,
     KITTI_COLUMNS,
+    MAX_SPACING_PX,
     NEAR_PX,
     REACH_ABOVE,
     REACH_BELOW,
     REACH_BESIDE,
     SEARCH_COLUMNS,
     SMOOTHING_PASSES,
-    WIDEST_SPACING_PX,
 )
-from sightline.depth_completion.adaptive_kernels import GROWTH_BELOW, RING_SLOPE, WIDEST_HOLE
+from sightline.depth_completion.adaptive_kernels import GROWTH_BELOW, MAX_HOLE_RATIO, RING_SLOPE
 from sightline.depth_completion.classical import ClassicalConfig
 from sightline.depth_completion.config import by_direction
 from sightline.depth_completion.corrections import (
@@ -38,7 +38,7 @@ from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M, TRUSTE
 def processing(network: DepthCompletionNet) -> dict[str, object]:
     """Describe inputs, outputs, padding, filling, corrections and smoothing of a network."""
     config = network.config
-    least = config.least_correction
+    default = config.least_correction
     return {
         "inputs": _inputs(takes_filled_depth=network.takes_filled_depth),
         "outputs": _outputs(
@@ -60,11 +60,11 @@ def processing(network: DepthCompletionNet) -> dict[str, object]:
                 "c = log(depth_m / filled_depth_m) becomes c * clip(|c| / least - 1, 0, 1); "
                 "least is that of c's direction at the pixel"
             ),
-            "least": least,
-            "above": asdict(by_direction(config.least_correction_above, default=least)),
+            "least": default,
+            "above": asdict(by_direction(config.least_correction_above, default=default)),
             "above_from_rows": [FIRST_ROWS_ABOVE, LAST_ROWS_ABOVE],
             "above_columns_around": COLUMNS_AROUND,
-            "beside": asdict(by_direction(config.least_correction_beside, default=least)),
+            "beside": asdict(by_direction(config.least_correction_beside, default=default)),
             "beside_to_px": [BESIDE_PX, AWAY_PX],
         },
         "range_m": [NEAREST_M, FARTHEST_M],
@@ -86,11 +86,11 @@ def _filling(edition: FillingEdition) -> dict[str, object]:
         "gauss_sigma_px": GAUSS_SIGMA_PX,
         "near_px": NEAR_PX,
         "classical_largest_m": ClassicalConfig().max_depth_m,
-        "widest_spacing_px": WIDEST_SPACING_PX,
+        "widest_spacing_px": MAX_SPACING_PX,
         "ring_slope": RING_SLOPE,
         "growth_below": GROWTH_BELOW,
         "hole_columns": HOLE_COLUMNS,
-        "widest_hole": WIDEST_HOLE,
+        "widest_hole": MAX_HOLE_RATIO,
         "smoothing_passes": SMOOTHING_PASSES,
     }
 

@@ -22,36 +22,38 @@ if TYPE_CHECKING:
     from sightline.structures.sample import CameraLidarSample
 
 
-def _write_depth(path: Path, sample: "CameraLidarSample", answer: "DepthMap") -> None:
+def _write_depth(path: Path, sample: "CameraLidarSample", depth_map: "DepthMap") -> None:
     del sample
     from sightline.depth_completion.files import write_depth
 
-    write_depth(path, answer)
+    write_depth(path, depth_map)
 
 
-def _write_uncertainty(path: Path, sample: "CameraLidarSample", answer: "DepthMap") -> None:
+def _write_uncertainty(path: Path, sample: "CameraLidarSample", depth_map: "DepthMap") -> None:
     del sample
     from sightline.depth_completion.files import write_uncertainty
 
-    write_uncertainty(path, answer)
+    write_uncertainty(path, depth_map)
 
 
-def _only_valid(answer: "DepthMap") -> "DepthMap":
+def _only_valid(depth_map: "DepthMap") -> "DepthMap":
     from sightline.depth_completion.postprocess import only_valid
 
-    return only_valid(answer)
+    return only_valid(depth_map)
 
 
-def _read_depth(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
+def _read_depth(path: Path, sample: "CameraLidarSample", perception: "Perception") -> "Perception":
     from sightline.depth_completion.files import read_depth
 
-    return read_depth(path, sample, told)
+    return read_depth(path, sample, perception)
 
 
-def _read_uncertainty(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
+def _read_uncertainty(
+    path: Path, sample: "CameraLidarSample", perception: "Perception"
+) -> "Perception":
     from sightline.depth_completion.files import read_uncertainty
 
-    return read_uncertainty(path, sample, told)
+    return read_uncertainty(path, sample, perception)
 
 
 class DepthCompletionTask(DepthNetworkTask):
@@ -83,7 +85,7 @@ class DepthCompletionTask(DepthNetworkTask):
     switches: tuple[OutputFilter, ...] = (
         OutputFilter(
             name="valid_only",
-            summary="Writes only depths that the method vouches for, and 0 (no value) elsewhere.",
+            summary="Writes only valid depths, and 0 (no value) elsewhere.",
             change=_only_valid,
         ),
     )

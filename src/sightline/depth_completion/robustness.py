@@ -68,7 +68,7 @@ class HeldOutScoring:
     def read(self, path: Path, sample: CameraLidarSample) -> Never:
         """Not supported: the files hold errors, not outputs; see `Scoring.read`."""
         del sample
-        raise FileError(path, "holds a frame's errors and no depth", "draw the answer itself")
+        raise FileError(path, "holds a frame's errors and no depth", "draw the prediction itself")
 
     def score(self, folder: Path, dataset: SampleDataset) -> Scores:
         """Averages the errors over the frames."""
@@ -77,12 +77,12 @@ class HeldOutScoring:
 
     def draw(self, prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
         """Draws the image and the sweep of the input, and the completed depth."""
-        given, output = prediction.corrupted.sample, prediction.output
-        panels = [Panel("image", camera_picture(given))]
-        if given.points is not None:
-            sparse = sparse_depth_map(given.points, given.calibration, given.image_size)
+        sample, depth_map = prediction.corrupted.sample, prediction.output
+        panels = [Panel("image", camera_picture(sample))]
+        if sample.points is not None:
+            sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
             panels.append(Panel("sweep", colorize_depth(sparse, point_size_px=5)))
-        panels.append(Panel("completed depth", colorize_depth(output.depth_m * output.valid)))
+        panels.append(Panel("completed depth", colorize_depth(depth_map.depth_m * depth_map.valid)))
         return tuple(Panel(name, scaled_to_width(picture, width_px)) for name, picture in panels)
 
 

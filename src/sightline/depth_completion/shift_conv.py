@@ -27,7 +27,7 @@ class ShiftConv(nn.Module):
         super().__init__()
         if in_channels < TAPS or in_channels % TAPS:
             raise ValueError(
-                f"in_channels must be a multiple of 9, one group a direction, got {in_channels}"
+                f"in_channels must be a multiple of 9, one group per direction, got {in_channels}"
             )
         if shift_px < 1:
             raise ValueError(f"shift_px must be at least 1, got {shift_px}")

@@ -8,10 +8,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 NUM_PLANES = 7
-_NEAREST_M, _FARTHEST_M = 1.0, 120.0  # depths are clamped before their logarithm
+_MIN_DEPTH_M, _MAX_DEPTH_M = 1.0, 120.0  # depths are clamped before their logarithm
 _MIDDLE, _HALF_SPAN = 3.0, 2.0  # normalisation of those logarithms
-_LARGEST_RATIO = 2.0  # as a logarithm
-_NO_INVERSE_DEPTH = 9.0  # 1/m; larger than any
+_MAX_LOG_RATIO = 2.0
+_MAX_INVERSE_DEPTH = 9.0  # 1/m; larger than that of any measurement
 
 
 class Surroundings(NamedTuple):
@@ -28,7 +28,7 @@ class Surroundings(NamedTuple):
     the top down to their row."""
 
 
-def look_around(
+def find_surroundings(
     sparse_depth_m: Float[Tensor, "batch 1 height width"],
     filled_depth_m: Float[Tensor, "batch 1 height width"],
     reach_px: int,
@@ -41,26 +41,26 @@ def look_around(
         reach_px: Reach of the window to each side.
     """
     is_measured = sparse_depth_m > 0
-    inverse = torch.where(is_measured, 1 / sparse_depth_m.clamp(min=1 / _NO_INVERSE_DEPTH), 0.0)
-    near = _largest_around(inverse, reach_px)
-    far = -_largest_around(torch.where(is_measured, -inverse, -_NO_INVERSE_DEPTH), reach_px)
+    inverse = torch.where(is_measured, 1 / sparse_depth_m.clamp(min=1 / _MAX_INVERSE_DEPTH), 0.0)
+    near = _window_maximum(inverse, reach_px)
+    far = -_window_maximum(torch.where(is_measured, -inverse, -_MAX_INVERSE_DEPTH), reach_px)
     has_any = near > 0
-    nearest_m = torch.where(has_any, 1 / near.clamp(min=1 / _FARTHEST_M), filled_depth_m)
-    farthest_m = torch.where(has_any, 1 / far.clamp(min=1 / _FARTHEST_M), filled_depth_m)
-    own = _log(filled_depth_m)
+    nearest_m = torch.where(has_any, 1 / near.clamp(min=1 / _MAX_DEPTH_M), filled_depth_m)
+    farthest_m = torch.where(has_any, 1 / far.clamp(min=1 / _MAX_DEPTH_M), filled_depth_m)
+    log_filled = _log(filled_depth_m)
 
     def ratio(depth_m: Tensor) -> Tensor:
-        return (_log(depth_m) - own).clamp(-_LARGEST_RATIO, _LARGEST_RATIO)
+        return (_log(depth_m) - log_filled).clamp(-_MAX_LOG_RATIO, _MAX_LOG_RATIO)
 
-    is_above = torch.cumsum(is_measured.to(own.dtype), dim=2) == 0
+    is_above = torch.cumsum(is_measured.to(log_filled.dtype), dim=2) == 0
     planes = (
-        (own - _MIDDLE) / _HALF_SPAN,
+        (log_filled - _MIDDLE) / _HALF_SPAN,
         ratio(nearest_m),
         ratio(farthest_m),
         torch.where(is_measured, ratio(sparse_depth_m), 0.0),
-        has_any.to(own.dtype),
-        is_measured.to(own.dtype),
-        is_above.to(own.dtype),
+        has_any.to(log_filled.dtype),
+        is_measured.to(log_filled.dtype),
+        is_above.to(log_filled.dtype),
     )
     return Surroundings(
         torch.minimum(nearest_m, filled_depth_m),
@@ -69,11 +69,11 @@ def look_around(
     )
 
 
-def _largest_around(plane: Tensor, reach_px: int) -> Tensor:
+def _window_maximum(plane: Tensor, reach_px: int) -> Tensor:
     side = 2 * reach_px + 1
     columns = F.max_pool2d(plane, (side, 1), stride=1, padding=(reach_px, 0))
     return F.max_pool2d(columns, (1, side), stride=1, padding=(0, reach_px))
 
 
 def _log(depth_m: Tensor) -> Tensor:
-    return depth_m.clamp(_NEAREST_M, _FARTHEST_M).log()
+    return depth_m.clamp(_MIN_DEPTH_M, _MAX_DEPTH_M).log()

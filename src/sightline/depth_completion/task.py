@@ -20,7 +20,7 @@ from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
 from sightline.training.optimizer import OptimizerConfig
 
-_LOGGED = ("rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")  # the benchmark's scores
+_LOGGED_SCORES = ("rmse_mm", "mae_mm", "irmse_per_km", "imae_per_km")  # the benchmark's scores
 _LOSS, _OPTIMIZER = DepthLossConfig(), OptimizerConfig()
 
 
@@ -94,8 +94,8 @@ class DepthCompletion(TrainingModule):
         edition = self.network.config.filling
         if preparation.settings.filling != edition:
             raise ValueError(
-                f"the preparation's settings.filling is {preparation.settings.filling}, but the "
-                f"network's {edition}: set both alike "
+                f"the preparation's settings.filling is {preparation.settings.filling}, expected "
+                f"the network's {edition}; set both to one edition "
                 "(--data.init_args.preparation.init_args.settings.filling and "
                 "--model.init_args.network.filling)"
             )
@@ -121,13 +121,13 @@ class DepthCompletion(TrainingModule):
     def scores(self) -> Mapping[str, Tensor]:
         """Returns the benchmark's scores."""
         means = super().scores()
-        return {name: means[name] for name in _LOGGED}
+        return {name: means[name] for name in _LOGGED_SCORES}
 
     def picture(
-        self, batch: DepthBatch, answer: DepthCompletionOutput
+        self, batch: DepthBatch, prediction: DepthCompletionOutput
     ) -> UInt8[np.ndarray, "height width 3"]:
         """Draws the maps of the first sample, one below the other."""
-        return training_picture(batch, answer)
+        return training_picture(batch, prediction)
 
 
 def _truth(batch: DepthBatch) -> Tensor:

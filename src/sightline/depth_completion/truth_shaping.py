@@ -62,11 +62,11 @@ def widen_near_surfaces(
     """
     if not shaping.contours_px:
         return truth_m
-    known = _known(truth_m)
-    narrow, wide = (_nearest_around(known, px) for px in (1, shaping.contours_px))
+    filled = _fill_missing(truth_m)
+    narrow, wide = (_nearest_around(filled, px) for px in (1, shaping.contours_px))
     nearest = np.where(wide < shaping.contours_within_m, wide, narrow)
     slope = np.float32(_GROUND_SLOPE * (2 * shaping.contours_px + 1) / 2)
-    is_contour = 1 / nearest - 1 / known > slope + np.float32(_CONTOUR_RATIO) / known
+    is_contour = 1 / nearest - 1 / filled > slope + np.float32(_CONTOUR_RATIO) / filled
     return np.where((truth_m > 0) & is_contour, nearest, truth_m)
 
 
@@ -88,9 +88,9 @@ def pixel_weights(
         all_beams_m: Measurements of all beams, where `sparse_m` has fewer: measured truth lies near
             these.
     """
-    known, thin = _known(truth_m), np.ones((_THIN_PX, _THIN_PX), np.uint8)
-    farther = cv2.morphologyEx(known, cv2.MORPH_CLOSE, thin)
-    nearer = cv2.morphologyEx(known, cv2.MORPH_OPEN, thin)
+    filled, thin = _fill_missing(truth_m), np.ones((_THIN_PX, _THIN_PX), np.uint8)
+    farther = cv2.morphologyEx(filled, cv2.MORPH_CLOSE, thin)
+    nearer = cv2.morphologyEx(filled, cv2.MORPH_OPEN, thin)
     is_thin = farther >= np.float32(_THIN_RATIO) * nearer
     is_measured = sparse_m > 0
     around = np.ones((_NEAR_PX, _NEAR_PX), np.uint8)
@@ -104,7 +104,7 @@ def pixel_weights(
     return np.where(is_kept, np.float32(shaping.kept_weight) * weights, weights)
 
 
-def _known(truth_m: Float32[ndarray, "height width"]) -> Float32[ndarray, "height width"]:
+def _fill_missing(truth_m: Float32[ndarray, "height width"]) -> Float32[ndarray, "height width"]:
     return np.where(truth_m > 0, truth_m, np.float32(_NO_TRUTH_M))
 
 

@@ -25,23 +25,23 @@ RUN_FOLDER = RunOption(
     flag="--run_folder",
     kind=Path,
     default=None,
-    help="Folder for all that the run writes; by default runs/NAME of the recipe.",
+    help="Folder for all files of the run; by default runs/NAME, by the recipe's name.",
 )
 CHECKPOINT_EVERY_N_STEPS = RunOption(
     flag="--checkpoint_every_n_steps",
     kind=int,
     default=500,
-    help="How often last.ckpt is written, besides at validations and the end of each epoch.",
+    help="Interval [steps] of writing last.ckpt, besides at validations and epoch ends.",
 )
 
 KEEP_LAST_WEIGHTS = RunOption(
     flag="--keep_last_weights",
     kind=bool,
     default=False,
-    help="Whether weights.safetensors and scores are of the last weights, not the best validated.",
+    help="Whether weights.safetensors and scores use the last weights, not the best validated.",
 )
 
-LEAST_OF_DATA: Final = {
+MIN_DATA_SETTINGS: Final = {
     "batch_size": 1,
     "validation_batch_size": 1,
     "samples_per_epoch": 1,
@@ -55,44 +55,44 @@ _HELP = """usage: sightline {subcommand} --config NAME|FILE [--SETTING VALUE ...
 
 {task}
 
-recipes (or a YAML file of one's own):
+recipes (or your own YAML file):
 {recipes}
 
-of the run:
+arguments of the run:
   --data.init_args.root FOLDER
-      Where the samples are.
+      Base folder of the data sets.
 {options}
   --ckpt_path last|best|FILE
       {checkpoint}
   --seed_everything SEED
-      Of all that is drawn. (default: 0)
+      Seed of all random numbers. (default: 0)
 
 Every setting of a recipe is a flag:
-  sightline {subcommand} --config {name} --print_config    shows them all
+  sightline {subcommand} --config {name} --print_config    lists them all
   sightline {subcommand} --config {name} --help            explains them (takes a while)"""
-_SCORED = """Which checkpoint of the run. (default: best, else last; in a folder without
+_SCORED_CHECKPOINT = """Checkpoint to score. (default: best, else last; in a folder without
       checkpoints the weights of --model.init_args.initial_weights)"""
 _TASKS: dict[Subcommand, tuple[str, str]] = {
     "fit": (
-        "Trains a network. Its folder gets the settings, TensorBoard's events, last.ckpt,\n"
+        "Trains a network. Its run folder gets the settings, TensorBoard's events, last.ckpt,\n"
         "best.ckpt and weights.safetensors.",
-        "Goes on with a run: last is its folder's last checkpoint.",
+        "Checkpoint to resume from; last is the last one in the run's folder.",
     ),
     "validate": (
         "Scores a network of a run on its validation data.",
-        _SCORED,
+        _SCORED_CHECKPOINT,
     ),
     "test": (
         "Scores a network of a run on test data.",
-        _SCORED,
+        _SCORED_CHECKPOINT,
     ),
 }
 
 
-_UNNAMED = "unnamed"  # a run without a recipe
+_NO_RECIPE_NAME = "unnamed"  # a run without a recipe
 
 
-def asks_for_help(arguments: Sequence[str]) -> bool:
+def requests_command_help(arguments: Sequence[str]) -> bool:
     """Whether help on the command itself is requested, not on the settings of a recipe."""
     has_recipe = any(argument.partition("=")[0] in ("--config", "-c") for argument in arguments)
     return not has_recipe and any(argument in ("--help", "-h") for argument in arguments)
@@ -125,7 +125,7 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
         ValueError: There is no such recipe, or neither a recipe nor a model is given.
     """
     resolved: list[str] = []
-    name = _UNNAMED
+    name = _NO_RECIPE_NAME
     expected = False
     for argument in arguments:
         option, equals, value = argument.partition("=")
@@ -140,7 +140,9 @@ def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str],
         else:
             resolved.append(argument)
         expected = not expected and argument in ("--config", "-c")
-    if name == _UNNAMED and not any(argument.startswith("--model") for argument in arguments):
+    if name == _NO_RECIPE_NAME and not any(
+        argument.startswith("--model") for argument in arguments
+    ):
         raise ValueError(f"no recipe is given; {_without_recipe(arguments, recipes)}")
     return resolved, name
 
@@ -172,34 +174,34 @@ def check_data_number(name: str, value: int | None) -> None:
     """Refuses a number that is too small for a setting of `data`.
 
     Args:
-        name: Name of the setting; others than those of `LEAST_OF_DATA` are not checked.
+        name: Name of the setting; settings outside `MIN_DATA_SETTINGS` are not checked.
         value: Its value; None: the default.
 
     Raises:
         ValueError: It is below the smallest one; the message contains the flag.
     """
-    least = LEAST_OF_DATA.get(name)
-    if least is not None and value is not None and value < least:
-        raise ValueError(f"{name} must be at least {least}, got {value}: set {_DATA}{name}")
+    minimum = MIN_DATA_SETTINGS.get(name)
+    if minimum is not None and value is not None and value < minimum:
+        raise ValueError(f"{name} must be at least {minimum}, got {value}: set {_DATA}{name}")
 
 
 def nulls_as_configs(arguments: Sequence[str]) -> list[str]:
-    """Replace each `--SETTING null` by a configuration of that setting alone.
+    """Replace each `--SETTING null` by a configuration with only that setting.
 
     jsonargparse 4.53 accepts nulls in configurations, but not as flags of nested settings
     (`--model.init_args.network.regions null`).
     """
-    changed: list[str] = []
+    replaced: list[str] = []
     for argument in arguments:
-        previous = changed[-1] if changed else ""
+        previous = replaced[-1] if replaced else ""
         option, _, value = argument.partition("=")
         if _is_inner_setting(option) and value == "null":
-            changed.append(_config_of_null(option))
+            replaced.append(_config_of_null(option))
         elif _is_inner_setting(previous) and "=" not in previous and argument == "null":
-            changed[-1] = _config_of_null(previous)
+            replaced[-1] = _config_of_null(previous)
         else:
-            changed.append(argument)
-    return changed
+            replaced.append(argument)
+    return replaced
 
 
 def _is_inner_setting(flag: str) -> bool:
@@ -221,8 +223,8 @@ def _find_recipe(name: str, recipes: Path) -> Path:
 
 
 def _choice(recipes: Path) -> str:
-    known = ", ".join(sorted(path.stem for path in recipes.glob("*.yaml"))) or "none"
-    return f"a YAML file or one of the package's: {known}"
+    names = ", ".join(sorted(path.stem for path in recipes.glob("*.yaml"))) or "none"
+    return f"a YAML file or one of the package's: {names}"
 
 
 def _first_sentence(recipe: Path) -> str:

@@ -17,7 +17,7 @@ from sightline.training.last_checkpoint import LastCheckpoint
 from sightline.training.module import TrainingModule
 
 _STATES_KEY = "sightline_random_states"
-_FEWEST_POINTS = 20  # per curve in TensorBoard
+_MIN_CURVE_POINTS = 20  # number of points per curve in TensorBoard
 
 
 class RandomState(Callback):
@@ -65,9 +65,9 @@ class LogShortRuns(Callback):
         del pl_module
         steps = trainer.estimated_stepping_batches
         if math.isfinite(steps):
-            often = max(1, int(steps) // _FEWEST_POINTS)
-            known: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
-            trainer.log_every_n_steps = min(known, often)  # type: ignore[attr-defined]
+            interval = max(1, int(steps) // _MIN_CURVE_POINTS)
+            current: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
+            trainer.log_every_n_steps = min(current, interval)  # type: ignore[attr-defined]
 
 
 class LogSteps(Callback):
@@ -79,7 +79,7 @@ class LogSteps(Callback):
 
     def __init__(self) -> None:
         """Starts with zero steps."""
-        self._begun_s = 0.0
+        self._start_s = 0.0
         self._steps = 0
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -117,17 +117,17 @@ class LogSteps(Callback):
         del outputs, batch, batch_idx
         self._steps += 1
         if _is_logged(trainer, trainer.global_step):
-            seconds = (time.monotonic() - self._begun_s) / self._steps
+            seconds = (time.monotonic() - self._start_s) / self._steps
             pl_module.log("training/seconds_per_step", seconds)
             self._restart()
 
     def _restart(self) -> None:
-        self._begun_s, self._steps = time.monotonic(), 0
+        self._start_s, self._steps = time.monotonic(), 0
 
 
 def _is_logged(trainer: Trainer, step: int) -> bool:
-    every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
-    return every > 0 and step % every == 0
+    interval: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
+    return interval > 0 and step % interval == 0
 
 
 class WriteWeights(Checkpoint):

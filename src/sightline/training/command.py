@@ -8,13 +8,13 @@ from typing import Final
 
 from sightline.training.arguments import (
     Subcommand,
-    asks_for_help,
     check_data_numbers,
     help_text,
     nulls_as_configs,
+    requests_command_help,
     resolve_recipes,
 )
-from sightline.training.interruption import ending_like_ctrl_c, taking_workers_along
+from sightline.training.interruption import ending_by_signals, terminating_workers
 
 _WAIT_POLICY: Final = "OMP_WAIT_POLICY"
 
@@ -39,21 +39,21 @@ def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path
         ValueError: The settings or the data are refused, in one sentence.
         Interruption: Ctrl-C or SIGTERM; the message explains how to resume.
     """
-    if asks_for_help(arguments):
+    if requests_command_help(arguments):
         print(help_text(subcommand, recipes))
         return 0
     check_data_numbers(arguments)
     resolved, name = resolve_recipes(arguments, recipes)
     print(f"sightline {subcommand}: {name}", file=sys.stderr, flush=True)  # the rest takes a while
-    _let_threads_wait_passively()
+    _set_passive_waiting()
     from sightline.training.lightning_cli import run_lightning
 
-    with ending_like_ctrl_c(), taking_workers_along():
+    with ending_by_signals(), terminating_workers():
         run_lightning(subcommand, nulls_as_configs(resolved), Path("runs") / name)
     return 0
 
 
-def _let_threads_wait_passively() -> None:
+def _set_passive_waiting() -> None:
     """Set OpenMP's waiting policy, unless the user has, before PyTorch reads it.
 
     By default, threads wait for each other in busy loops. Beside other jobs, these take the
@@ -66,8 +66,8 @@ def _let_threads_wait_passively() -> None:
     os.environ[_WAIT_POLICY] = "passive"
     if os.environ.get("OMP_NUM_THREADS") != "1":
         print(
-            "PyTorch's threads wait passively; beside other jobs OMP_NUM_THREADS=1 may be faster, "
-            f"without any {_WAIT_POLICY}=active",
+            "PyTorch's threads wait passively; OMP_NUM_THREADS=1 may be faster beside other "
+            f"jobs, {_WAIT_POLICY}=active on an idle machine",
             file=sys.stderr,
             flush=True,
         )

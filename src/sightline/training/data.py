@@ -21,7 +21,7 @@ from sightline.files.settings import NetworkConfig
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.arguments import check_data_number
-from sightline.training.loader import BatchLoader, ResumableLoader, Unusable
+from sightline.training.loader import BatchLoader, FailedBatch, ResumableLoader
 from sightline.training.module import TrainingModule
 from sightline.training.sampling import (
     EpochPosition,
@@ -31,8 +31,8 @@ from sightline.training.sampling import (
 )
 from sightline.training.sources import SourceConfig, data_tree, open_source
 
-_OF_UPDATE = 1  # distinguishes a batch's seed from the seed of its first sample
-_OF_TRAINING = 2  # the same for the seed of the whole training
+_UPDATE_STREAM = 1  # distinguishes a batch's seed from the seed of its first sample
+_TRAINING_STREAM = 2  # marks the seed of data shared by the whole training
 
 
 class SamplePreparation(ABC):
@@ -107,16 +107,16 @@ class SamplePreparation(ABC):
         return batch
 
 
-def check_agrees(name: str, given: object, wanted: object) -> None:
+def check_agrees(name: str, given: object, expected: object) -> None:
     """Refuse a setting of the preparation that is not None and differs from the network's.
 
     Raises:
-        ValueError: It does.
+        ValueError: The setting differs.
     """
-    if given not in (None, wanted):
+    if given not in (None, expected):
         raise ValueError(
-            f"the preparation's settings.{name} is {given}, the network's is {wanted}; leave the "
-            "former out: it then is the network's"
+            f"the preparation's settings.{name} is {given}, expected the network's {expected}; "
+            "leave out the preparation's setting"
         )
 
 
@@ -145,9 +145,9 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
 
     def __getitem__(self, key: SampleKey) -> FieldwiseBatch:
         """Reads and prepares a sample."""
-        return self._prepared(key, self._preparation)
+        return self._prepare(key, self._preparation)
 
-    def _prepared(self, key: SampleKey, preparation: SamplePreparation) -> FieldwiseBatch:
+    def _prepare(self, key: SampleKey, preparation: SamplePreparation) -> FieldwiseBatch:
         epoch, index = key
         source = int(np.searchsorted(self._ends, index, side="right"))
         start = int(self._ends[source - 1]) if source else 0
@@ -155,19 +155,19 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         rng = np.random.default_rng((self._seed, epoch, index))
         return preparation.prepare(sample, rng, training=self._training)
 
-    def __getitems__(self, keys: Sequence[SampleKey]) -> "Batch | Unusable | None":
+    def __getitems__(self, keys: Sequence[SampleKey]) -> "Batch | FailedBatch | None":
         """Reads and prepares a batch; None if it has no samples. PyTorch's loader calls this."""
         if not keys:
             return None
         preparation = self._preparation
         if self._training:
             epoch, first = keys[0]
-            rng = np.random.default_rng((self._seed, epoch, first, _OF_UPDATE))
+            rng = np.random.default_rng((self._seed, epoch, first, _UPDATE_STREAM))
             preparation = preparation.for_update(rng)
         try:
-            return preparation.collate([self._prepared(key, preparation) for key in keys])
+            return preparation.collate([self._prepare(key, preparation) for key in keys])
         except (ValueError, OSError) as error:  # a worker would print a traceback
-            return Unusable(str(error))
+            return FailedBatch(str(error))
 
 
 class CameraLidarData(lightning.LightningDataModule):
@@ -230,8 +230,8 @@ class CameraLidarData(lightning.LightningDataModule):
         self.seed = seed
         self.samples_per_epoch = samples_per_epoch
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
-        self._trained: dict[Path, set[str]] = {}  # names of the training frames by folder
-        self._told: set[str] = set()
+        self._training_frames: dict[Path, set[str]] = {}  # names of the training frames by folder
+        self._printed: set[str] = set()
 
     def setup(self, stage: str) -> None:
         """Hands the network's settings to the preparation; trains without validation samples.
@@ -285,9 +285,7 @@ class CameraLidarData(lightning.LightningDataModule):
     def _open(self, name: str, *, training: bool) -> PreparedSamples:
         sources = self.sources[name]
         if not sources:
-            raise ValueError(
-                f"there is nothing to take {name} samples from; set --data.init_args.{name}"
-            )
+            raise ValueError(f"there are no sources of {name} samples; set --data.init_args.{name}")
         datasets = []
         for source in sources:
             tree = data_tree(source, self.root)
@@ -296,25 +294,25 @@ class CameraLidarData(lightning.LightningDataModule):
                     source,
                     self.root,
                     self.preparation.parts,
-                    held_for=self._held_for(tree),
-                    tell=self._tell,
+                    held_out_for=self._held_out_uses(tree),
+                    notify=self._print_once,
                 )
             except ValueError as error:
                 flags = f"--data.init_args.root and --data.init_args.{name}"
                 raise ValueError(f"{error} (the {name} samples: {flags})") from error
             datasets.append((dataset, source.repeat if training else 1))
             if training:
-                self._trained.setdefault(tree, set()).update(dataset.sample_ids)
+                self._training_frames.setdefault(tree, set()).update(dataset.sample_ids)
             else:
-                self._tell_trained(name, dataset.sample_ids, tree)
+                self._print_num_trained(name, dataset.sample_ids, tree)
         preparation = self.preparation
         if training:
-            rng = np.random.default_rng((self.seed, 0, 0, _OF_TRAINING))
+            rng = np.random.default_rng((self.seed, 0, 0, _TRAINING_STREAM))
             preparation = preparation.for_training([dataset for dataset, _ in datasets], rng)
         return PreparedSamples(datasets, preparation, seed=self.seed, training=training)
 
-    def _held_for(self, tree: Path) -> list[str]:
-        """Uses that take the list `val` of a folder."""
+    def _held_out_uses(self, tree: Path) -> list[str]:
+        """Uses (validation, test) with the list `val` of a folder."""
         return [
             use
             for use in ("validation", "test")
@@ -324,20 +322,21 @@ class CameraLidarData(lightning.LightningDataModule):
             )
         ]
 
-    def _tell_trained(self, name: str, sample_ids: Sequence[str], tree: Path) -> None:
-        """Print how many frames are scored that this training uses, if any."""
-        trained = self._trained.get(tree, set())
-        both = [each for each in sample_ids if each in trained]
-        if both:
-            self._tell(
-                f"{len(both)} of {len(sample_ids)} {name} frames of {tree} are trained on, too "
-                f"({both[0]} first), so scores are too good; take them out of one of the lists"
+    def _print_num_trained(self, name: str, sample_ids: Sequence[str], tree: Path) -> None:
+        """Print the number of scored frames that are training frames, if any."""
+        training_frames = self._training_frames.get(tree, set())
+        shared = [each for each in sample_ids if each in training_frames]
+        if shared:
+            self._print_once(
+                f"{len(shared)} of {len(sample_ids)} {name} frames of {tree} are also training "
+                f"frames ({shared[0]} first), so scores are too good; remove them from one "
+                "of the lists"
             )
 
-    def _tell(self, line: str) -> None:
-        """Print a line once, however many sources it concerns."""
-        if line not in self._told:
-            self._told.add(line)
+    def _print_once(self, line: str) -> None:
+        """Print a line, once for any number of sources."""
+        if line not in self._printed:
+            self._printed.add(line)
             rank_zero_only(print)(line, file=sys.stderr)
 
     def _rank_and_world(self) -> tuple[int, int]:

@@ -35,7 +35,7 @@ def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | 
         ) from error
 
 
-def fill_from(
+def load_initial_weights(
     source: Path, network: nn.Module, config: NetworkConfig, *, task_name: str, part: str | None
 ) -> None:
     """Load weights into a network or a part of it.
@@ -67,16 +67,18 @@ def fill_from(
     settings = getattr(config, part, None)
     if part not in parts or not isinstance(settings, NetworkConfig):
         raise ValueError(
-            f"initial_part {part} is no part of the network that has settings of its own; its "
+            f"initial_part {part} is no part of the network with its own settings; the network's "
             f"modules are {', '.join(parts)}"
         )
-    is_whole = weights.task == task_name
-    given, tensors = _of_part(weights, part) if is_whole else (weights.config, weights.tensors)
+    is_whole_network = weights.task == task_name
+    given, tensors = (
+        _part_weights(weights, part) if is_whole_network else (weights.config, weights.tensors)
+    )
     differing = differing_settings(given, settings)
     if differing:
         raise ValueError(
-            f"{name} holds a network of other settings ({differing}); set those of "
-            f"--model.init_args.network.{part} to the weights' own, or name other weights"
+            f"{name} holds a network of other settings ({differing}); set "
+            f"--model.init_args.network.{part} as in the weights, or name other weights"
         )
     _fill(parts[part], tensors, name)
 
@@ -100,8 +102,8 @@ def check_network(
     differing = differing_settings(given, config)
     if differing:
         raise ValueError(
-            f"{source} holds a network of other settings ({differing}); give the settings that its "
-            "run was begun with: --config RUN_FOLDER/config.yaml has them"
+            f"{source} holds a network of other settings ({differing}); give the settings of its "
+            "run: --config RUN_FOLDER/config.yaml"
         )
 
 
@@ -129,14 +131,14 @@ def _with_training_parts(
     if given:
         return dict(tensors)
     rank_zero_only(print)(
-        f"{source} holds no weights of the part {', '.join(names)}, which only a training runs; "
-        "that part starts at random",
+        f"{source} holds no weights of {', '.join(names)}, which only training uses; these weights "
+        "start at random",
         file=sys.stderr,
     )
     return {**own, **tensors}
 
 
-def _of_part(weights: Weights, part: str) -> tuple[Mapping[str, object], dict[str, Tensor]]:
+def _part_weights(weights: Weights, part: str) -> tuple[Mapping[str, object], dict[str, Tensor]]:
     """Extract settings and weights of a part of a network."""
     given, start = weights.config.get(part), f"{part}."
     tensors = {

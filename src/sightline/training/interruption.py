@@ -26,10 +26,10 @@ SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command."""
 
 
-_WORKER_S: Final = 1.0
+_WORKER_TIMEOUT_S: Final = 1.0
 """Time for a worker to end after a signal."""
 
-_LONGEST_STEP_S: Final = 25.0
+_MAX_STEP_S: Final = 25.0
 """Longest duration of a step after the signal; batch systems kill after 30 s."""
 
 
@@ -40,7 +40,7 @@ def interrupt(number: int, frame: FrameType | None = None) -> None:
 
 
 @contextmanager
-def ending_like_ctrl_c() -> Iterator[None]:
+def ending_by_signals() -> Iterator[None]:
     """Lets SIGTERM and SIGHUP end the block as Ctrl-C does; restores all handlers afterwards.
 
     Handlers of the caller stay, and so does SIGHUP being ignored.
@@ -57,84 +57,84 @@ def ending_like_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def taking_workers_along() -> Iterator[None]:
+def terminating_workers() -> Iterator[None]:
     """Terminate the worker processes that the block started, if it ends by an exception.
 
-    Workers pass over a first SIGTERM: without this one it would be that of Python's exit, which
-    then waits for them without end.
+    Workers ignore their first SIGTERM. Without this one, Python's exit would send the first and
+    then wait for them without a limit.
     """
     before = set(multiprocessing.active_children())
     try:
         yield
     except BaseException:
-        with suppress(RuntimeError):  # PyTorch's, where a worker ends by the signal
+        with suppress(RuntimeError):  # raised by PyTorch if a worker ends by the signal
             left = set(multiprocessing.active_children()) - before
             for worker in left:
                 worker.terminate()
             for worker in left:
-                worker.join(_WORKER_S)
+                worker.join(_WORKER_TIMEOUT_S)
         raise
 
 
-class InterruptionNote:
-    """Notes the first signal, so that a step can end; a second one ends the step at once.
+class DeferredInterruption:
+    """Defers the first signal until the current step ends; a second one ends the step at once.
 
-    A step that takes longer than batch systems wait, such as a hanging one, is ended, too.
+    A step that takes longer than batch systems wait, such as a hanging one, is ended too.
     """
 
     def __init__(self) -> None:
-        """Starts without a noted signal and without listening."""
+        """Starts without a pending signal and without handlers."""
         self.number: int | None = None
         self._previous: dict[int, Any] = {}
 
-    def listen(self) -> None:
+    def install(self) -> None:
         """Installs the signal handlers."""
         if not self._previous:
             is_kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN  # by nohup
             numbers = [number for number in SIGNALS if number != signal.SIGHUP or not is_kept]
-            self._previous = {number: signal.signal(number, self._note) for number in numbers}
+            self._previous = {number: signal.signal(number, self._defer) for number in numbers}
 
-    def give_back(self) -> None:
+    def restore_handlers(self) -> None:
         """Restores the previous signal handlers and the unlimited duration of steps."""
         for number, handler in self._previous.items():
             signal.signal(number, handler)
         self._previous = {}
-        self.stop_waiting()
+        self.cancel_timeout()
 
-    def stop_waiting(self) -> None:
+    def cancel_timeout(self) -> None:
         """Removes the time limit, for the writing of a checkpoint after the step."""
         if self.number is not None:
             signal.setitimer(signal.ITIMER_REAL, 0)
 
-    def raise_noted(self) -> None:
-        """Ends the current work if a signal has been noted.
+    def raise_pending(self) -> None:
+        """Ends the current work if a signal is pending.
 
         Raises:
-            Interruption: A signal has been noted.
+            Interruption: A signal is pending.
         """
-        self.stop_waiting()
+        self.cancel_timeout()
         if self.number is not None:
             interrupt(self.number)
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
+    def _defer(self, number: int, frame: FrameType | None) -> None:
         del frame
         self.number = number
-        self.give_back()
+        self.restore_handlers()
         signal.signal(signal.SIGALRM, lambda *_: interrupt(number))
-        signal.setitimer(signal.ITIMER_REAL, _LONGEST_STEP_S)
+        signal.setitimer(signal.ITIMER_REAL, _MAX_STEP_S)
 
 
-def leave_interruption_to_the_parent() -> None:
+def ignore_interruptions() -> None:
     """Ignores interruptions in a worker process: they reach every process of a job.
 
     Without its workers the parent could not finish its step. A second SIGTERM comes from the
     parent, for a worker that did not end on request.
     """
 
-    def overhear(number: int, frame: FrameType | None) -> None:
+    def pass_over_first(number: int, frame: FrameType | None) -> None:
         del frame
         signal.signal(number, signal.SIG_DFL)
 
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, overhear)
+    signal.signal(signal.SIGTERM, pass_over_first)

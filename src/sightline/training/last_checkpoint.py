@@ -8,16 +8,16 @@ from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 
 from sightline.files.atomic import atomic_path
-from sightline.training.interruption import InterruptionNote
+from sightline.training.interruption import DeferredInterruption
 
-_OWED_KEY = "sightline_owed_validation"
+_VALIDATION_DUE_KEY = "sightline_owed_validation"
 
 
 class LastCheckpoint(Checkpoint):
     """Writes last.ckpt at an interval of steps, before validations, after epochs and when stopped.
 
-    A checkpoint written before a validation owes that validation: a run that resumes from it
-    validates first. So a run that is interrupted at any moment later finds the same best weights.
+    A checkpoint written before a validation marks it as due: a run that resumes from it validates
+    first. So a run that is interrupted at any moment finds the same best weights.
 
     Ctrl-C and SIGTERM end the training after the current step; a second signal, or a step that
     takes too long, ends it at once. On several devices the latest written checkpoint remains: the
@@ -35,46 +35,46 @@ class LastCheckpoint(Checkpoint):
         self.path = folder / "last.ckpt"
         self._every_n_steps = every_n_steps
         self._step = 0
-        self._note = InterruptionNote()
-        self._owes = False
-        self._resumed_owing_at: int | None = None
+        self._interruption = DeferredInterruption()
+        self._validation_due = False
+        self._resumed_due_step: int | None = None
 
     def on_save_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Notes whether the checkpoint owes a validation."""
+        """Marks the validation as due, if it is."""
         del trainer, pl_module
-        if self._owes:
-            checkpoint[_OWED_KEY] = True
+        if self._validation_due:
+            checkpoint[_VALIDATION_DUE_KEY] = True
             _enter_validation(checkpoint["loops"]["fit_loop"])
 
     def on_load_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Notes the step of a checkpoint that owes a validation."""
+        """Stores the step of a checkpoint with a due validation."""
         del trainer, pl_module
-        if checkpoint.get(_OWED_KEY):
-            self._resumed_owing_at = checkpoint["global_step"]
+        if checkpoint.get(_VALIDATION_DUE_KEY):
+            self._resumed_due_step = checkpoint["global_step"]
 
     def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Adds a step if the last step owes a validation: the Trainer would stop at once."""
+        """Adds a step if the validation of the last step is due: the Trainer would stop at once."""
         del pl_module
-        if self._resumed_owing_at is not None and self._resumed_owing_at == trainer.max_steps:
+        if self._resumed_due_step is not None and self._resumed_due_step == trainer.max_steps:
             trainer.fit_loop.epoch_loop.max_steps += 1
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Removes the extra step of `on_fit_start`."""
         del pl_module
-        if self._resumed_owing_at is not None and self._resumed_owing_at == trainer.max_steps - 1:
+        if self._resumed_due_step is not None and self._resumed_due_step == trainer.max_steps - 1:
             trainer.fit_loop.epoch_loop.max_steps -= 1
-        self._resumed_owing_at = None
+        self._resumed_due_step = None
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Installs the signal handlers."""
         del pl_module
         self._step = trainer.global_step
         if trainer.world_size == 1:
-            self._note.listen()
+            self._interruption.install()
 
     def on_train_batch_end(
         self,
@@ -89,15 +89,15 @@ class LastCheckpoint(Checkpoint):
         if trainer.global_step == self._step:
             return  # gradients are being accumulated; no checkpoint holds those
         self._step = trainer.global_step
-        self._note.stop_waiting()
+        self._interruption.cancel_timeout()
         epoch_loop, fetcher = trainer.fit_loop.epoch_loop, trainer.fit_loop._data_fetcher  # noqa: SLF001
         assert fetcher is not None, "a batch came from it"
-        self._owes = epoch_loop._should_check_val_fx(fetcher)  # noqa: SLF001 - the Trainer's own word
-        is_time = trainer.global_step % self._every_n_steps == 0
-        if is_time or self._owes or self._note.number is not None:
+        self._validation_due = epoch_loop._should_check_val_fx(fetcher)  # noqa: SLF001
+        is_interval = trainer.global_step % self._every_n_steps == 0
+        if is_interval or self._validation_due or self._interruption.number is not None:
             self._write(trainer)
-        self._owes = False
-        self._note.raise_noted()
+        self._validation_due = False
+        self._interruption.raise_pending()
 
     def on_validation_batch_end(
         self,
@@ -108,9 +108,9 @@ class LastCheckpoint(Checkpoint):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Ends the training if requested: last.ckpt owes this validation."""
+        """Ends the training if requested: last.ckpt marks this validation as due."""
         del trainer, pl_module, outputs, batch, batch_idx, dataloader_idx
-        self._note.raise_noted()
+        self._interruption.raise_pending()
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Writes the checkpoint."""
@@ -120,20 +120,20 @@ class LastCheckpoint(Checkpoint):
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         """Restores the signal handlers."""
         del trainer, pl_module, stage
-        self._note.give_back()
+        self._interruption.restore_handlers()
 
     def on_exception(
         self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
     ) -> None:
         """Restores the signal handlers."""
         del trainer, pl_module, exception
-        self._note.give_back()
+        self._interruption.restore_handlers()
 
     def _write(self, trainer: Trainer) -> None:
         # All ranks take part in making the checkpoint, the first writes it.
-        writes = atomic_path(self.path) if trainer.is_global_zero else nullcontext(self.path)
-        with writes as aside:
-            trainer.save_checkpoint(aside)
+        target = atomic_path(self.path) if trainer.is_global_zero else nullcontext(self.path)
+        with target as path:
+            trainer.save_checkpoint(path)
 
 
 def _enter_validation(fit_loop: dict[str, Any]) -> None:
@@ -147,5 +147,10 @@ def _enter_validation(fit_loop: dict[str, Any]) -> None:
     for span in ("total", "current"):
         trained[span]["completed"] = trained[span]["processed"]
         done = 0 if span == "current" else validated[span]["completed"]
-        begun = done + 1
-        validated[span] |= {"ready": begun, "started": begun, "processed": done, "completed": done}
+        started = done + 1
+        validated[span] |= {
+            "ready": started,
+            "started": started,
+            "processed": done,
+            "completed": done,
+        }

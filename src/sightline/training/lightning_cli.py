@@ -63,8 +63,8 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         try:
             _TrainingCLI(subcommand, arguments, run)
         except _RefusedError as error:
-            said = _named_by_flag(shorten_parser_error(str(error)), arguments)
-            raise ValueError(f"{said}; see sightline {subcommand} --help") from error
+            message = _named_by_flag(shorten_parser_error(str(error)), arguments)
+            raise ValueError(f"{message}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
             raise ValueError(shorten_parser_error(str(error))) from error
         except OSError as error:  # from writing best.ckpt and the events, in other libraries
@@ -75,10 +75,10 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
         except SystemExit as end:
             # Lightning leaves this way after a KeyboardInterrupt.
             if isinstance(end.__context__, KeyboardInterrupt):
-                raise _told(end.__context__, run, subcommand) from end
+                raise _with_remedy(end.__context__, run, subcommand) from end
             raise
         except KeyboardInterrupt as interruption:
-            raise _told(interruption, run, subcommand) from interruption
+            raise _with_remedy(interruption, run, subcommand) from interruption
 
 
 def _named_by_flag(message: str, arguments: Sequence[str]) -> str:
@@ -101,18 +101,18 @@ class _Run:
     claims: ExitStack
 
 
-def _told(interrupt: KeyboardInterrupt, run: _Run, subcommand: Subcommand) -> Interruption:
+def _with_remedy(interrupt: KeyboardInterrupt, run: _Run, subcommand: Subcommand) -> Interruption:
     """Add the remedy to an interruption."""
-    how = "run the same command again"
+    remedy = "run the same command again"
     if subcommand == "fit":
         is_resumable = (run.folder / "last.ckpt").is_file()
-        how = (
-            "add --ckpt_path last to the same command to go on"
+        remedy = (
+            "add --ckpt_path last to the same command to resume"
             if is_resumable
-            else (f"there is no checkpoint yet: {how}")
+            else (f"there is no checkpoint yet: {remedy}")
         )
     number = interrupt.number if isinstance(interrupt, Interruption) else signal.SIGINT
-    return Interruption(f"interrupted; {how}", number)
+    return Interruption(f"interrupted; {remedy}", number)
 
 
 class _RefusedError(Exception):
@@ -148,7 +148,7 @@ class _SaveConfig(SaveConfigCallback):
         self._initial_weights = initial_weights
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Does nothing yet: the checkpoint to go on from may be refused after this."""
+        """Does nothing yet: the checkpoint to resume from may be refused after this."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Writes the settings at the start of a training."""
@@ -170,7 +170,7 @@ class _SaveConfig(SaveConfigCallback):
         atomic_write_text(self._path, self.parser.dump(config, skip_unset=False))
 
 
-def _check_apart(settings: Namespace, folder: Path) -> None:
+def _check_outside_data(settings: Namespace, folder: Path) -> None:
     """Refuses a run's folder inside a data set of its sources, before anything is created."""
     for use in ("training", "validation", "test"):
         for source in settings[use] or ():
@@ -235,21 +235,21 @@ class _TrainingCLI(LightningCLI):
             check_nulls(component, config[component])
         folder: Path = config["run_folder"]
         self._run.folder = folder
-        _check_apart(config["data"]["init_args"], folder)
+        _check_outside_data(config["data"]["init_args"], folder)
         self._initial_weights = config["model"]["init_args"].get("initial_weights")
         given: str | None = config["ckpt_path"]
         if self.subcommand == "fit":
             if (
                 getattr(rank_zero_only, "rank", 0) == 0
-            ):  # the other processes of the run come after it
+            ):  # only one process of the run locks the folder
                 self._run.claims.enter_context(claimed(folder))
             if given is None and (folder / "last.ckpt").exists():
                 raise ValueError(
-                    f"{folder} holds a run already; go on with it by --ckpt_path last, or name "
+                    f"{folder} holds a run already; resume it by --ckpt_path last, or name "
                     "another folder with --run_folder"
                 )
         elif given is None:
-            given = self._scored(folder)
+            given = self._checkpoint_to_score(folder)
         if given is None:
             return
         path = folder / f"{given}.ckpt" if given in ("best", "last") else Path(given)
@@ -258,7 +258,7 @@ class _TrainingCLI(LightningCLI):
                 f"there is no checkpoint {path}; name one with --ckpt_path, or the folder of "
                 "another run with --run_folder"
             )
-        read_checkpoint_weights(path)  # its error is one line
+        read_checkpoint_weights(path)  # raises one-line errors
         config["ckpt_path"] = str(path)
         if self._initial_weights is not None and not has_weights(self._initial_weights):
             config["model"]["init_args"]["initial_weights"] = path
@@ -325,7 +325,7 @@ class _TrainingCLI(LightningCLI):
             keep_last_weights=config["keep_last_weights"],
         )
 
-    def _scored(self, folder: Path) -> str | None:
+    def _checkpoint_to_score(self, folder: Path) -> str | None:
         """Choose the checkpoint of a run to score; None: there are only initial weights."""
         keep_last = self.config[self.subcommand]["keep_last_weights"]
         order = ("last", "best") if keep_last else ("best", "last")
@@ -340,12 +340,12 @@ class _TrainingCLI(LightningCLI):
         config = self.config[self.subcommand]
         checkpoint, initial = config["ckpt_path"], self._initial_weights
         if checkpoint is None:
-            said = f"scored {initial}; there is no checkpoint"
+            summary = f"scored {initial}; there is no checkpoint"
         elif initial is None:
-            said = f"scored {checkpoint}"
+            summary = f"scored {checkpoint}"
         else:
-            said = f"scored {checkpoint}, which started from {initial}"
-        print(f"{self._run.folder}: {said}")
+            summary = f"scored {checkpoint}, which started from {initial}"
+        print(f"{self._run.folder}: {summary}")
         for note in self.model.notes:
             print(note)
         scores = {name: float(value) for name, value in self.trainer.callback_metrics.items()}

@@ -1,4 +1,4 @@
-"""Batch loaders that never wait for ever for their workers."""
+"""Batch loaders with a limit on waiting for their workers."""
 
 import io
 import os
@@ -16,29 +16,29 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from sightline.jobs.pool import holding_signals, one_blas_thread
-from sightline.training.interruption import leave_interruption_to_the_parent
+from sightline.training.interruption import ignore_interruptions
 from sightline.training.sampling import EpochPosition, TrainingBatches
 
-_LONGEST_BATCH_S: Final = 1800.0
+_BATCH_TIMEOUT_S: Final = 1800.0
 """Time without a batch [s] after which workers count as hanging."""
-_NO_WORKERS: Final = "set --data.init_args.workers 0"
-_CANNOT_HAND_ON: Final = 3
+_NO_WORKERS_REMEDY: Final = "set --data.init_args.workers 0"
+_SEND_FAILED_STATUS: Final = 3
 """Exit status of a worker that cannot send its batches to the training."""
 
 
 @dataclass(frozen=True)
-class Unusable:
-    """Replacement for a batch that could not be made."""
+class FailedBatch:
+    """Replacement for a batch with a sample that cannot be read or prepared."""
 
     reason: str
 
 
 @dataclass(frozen=True)
-class _Parcel:
+class _PickledBatch:
     """Batch sent through a pipe, because shared memory is full."""
 
     content: bytes
-    lacking: str
+    reason: str
     """Reason why shared memory could not be used."""
 
 
@@ -53,7 +53,7 @@ class BatchLoader(DataLoader[Any]):
         self, dataset: Dataset[Any], batches: Sampler[Any], *, workers: int, seed: int
     ) -> None:
         """Stores the data set, the order of batches and the number of worker processes."""
-        collate: Callable[[Any], Any] = _handed_on if workers else _as_it_is
+        collate: Callable[[Any], Any] = _share_memory if workers else _identity
         super().__init__(
             dataset,
             batch_sampler=batches,
@@ -61,7 +61,7 @@ class BatchLoader(DataLoader[Any]):
             num_workers=workers,
             persistent_workers=workers > 0,
             pin_memory=torch.cuda.is_available(),
-            timeout=_LONGEST_BATCH_S if workers else 0,
+            timeout=_BATCH_TIMEOUT_S if workers else 0,
             worker_init_fn=_set_up_worker,
             # Otherwise the start of each epoch would draw from the global generator.
             generator=torch.Generator().manual_seed(seed),
@@ -74,7 +74,7 @@ class BatchLoader(DataLoader[Any]):
             ValueError: A sample cannot be read or prepared.
             ChildProcessError: A worker was ended from outside, hangs, or cannot be started.
         """
-        batches = self._started()
+        batches = self._worker_batches()
         while True:
             try:
                 batch = next(batches)
@@ -82,11 +82,11 @@ class BatchLoader(DataLoader[Any]):
                 return
             except RuntimeError as error:
                 raise _worker_fault(error) or error from error
-            if isinstance(batch, Unusable):
+            if isinstance(batch, FailedBatch):
                 raise ValueError(batch.reason)
-            yield _unpacked(batch) if isinstance(batch, _Parcel) else batch
+            yield _unpickled(batch) if isinstance(batch, _PickledBatch) else batch
 
-    def _started(self) -> Iterator[Any]:
+    def _worker_batches(self) -> Iterator[Any]:
         """Yield the batches of the started workers."""
         if not self.num_workers:
             return super().__iter__()
@@ -96,7 +96,8 @@ class BatchLoader(DataLoader[Any]):
         except OSError as error:
             raise ChildProcessError(
                 f"the worker processes cannot be started: {(error.strerror or str(error)).lower()};"
-                f" make /dev/shm writable and larger (docker run --shm-size 2g) or {_NO_WORKERS}"
+                " make /dev/shm writable and larger (docker run --shm-size 2g) or "
+                f"{_NO_WORKERS_REMEDY}"
             ) from error
 
 
@@ -129,7 +130,7 @@ class ResumableLoader(BatchLoader):
         yield from super().__iter__()
 
     def state_dict(self) -> dict[str, int]:
-        """Next epoch and batch; for people only, nothing reads it."""
+        """Next epoch and batch; for users only, no code reads it."""
         epoch, batch = self._position()
         return {"epoch": epoch, "batch": batch}
 
@@ -137,16 +138,17 @@ class ResumableLoader(BatchLoader):
         """Does nothing: the position comes from the Trainer's progress."""
 
 
-def _handed_on(batch: object) -> object:
+def _share_memory(batch: object) -> object:
     """Put a batch into shared memory where the worker can handle a failure.
 
-    PyTorch does this in a thread of the worker; after a failure there the training waits for ever.
+    PyTorch does this in a thread of the worker; after a failure there, the training would wait
+    without end.
     """
     try:
         _SharingPickler(io.BytesIO()).dump(batch)
     except (RuntimeError, OSError) as error:
-        lacking = re.sub(r"\s*<[^>]*>", "", str(error).strip().split("\n")[0])  # names differ
-        return _Parcel(pickle.dumps(batch), lacking=lacking)
+        reason = re.sub(r"\s*<[^>]*>", "", str(error).strip().split("\n")[0])  # names differ
+        return _PickledBatch(pickle.dumps(batch), reason=reason)
     return batch
 
 
@@ -160,37 +162,38 @@ class _SharingPickler(pickle.Pickler):
         return id(obj)
 
 
-def _unpacked(parcel: _Parcel) -> object:
+def _unpickled(pickled: _PickledBatch) -> object:
     warnings.warn(
-        f"batches come from the workers through pipes, as /dev/shm has no room ({parcel.lacking}); "
-        f"it is faster with more (docker run --shm-size 2g); without workers: {_NO_WORKERS}",
+        f"workers send batches through pipes, because /dev/shm has no room ({pickled.reason}); for "
+        f"speed make it larger (docker run --shm-size 2g) or {_NO_WORKERS_REMEDY}",
         stacklevel=2,
     )
-    return pickle.loads(parcel.content)  # noqa: S301 - from our own worker
+    return pickle.loads(pickled.content)  # noqa: S301 - from our own worker
 
 
 def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
     """Error for workers that are gone or hang; None: the error has another cause."""
     if "DataLoader timed out" in str(error):
         return ChildProcessError(
-            f"no worker process has given a batch for {_LONGEST_BATCH_S:g} s; {_NO_WORKERS}"
+            f"no worker process has sent a batch for {_BATCH_TIMEOUT_S:g} s; {_NO_WORKERS_REMEDY}"
         )
     if "DataLoader worker" in str(error) or "Pin memory thread" in str(error):
         return ChildProcessError(
-            "a worker process was ended from outside or could not hand a batch on; where memory "
-            f"or /dev/shm ran out, set fewer --data.init_args.workers or {_NO_WORKERS}"
+            "a worker process was ended from outside or could not send a batch; if "
+            "memory or /dev/shm is full, set fewer --data.init_args.workers or "
+            f"{_NO_WORKERS_REMEDY}"
         )
     return None
 
 
-def _as_it_is(batch: object) -> object:
+def _identity(batch: object) -> object:
     return batch
 
 
 def _set_up_worker(worker: int) -> None:
     """Leaves signals to the Trainer; limits the worker to one BLAS thread."""
     del worker
-    leave_interruption_to_the_parent()
+    ignore_interruptions()
     one_blas_thread()
     # Only in this process. Python's handler prints a traceback and lets the training wait.
     Queue._on_queue_feeder_error = staticmethod(_end_worker)  # type: ignore[attr-defined] # noqa: SLF001
@@ -200,5 +203,5 @@ def _end_worker(error: Exception, obj: object) -> NoReturn:
     """End the worker if a batch cannot be sent; the training detects its end."""
     del obj
     reason = " ".join(str(error).split()) or type(error).__name__
-    print(f"sightline: a worker cannot hand a batch on: {reason}", file=sys.stderr, flush=True)
-    os._exit(_CANNOT_HAND_ON)
+    print(f"sightline: a worker cannot send a batch: {reason}", file=sys.stderr, flush=True)
+    os._exit(_SEND_FAILED_STATUS)

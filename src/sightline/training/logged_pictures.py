@@ -28,10 +28,10 @@ def log_picture(
         step: Number of the training step.
     """
     for logger in loggers:
-        show: Any = getattr(logger, "log_image", None)
+        log_image: Any = getattr(logger, "log_image", None)
         if isinstance(logger, TensorBoardLogger):
             logger.experiment.add_image(name, picture, step, dataformats="HWC")
-        elif show is not None:
-            show(key=name, images=[picture], step=step)
+        elif log_image is not None:
+            log_image(key=name, images=[picture], step=step)
         elif (folder := logger.log_dir or logger.save_dir) is not None:
             write_rgb(Path(folder) / "pictures" / name / f"{step:07}.png", picture)

@@ -21,18 +21,18 @@ from torchmetrics import Metric
 from sightline.files.settings import NetworkConfig, config_to_dict
 from sightline.files.weights import CHECKPOINT_KEY, Weights
 from sightline.structures.batch import Batch, Losses
-from sightline.training.initial_weights import check_network, fill_from
+from sightline.training.initial_weights import check_network, load_initial_weights
 from sightline.training.logged_pictures import log_picture
 from sightline.training.optimizer import (
     OptimizerConfig,
-    idle_rate_factors,
     make_optimizer,
     make_schedule,
+    unmatched_rate_factors,
 )
 from sightline.visualization.lettering import with_title
 
 _NUM_STEPS_KEY = "sightline_num_steps"
-_STEPS_A_LOOK = 50  # interval of checks for a finite loss on a GPU
+_FINITE_CHECK_INTERVAL = 50  # interval of checks for a finite loss on a GPU
 _NUM_PICTURES = 4  # number of validation batches whose first sample is drawn
 
 
@@ -86,7 +86,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         self.optimizer = optimizer
         self._num_steps: int | None = None  # length of the schedule
         if initial_weights is not None:
-            fill_from(
+            load_initial_weights(
                 initial_weights,
                 self.network,
                 self.network_config(),
@@ -94,9 +94,7 @@ class TrainingModule(lightning.LightningModule, ABC):
                 part=initial_part,
             )
         elif initial_part is not None:
-            raise ValueError(
-                f"initial_part {initial_part} says what initial_weights fill: set those too"
-            )
+            raise ValueError(f"initial_part {initial_part} needs initial_weights; set both")
 
     @abstractmethod
     def network_config(self) -> NetworkConfig:
@@ -111,7 +109,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Computes the loss of a batch and its terms."""
 
     @abstractmethod
-    def score(self, batch: Any) -> Any:  # noqa: ANN401 - the task's own batch and answer
+    def score(self, batch: Any) -> Any:  # noqa: ANN401 - the task's own batch and prediction
         """Updates `metric` with a batch; returns the network's prediction."""
 
     def scores(self) -> Mapping[str, Tensor]:
@@ -126,10 +124,10 @@ class TrainingModule(lightning.LightningModule, ABC):
     def picture(
         self,
         batch: Any,  # noqa: ANN401 - the task's own batch
-        answer: Any,  # noqa: ANN401 - what `score` gave
+        prediction: Any,  # noqa: ANN401 - the result of `score`
     ) -> UInt8[np.ndarray, "height width 3"] | None:
         """Draws the first sample of a batch and its prediction; None: no picture."""
-        del batch, answer
+        del batch, prediction
         return None
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
@@ -139,7 +137,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             ValueError: The training has diverged.
         """
         del batch_idx
-        with self._divergence_told():
+        with self._reporting_divergence():
             losses = self.losses(batch)
         self._check_finite(losses.total)
         terms = {f"training/{name}": value for name, value in losses._asdict().items()}
@@ -151,10 +149,10 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Scores a batch; draws the first few. Batch None: only other ranks have samples left."""
         if batch is None:
             return
-        with self._divergence_told():
-            answer = self.score(batch)
+        with self._reporting_divergence():
+            prediction = self.score(batch)
         if batch_idx < _NUM_PICTURES and self.loggers:
-            picture = self.picture(batch, answer)
+            picture = self.picture(batch, prediction)
             if picture is not None:
                 name, step = batch.sample_ids[0], self.global_step
                 title = f"{name}: epoch {self.current_epoch}, after {step:,} steps"
@@ -170,7 +168,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Scores a batch. Batch None: only other ranks have samples left."""
         del batch_idx
         if batch is not None:
-            with self._divergence_told():
+            with self._reporting_divergence():
                 self.score(batch)
 
     def on_test_epoch_end(self) -> None:
@@ -185,9 +183,9 @@ class TrainingModule(lightning.LightningModule, ABC):
             if parameter.requires_grad
         }
         optimizer = make_optimizer(trained.items(), self.optimizer)
-        for pattern in idle_rate_factors(trained.keys(), self.optimizer):
+        for pattern in unmatched_rate_factors(trained.keys(), self.optimizer):
             rank_zero_only(print)(
-                f"optimizer.rate_factors has {pattern}, which fits no parameter of this network",
+                f"optimizer.rate_factors has {pattern}, which matches no parameter of the network",
                 file=sys.stderr,
             )
         if self.optimizer.schedule == "constant" and self.optimizer.warm_up_share == 0:
@@ -196,16 +194,16 @@ class TrainingModule(lightning.LightningModule, ABC):
         total_steps = self.trainer.estimated_stepping_batches
         if math.isinf(total_steps):
             raise ValueError(
-                "a schedule of the learning rate needs to know the number of steps; set "
+                "a schedule of the learning rate needs the number of steps; set "
                 "--trainer.max_epochs or --trainer.max_steps, or "
                 "--model.init_args.optimizer.schedule constant without a warm-up"
             )
         if self._num_steps not in (None, total_steps):
             raise ValueError(
-                f"the run was begun for {self._num_steps} steps, by which its learning rate goes, "
-                f"but now it would have {total_steps}; resume with the "
-                "--trainer.max_steps, --trainer.max_epochs and data that it was begun with, or "
-                "begin another run from its weights by --model.init_args.initial_weights"
+                f"the run's learning rate schedule has {self._num_steps} steps, but the run now "
+                f"has {total_steps}; resume with its original --trainer.max_steps, "
+                "--trainer.max_epochs and data, or start another run from its weights by "
+                "--model.init_args.initial_weights"
             )
         self._num_steps = int(total_steps)
         scheduler = make_schedule(optimizer, self.optimizer, self._num_steps)
@@ -234,7 +232,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         description = checkpoint.get(CHECKPOINT_KEY)
         if description is None:
             raise ValueError(
-                "the checkpoint is none of sightline; name one that sightline fit wrote"
+                "the checkpoint was not written by sightline; name one of sightline fit"
             )
         check_network(
             "the checkpoint",
@@ -246,7 +244,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         self._num_steps = checkpoint.get(_NUM_STEPS_KEY)
 
     @contextmanager
-    def _divergence_told(self) -> Iterator[None]:
+    def _reporting_divergence(self) -> Iterator[None]:
         """Reports a divergence if a batch fails because the weights are not finite."""
         try:
             yield
@@ -261,8 +259,8 @@ class TrainingModule(lightning.LightningModule, ABC):
         if trainer is not None and trainer.precision == "16-mixed":
             return  # its scaler skips such steps
         # Each check synchronises a GPU; on a CPU it is free.
-        is_looked_at = loss.device.type == "cpu" or self.global_step % _STEPS_A_LOOK == 0
-        if is_looked_at and not loss.isfinite():
+        is_checked = loss.device.type == "cpu" or self.global_step % _FINITE_CHECK_INTERVAL == 0
+        if is_checked and not loss.isfinite():
             raise _diverged(f"its loss is {loss.item()} in step {self.global_step}")
 
     def _log_scores(self, stage: str) -> None:
@@ -271,13 +269,13 @@ class TrainingModule(lightning.LightningModule, ABC):
         self.notes = self.score_notes()
         with torch.inference_mode(mode=False):  # otherwise training could not use its tensors
             self.metric.reset()
-        shown, _ = self.monitored
+        monitored, _ = self.monitored
         for name, score in scores.items():
-            self.log(name, score, prog_bar=name == shown)
+            self.log(name, score, prog_bar=name == monitored)
 
 
-def _diverged(sign: str) -> ValueError:
+def _diverged(symptom: str) -> ValueError:
     return ValueError(
-        f"the training has diverged, {sign}; begin it again in another --run_folder with a lower "
+        f"the training has diverged, {symptom}; restart it in another --run_folder with a lower "
         "--model.init_args.optimizer.learning_rate, or with --trainer.gradient_clip_val"
     )

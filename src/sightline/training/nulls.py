@@ -47,12 +47,12 @@ def _misplaced(kind: Any, value: object, name: str) -> Iterator[str]:  # noqa: A
 def _types(value: Namespace, kinds: Sequence[Any]) -> Mapping[str, Any]:
     """Types of the arguments of a class or dataclass, by name; empty if they are unknown."""
     if "class_path" in value:
-        described = getattr(locate(value["class_path"]), "__init__", None)
+        annotated = getattr(locate(value["class_path"]), "__init__", None)
     else:
-        described = next(filter(is_dataclass, kinds), None)
+        annotated = next(filter(is_dataclass, kinds), None)
     try:
-        return get_type_hints(described)
-    except (NameError, TypeError):  # types that are imported for type checkers alone; no types
+        return get_type_hints(annotated)
+    except (NameError, TypeError):  # types imported only for type checkers; no types
         return {}
 
 

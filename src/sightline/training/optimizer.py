@@ -10,7 +10,7 @@ from torch import nn
 from torch.optim import SGD, Adam, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
 
-_FEWEST_STEPS: Final = 4  # for a one-cycle schedule: two of warm-up, two of cooling down
+_MIN_ONE_CYCLE_STEPS: Final = 4  # two of warm-up, two of cooling down
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,13 +75,13 @@ def make_optimizer(
 ) -> Optimizer:
     """Create the optimiser of named parameters.
 
-    Its first group has the parameters at the full rate; each pattern of `rate_factors` that fits
-    any parameter has a group of its own.
+    Its first group has the parameters at the full rate; each pattern of `rate_factors` that
+    matches a parameter has its own group.
     """
     named: dict[str | None, list[nn.Parameter]] = {None: []}
     for name, parameter in parameters:
-        fitting = (each for each in config.rate_factors if fnmatchcase(name, each))
-        named.setdefault(next(fitting, None), []).append(parameter)
+        matching = (each for each in config.rate_factors if fnmatchcase(name, each))
+        named.setdefault(next(matching, None), []).append(parameter)
     rate, decay = config.learning_rate, config.weight_decay
     groups: list[dict[str, Any]] = [
         {"params": members, "lr": rate * (1.0 if pattern is None else config.rate_factors[pattern])}
@@ -93,8 +93,8 @@ def make_optimizer(
     return kind(groups, lr=rate, weight_decay=decay)
 
 
-def idle_rate_factors(names: Collection[str], config: OptimizerConfig) -> list[str]:
-    """Patterns of `rate_factors` that fit none of the parameters' names."""
+def unmatched_rate_factors(names: Collection[str], config: OptimizerConfig) -> list[str]:
+    """Patterns of `rate_factors` that match none of the parameters' names."""
     return [
         pattern
         for pattern in config.rate_factors
@@ -112,7 +112,7 @@ def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: in
     """
     warm_up_steps = round(config.warm_up_share * total_steps)
     if config.schedule == "one_cycle":
-        total_steps = max(total_steps, _FEWEST_STEPS)
+        total_steps = max(total_steps, _MIN_ONE_CYCLE_STEPS)
         # PyTorch divides by the length of each phase, less one.
         warm_up_steps = min(max(warm_up_steps, 2), total_steps - 2)
         return OneCycleLR(

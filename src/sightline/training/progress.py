@@ -13,7 +13,7 @@ from rich.progress import TaskID
 from sightline.jobs.progress import ProgressLines, progress_bars
 from sightline.training.module import TrainingModule
 
-_LOOK_EVERY_S = 0.5  # interval of reading the loss, which synchronises an accelerator
+_UPDATE_INTERVAL_S = 0.5  # interval of reading the loss, which synchronises an accelerator
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -42,10 +42,10 @@ class _Bars:
         self._progress.start()
 
     def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
-        described = f"{name}{note and f', {note}'}"
+        description = f"{name}{note and f', {note}'}"
         if name not in self._tasks:
-            self._tasks[name] = self._progress.add_task(described, total=total, completed=done)
-        self._progress.update(self._tasks[name], completed=done, description=described)
+            self._tasks[name] = self._progress.add_task(description, total=total, completed=done)
+        self._progress.update(self._tasks[name], completed=done, description=description)
 
     def end(self, name: str) -> None:
         if name in self._tasks:
@@ -66,8 +66,8 @@ class RunProgress(ProgressBar):
         super().__init__()
         self._is_enabled = True
         self._display: _Display | None = None
-        self._looked_s = -math.inf
-        self._noted: set[str] = set()
+        self._updated_s = -math.inf
+        self._printed_notes: set[str] = set()
 
     def disable(self) -> None:
         """Disables the display in this process: another one has it."""
@@ -123,9 +123,11 @@ class RunProgress(ProgressBar):
         name, _ = pl_module.monitored
         if name in trainer.callback_metrics:
             score = float(trainer.callback_metrics[name])
-            # a checkpoint scored alone has no step; trainer.validating is true within fit, too
-            is_alone = trainer.state.fn is TrainerFn.VALIDATING and trainer.ckpt_path is not None
-            step = "" if is_alone else f"step {trainer.global_step}: "
+            # `validate` of a checkpoint has no step; trainer.validating is true within fit too
+            is_single_validation = (
+                trainer.state.fn is TrainerFn.VALIDATING and trainer.ckpt_path is not None
+            )
+            step = "" if is_single_validation else f"step {trainer.global_step}: "
             beside = "".join(
                 f", {each} {float(trainer.callback_metrics[each]):.6g}"
                 for each in pl_module.monitored_beside
@@ -133,8 +135,8 @@ class RunProgress(ProgressBar):
             )
             display.say(f"{step}{name} {score:.6g}{beside}")
             for note in pl_module.notes:
-                if note not in self._noted:
-                    self._noted.add(note)
+                if note not in self._printed_notes:
+                    self._printed_notes.add(note)
                     display.say(note)
 
     def on_test_batch_end(
@@ -165,9 +167,9 @@ class RunProgress(ProgressBar):
 
     def _show_training(self, trainer: Trainer) -> None:
         now = time.monotonic()
-        if now - self._looked_s < _LOOK_EVERY_S:
+        if now - self._updated_s < _UPDATE_INTERVAL_S:
             return
-        self._looked_s = now
+        self._updated_s = now
         steps = trainer.estimated_stepping_batches
         loss = trainer.progress_bar_metrics.get("loss")
         note = "" if loss is None else f"loss {float(loss):.4g}"

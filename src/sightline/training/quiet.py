@@ -26,8 +26,8 @@ def quiet_lightning() -> Iterator[None]:
     """Silences routine messages within the block."""
     loggers = [logging.getLogger(f"lightning.{part}") for part in ("pytorch", "fabric")]
     levels = [logger.level for logger in loggers]
-    tell_of_thread = threading.excepthook
-    threading.excepthook = partial(_pass_over_disk, tell_of_thread)
+    previous_hook = threading.excepthook
+    threading.excepthook = partial(_ignore_disk_errors, previous_hook)
     for logger in loggers:
         logger.setLevel(logging.WARNING)
     try:
@@ -36,14 +36,14 @@ def quiet_lightning() -> Iterator[None]:
                 warnings.filterwarnings("ignore", beginning)
             yield
     finally:
-        threading.excepthook = tell_of_thread
+        threading.excepthook = previous_hook
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
 
 
-def _pass_over_disk(
-    tell: Callable[[threading.ExceptHookArgs], object], ended: threading.ExceptHookArgs
+def _ignore_disk_errors(
+    hook: Callable[[threading.ExceptHookArgs], object], failure: threading.ExceptHookArgs
 ) -> None:
-    """Hides write errors of TensorBoard's thread, which are raised in the main thread, too."""
-    if not issubclass(ended.exc_type, OSError):
-        tell(ended)
+    """Hides write errors of TensorBoard's thread, which are raised in the main thread too."""
+    if not issubclass(failure.exc_type, OSError):
+        hook(failure)

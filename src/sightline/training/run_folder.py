@@ -1,4 +1,4 @@
-"""Claim on a run's folder for one training at a time."""
+"""Lock of a run's folder for one training at a time."""
 
 import fcntl
 import os
@@ -35,10 +35,10 @@ def claimed(folder: Path) -> Iterator[None]:
         except BlockingIOError as error:
             file.seek(0)
             raise ValueError(
-                f"another training (process {file.read().strip()}) is at work in {folder}; wait "
+                f"another training (process {file.read().strip()}) is running in {folder}; wait "
                 "for its end, or name another folder with --run_folder"
             ) from error
-        # A worker process that outlives this one for a moment must not hold the claim.
+        # A worker process that outlives this one for a moment must not hold the lock.
         os.register_at_fork(after_in_child=file.close)
         file.truncate(0)
         file.write(f"{os.getpid()}\n")

@@ -33,17 +33,17 @@ class TrainingBatches(Sampler[list[SampleKey]]):
         Raises:
             ValueError: There are too few samples.
         """
-        wanted = num_samples if samples_per_epoch is None else samples_per_epoch
-        if wanted > num_samples:
+        epoch_size = num_samples if samples_per_epoch is None else samples_per_epoch
+        if epoch_size > num_samples:
             raise ValueError(
-                f"samples_per_epoch is {wanted}, but there are only {num_samples} training "
-                "samples; ask for fewer or raise the repeat of the sources"
+                f"samples_per_epoch is {epoch_size}, but there are only {num_samples} training "
+                "samples; lower it or raise the repeat of the sources"
             )
-        self._num_batches = wanted // (batch_size * world)
+        self._num_batches = epoch_size // (batch_size * world)
         if self._num_batches == 0:
             devices = f" on each of {world} devices" if world > 1 else ""
             raise ValueError(
-                f"an epoch of {wanted} samples does not fill a batch of {batch_size}{devices}; "
+                f"an epoch of {epoch_size} samples does not fill a batch of {batch_size}{devices}; "
                 "set a smaller --data.init_args.batch_size or raise the repeat of the sources"
             )
         self._num_samples = num_samples
@@ -64,13 +64,13 @@ class TrainingBatches(Sampler[list[SampleKey]]):
 
     def __iter__(self) -> Iterator[list[SampleKey]]:
         """Yields the rank's remaining batches of the epoch."""
-        # The third number is no sample's index: samples have their own generators.
+        # No sample has the third number as its index, so its generator differs from this one.
         rng = np.random.default_rng((self._seed, self._epoch, self._num_samples))
         order = rng.permutation(self._num_samples)
         step = self._batch_size * self._world
         for batch in range(self._first, self._num_batches):
-            together = order[batch * step : (batch + 1) * step]
-            yield [(self._epoch, int(index)) for index in together[self._rank :: self._world]]
+            step_samples = order[batch * step : (batch + 1) * step]
+            yield [(self._epoch, int(index)) for index in step_samples[self._rank :: self._world]]
 
 
 class ScoringBatches(Sampler[list[SampleKey]]):
@@ -82,18 +82,18 @@ class ScoringBatches(Sampler[list[SampleKey]]):
 
     def __init__(self, num_samples: int, batch_size: int, *, rank: int = 0, world: int = 1) -> None:
         """Distributes the samples."""
-        self._mine = range(rank, num_samples, world)
-        self._most = math.ceil(num_samples / world)
+        self._rank_samples = range(rank, num_samples, world)
+        self._max_rank_samples = math.ceil(num_samples / world)
         self._batch_size = batch_size
 
     def __len__(self) -> int:
         """Number of batches of one rank."""
-        return math.ceil(self._most / self._batch_size)
+        return math.ceil(self._max_rank_samples / self._batch_size)
 
     def __iter__(self) -> Iterator[list[SampleKey]]:
         """Yields the rank's batches."""
-        for start in range(0, self._most, self._batch_size):
-            yield [(0, index) for index in self._mine[start : start + self._batch_size]]
+        for start in range(0, self._max_rank_samples, self._batch_size):
+            yield [(0, index) for index in self._rank_samples[start : start + self._batch_size]]
 
 
 class EpochPosition:
@@ -118,7 +118,7 @@ class EpochPosition:
             num_batches = min(limit, num_batches)
         elif limit is not None:
             num_batches = int(limit * num_batches)
-        done: int = self._trainer.fit_loop.epoch_loop.batch_progress.state_dict()["total"][
+        num_trained: int = self._trainer.fit_loop.epoch_loop.batch_progress.state_dict()["total"][
             "processed"
         ]
-        return divmod(done, max(num_batches, 1))
+        return divmod(num_trained, max(num_batches, 1))

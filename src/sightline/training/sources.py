@@ -53,8 +53,8 @@ def open_source(
     root: Path,
     parts: Collection[Part],
     *,
-    held_for: Sequence[str],
-    tell: Callable[[str], None],
+    held_out_for: Sequence[str],
+    notify: Callable[[str], None],
 ) -> SampleDataset:
     """Open the samples of a source.
 
@@ -62,8 +62,8 @@ def open_source(
         source: Source to open.
         root: Base folder of a relative path.
         parts: Parts of the samples to load.
-        held_for: Uses that take the folder's list `val`: validation, test; empty: none.
-        tell: Receives a line on the frames that are held back from training, if any.
+        held_out_for: Uses of the folder's list `val`: validation, test; empty: none.
+        notify: Receives a line on the frames held out from training, if any.
 
     Raises:
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
@@ -71,24 +71,26 @@ def open_source(
     path = root / source.path
     lists = path.parent if path.name in KITTI_SPLITS else path
     has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
-    is_listed = (has_val and has_train) or (has_train and not held_for)
+    has_lists = (has_val and has_train) or (has_train and not held_out_for)
     frames: str | tuple[str, ...] | None = source.sample_list
-    if frames in ("train", "val") and not is_listed and not (has_val and frames == "val"):
-        everything = (
+    if frames in ("train", "val") and not has_lists and not (has_val and frames == "val"):
+        all_frames = (
             read_sample_list("train", lists)
             if has_train
             else open_dataset(path, velodyne=source.velodyne, parts=parts).sample_ids
         )
-        num_validated = math.ceil(len(everything) / _VALIDATION_SHARE) if held_for else 0
-        held = read_sample_list("val", lists) if has_val else everything[:num_validated]
-        rest = tuple(frame for frame in everything if frame not in set(held))
-        if frames == "train" and len(rest) < len(everything):
-            num_held = len(everything) - len(rest)
-            tell(_left_out(path, num_held, len(everything), held_for, has_val=has_val))
-        frames = held if frames == "val" else rest
+        num_validated = math.ceil(len(all_frames) / _VALIDATION_SHARE) if held_out_for else 0
+        validation = read_sample_list("val", lists) if has_val else all_frames[:num_validated]
+        training = tuple(frame for frame in all_frames if frame not in set(validation))
+        if frames == "train" and len(training) < len(all_frames):
+            num_held_out = len(all_frames) - len(training)
+            notify(
+                _held_out_note(path, num_held_out, len(all_frames), held_out_for, has_val=has_val)
+            )
+        frames = validation if frames == "val" else training
         if not frames:
             raise ValueError(
-                f"{path} holds {len(everything)} frames, too few to train and to validate on; take "
+                f"{path} holds {len(all_frames)} frames, too few for training and validation; use "
                 "more, or set the sample_list of the sources to null"
             )
     if source.with_classes and "objects" not in parts:
@@ -97,42 +99,44 @@ def open_source(
             "read; leave with_classes out"
         )
     dataset = open_dataset(path, sample_list=frames, velodyne=source.velodyne, parts=parts)
-    return _frames_with(dataset, source.with_classes, path) if source.with_classes else dataset
+    return _select_frames(dataset, source.with_classes, path) if source.with_classes else dataset
 
 
-def _left_out(
-    path: Path, num_left_out: int, num_frames: int, held_for: Sequence[str], *, has_val: bool
+def _held_out_note(
+    path: Path, num_held_out: int, num_frames: int, held_out_for: Sequence[str], *, has_val: bool
 ) -> str:
-    """Describe in a line how many frames are not trained on, why, and how to train on them."""
-    why = "its list val has them" if has_val else "it has no list val, so the first tenth is that"
-    without = " and ".join(f"--data.init_args.{use} '[]'" for use in held_for)
-    remedy = "take their sample_list away" if has_val else f"set {without}"
-    use = " and ".join(held_for) or "validation"
+    """Describe the number of frames held out from training, the reason and the remedy."""
+    reason = "its list val has them" if has_val else "without a list val, its first tenth is that"
+    without = " and ".join(f"--data.init_args.{use} '[]'" for use in held_out_for)
+    remedy = "remove their sample_list" if has_val else f"set {without}"
+    use = " and ".join(held_out_for) or "validation"
     return (
-        f"{num_left_out} of {num_frames} training frames of {path} are left out, held back for "
-        f"{use}: {why}; to train on them, too, {remedy}"
+        f"{num_held_out} of {num_frames} training frames of {path} are held out for {use}: "
+        f"{reason}; to train on them too, {remedy}"
     )
 
 
-def _frames_with(dataset: SampleDataset, class_names: Collection[str], path: Path) -> SampleDataset:
+def _select_frames(
+    dataset: SampleDataset, class_names: Collection[str], path: Path
+) -> SampleDataset:
     """Select the frames that have an object of the classes."""
     if not isinstance(dataset, (KittiObjectDataset, RecordingDataset)):
         raise ValueError(
-            f"{path} has no labels to look for {', '.join(class_names)} in; leave out with_classes"
+            f"{path} has no labels, needed for with_classes {', '.join(class_names)}; leave it out"
         )
-    shown: set[str] = set()
+    found: set[str] = set()
     kept = []
     for index, sample_id in enumerate(dataset.sample_ids):
         labels = dataset.label_file(index)
         names = set() if labels is None else set(read_labels(labels).class_names)
-        shown |= names
+        found |= names
         if not names.isdisjoint(class_names):
             kept.append(sample_id)
-    absent = sorted(set(class_names) - shown)
+    absent = sorted(set(class_names) - found)
     if absent:
         raise ValueError(
             f"no frame of {path} has an object of with_classes {', '.join(absent)}; its "
-            f"labels have {shortened(', '.join(sorted(shown))) or 'none'}"
+            f"labels have {shortened(', '.join(sorted(found))) or 'none'}"
         )
     return NamedSubset(dataset, kept)
 

@@ -8,9 +8,9 @@ from PIL import Image
 
 from sightline.data.importing.bag_messages import (
     PictureFile,
-    cloud_of,
-    picture_file_of,
-    picture_of,
+    cloud_from_message,
+    image_file_from_message,
+    image_from_message,
 )
 from tests.data.recordings import IMAGE
 
@@ -37,7 +37,7 @@ def test_colours_are_the_same_whatever_their_order_and_padding(encoding, made):
     rgb = IMAGE[:20, :30]
     for step_px in (0, 5):
         sent = message(np.ascontiguousarray(made(rgb)), encoding, step_px=step_px)
-        np.testing.assert_array_equal(picture_of(sent, "/camera"), rgb)
+        np.testing.assert_array_equal(image_from_message(sent, "/camera"), rgb)
 
 
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
@@ -47,18 +47,20 @@ def test_a_bayer_pattern_is_named_by_its_first_two_rows(pattern):
     mosaic = np.empty((16, 16), np.uint8)
     for at, letter in enumerate(pattern):
         mosaic[at // 2 :: 2, at % 2 :: 2] = rgb[0, 0, "rgb".index(letter)]
-    np.testing.assert_array_equal(picture_of(message(mosaic, f"bayer_{pattern}8"), "/c"), rgb)
+    np.testing.assert_array_equal(
+        image_from_message(message(mosaic, f"bayer_{pattern}8"), "/c"), rgb
+    )
 
 
 def test_grey_becomes_three_equal_channels():
     grey = IMAGE[:8, :9, 0]
     np.testing.assert_array_equal(
-        picture_of(message(grey, "mono8"), "/camera"), np.repeat(grey[..., None], 3, axis=2)
+        image_from_message(message(grey, "mono8"), "/camera"), np.repeat(grey[..., None], 3, axis=2)
     )
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "expected"),
     [
         ({"encoding": "32FC1"}, "topic /camera holds images of encoding '32FC1', expected one of"),
         ({"height": 99}, "topic /camera holds an image of .* bytes, expected 99 rows"),
@@ -67,28 +69,28 @@ def test_grey_becomes_three_equal_channels():
         ({"width": 0}, "topic /camera holds an image of 20x0"),
     ],
 )
-def test_an_image_that_cannot_be_read_names_its_topic(changes, said):
+def test_an_image_that_cannot_be_read_names_its_topic(changes, expected):
     sent = message(IMAGE[:20, :30], "rgb8")
     vars(sent).update(changes)
-    with pytest.raises(ValueError, match=said):
-        picture_of(sent, "/camera")
+    with pytest.raises(ValueError, match=expected):
+        image_from_message(sent, "/camera")
 
 
 def test_a_picture_that_was_sent_as_a_file_stays_as_it_is():
     _, encoded = cv2.imencode(".jpg", IMAGE)
     sent = SimpleNamespace(format="jpeg", data=encoded.ravel())
-    assert picture_file_of(sent, "/camera") == PictureFile(
+    assert image_file_from_message(sent, "/camera") == PictureFile(
         suffix=".jpg", content=encoded.tobytes(), size=IMAGE.shape[:2], is_blank=False
     )
     sent.data = encoded.ravel()[: len(encoded) // 2]
     with pytest.raises(ValueError, match=r"topic /camera.* is cut short"):
-        picture_file_of(sent, "/camera")
+        image_file_from_message(sent, "/camera")
     _, depth = cv2.imencode(".png", np.zeros((4, 5), np.uint16))
     with pytest.raises(ValueError, match="pictures of 16 bits, expected 8"):
-        picture_file_of(SimpleNamespace(format="16UC1", data=depth.ravel()), "/camera")
+        image_file_from_message(SimpleNamespace(format="16UC1", data=depth.ravel()), "/camera")
     _, webp = cv2.imencode(".webp", IMAGE)
     with pytest.raises(ValueError, match=r"topic /camera \(webp\).* another by --camera-topic"):
-        picture_file_of(SimpleNamespace(format="webp", data=webp.ravel()), "/camera")
+        image_file_from_message(SimpleNamespace(format="webp", data=webp.ravel()), "/camera")
 
 
 def test_a_note_of_the_orientation_in_a_picture_is_not_followed():
@@ -96,13 +98,13 @@ def test_a_note_of_the_orientation_in_a_picture_is_not_followed():
     rotated[0x0112] = 6
     Image.fromarray(IMAGE).save(file := io.BytesIO(), "JPEG", exif=rotated)
     sent = SimpleNamespace(format="jpeg", data=np.frombuffer(file.getvalue(), np.uint8))
-    assert picture_file_of(sent, "/camera").size == IMAGE.shape[:2]
+    assert image_file_from_message(sent, "/camera").size == IMAGE.shape[:2]
 
 
 def test_an_image_of_a_size_that_its_encoding_cannot_have_names_its_topic():
     sent = message(np.zeros((4, 5, 2), np.uint8), "yuv422")
     with pytest.raises(ValueError, match=r"topic /camera holds an image of 4x5 .* 'yuv422' cannot"):
-        picture_of(sent, "/camera")
+        image_from_message(sent, "/camera")
 
 
 def cloud(layout, rows, *, height=1, row_gap=0, is_bigendian=False):
@@ -141,20 +143,20 @@ def test_a_cloud_is_read_whatever_its_layout(order, height, row_gap):
         layout, range(6), height=height, row_gap=row_gap, is_bigendian=order == ">"
     )
     expected = np.stack([values[name].ravel() for name in ("x", "y", "z", "reflectivity")], axis=1)
-    np.testing.assert_array_equal(cloud_of(sent, "/points"), expected)
+    np.testing.assert_array_equal(cloud_from_message(sent, "/points"), expected)
 
 
 def test_a_cloud_without_a_coordinate_names_its_topic_and_its_fields():
     layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("range", "<f4")])
     _, sent = cloud(layout, range(4))
     with pytest.raises(ValueError, match="topic /points: has the fields x, y, range, and lacks z"):
-        cloud_of(sent, "/points")
+        cloud_from_message(sent, "/points")
     sent.width = 5
     with pytest.raises(ValueError, match="topic /points holds a cloud of 48 bytes, expected 1"):
-        cloud_of(sent, "/points")
+        cloud_from_message(sent, "/points")
     sent.width = 0
     with pytest.raises(ValueError, match=r"holds a cloud of 1x0 points .* but 48 bytes"):
-        cloud_of(sent, "/points")
+        cloud_from_message(sent, "/points")
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -164,31 +166,31 @@ def test_a_length_of_rows_that_is_not_that_of_the_bytes_is_not_believed(order, r
     values, sent = cloud(layout, range(6), height=2, is_bigendian=order == ">")
     expected = np.stack([values[name].ravel() for name in layout.names], axis=1)
     sent.row_step = row_step
-    np.testing.assert_array_equal(cloud_of(sent, "/points"), expected)
+    np.testing.assert_array_equal(cloud_from_message(sent, "/points"), expected)
     picture = message(IMAGE[:20, :30], "rgb8")
     picture.step = row_step
-    np.testing.assert_array_equal(picture_of(picture, "/camera"), IMAGE[:20, :30])
+    np.testing.assert_array_equal(image_from_message(picture, "/camera"), IMAGE[:20, :30])
 
 
 def test_the_last_row_may_lack_the_bytes_that_fill_it_up():
     layout = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
     values, sent = cloud(layout, range(6), height=3, row_gap=8)
     sent.data = sent.data[:-8]
-    np.testing.assert_array_equal(cloud_of(sent, "/points")[:, 2], values["z"].ravel())
+    np.testing.assert_array_equal(cloud_from_message(sent, "/points")[:, 2], values["z"].ravel())
 
 
 @pytest.mark.parametrize("encoding", ["RGB8", " rgb8", "8uc3", "8UC3"])
 def test_the_case_of_an_encoding_does_not_count(encoding):
     rgb = IMAGE[:20, :30]
     sent = rgb if "rgb" in encoding.lower() else np.ascontiguousarray(rgb[..., ::-1])
-    np.testing.assert_array_equal(picture_of(message(sent, encoding), "/camera"), rgb)
+    np.testing.assert_array_equal(image_from_message(message(sent, encoding), "/camera"), rgb)
 
 
 def test_fields_that_stand_for_gaps_may_share_a_name_and_those_beyond_a_point_are_refused():
     layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("i", "<f4"), ("gap", "<f4")])
     values, sent = cloud(layout, range(4))
     sent.fields.append(sent.fields[-1])
-    np.testing.assert_array_equal(cloud_of(sent, "/points")[:, 2], values["z"].ravel())
+    np.testing.assert_array_equal(cloud_from_message(sent, "/points")[:, 2], values["z"].ravel())
     sent.fields[0].offset = 18
     with pytest.raises(ValueError, match="topic /points holds a cloud whose fields do not fit"):
-        cloud_of(sent, "/points")
+        cloud_from_message(sent, "/points")

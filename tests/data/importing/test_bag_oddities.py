@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
-from sightline.data.importing.bag_messages import picture_file_of, picture_of
+from sightline.data.importing.bag_messages import image_file_from_message, image_from_message
 from sightline.data.importing.import_recording import import_recording
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
@@ -33,8 +33,8 @@ def test_ways_through_tf_that_differ_are_told(tmp_path, transforms):
         bag.transforms("/tf_static", 10**9, **transforms)
         usual_topics(bag, number=1)
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "warning: TF has several ways from lidar to camera_optical that differ by" in report
-    assert "the shortest is taken, by lidar and camera_optical" in report
+    assert "warning: TF has several chains from lidar to camera_optical that differ by" in report
+    assert "the shortest is used, through lidar and camera_optical" in report
 
 
 def test_ways_through_tf_that_agree_are_no_matter(tmp_path):
@@ -43,7 +43,7 @@ def test_ways_through_tf_that_agree_are_no_matter(tmp_path):
         bag.transforms("/tf_static", 10**9, lidar__camera_optical=np.linalg.inv(CAMERA_FROM_LIDAR))
         usual_topics(bag, number=1)
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "several ways" not in report
+    assert "several chains" not in report
 
 
 def without_frames(bag):
@@ -66,26 +66,26 @@ def many_frames(bag):
 
 ODD = {
     "no message of /points names its frame": without_frames,
-    "has no way from frame 'lidar.x1b": with_long_frames,
-    "it knows a0, a1, a10, a11, a12 and 75 more": many_frames,
-    "only zeros: the camera is not calibrated": lambda bag: usual_topics(
+    "has no chain from frame 'lidar.x1b": with_long_frames,
+    "it has frames a0, a1, a10, a11, a12 and 75 more": many_frames,
+    "zeros alone: the camera was not calibrated": lambda bag: usual_topics(
         bag, matrix=CAMERA_MATRIX * 0
     ),
 }
 
 
-@pytest.mark.parametrize("said", ODD)
-def test_headers_and_calibrations_that_say_nothing_are_named_in_one_short_line(tmp_path, said):
+@pytest.mark.parametrize("expected", ODD)
+def test_headers_and_calibrations_that_say_nothing_are_named_in_one_short_line(tmp_path, expected):
     with BagMaker(tmp_path / "drive") as bag:
-        ODD[said](bag)
-    with pytest.raises(ValueError, match=said) as raised:
+        ODD[expected](bag)
+    with pytest.raises(ValueError, match=expected) as raised:
         import_recording(tmp_path / "drive", tmp_path / "out")
     assert len(str(raised.value)) < 700
 
 
 def test_names_and_encodings_of_any_length_are_shown_in_short():
     message = SimpleNamespace(encoding=LONG, format=LONG, data=np.zeros(9, np.uint8))
-    for read in (picture_of, picture_file_of):
+    for read in (image_from_message, image_file_from_message):
         with pytest.raises(ValueError, match="topic /aaa") as raised:
             read(message, "/" + "a" * 9000)
         assert len(str(raised.value)) < 500
@@ -96,5 +96,5 @@ def test_times_of_receipt_of_no_clock_are_named(tmp_path):
     (path,) = bag.glob("*.db3")
     with sqlite3.connect(path) as database:
         database.execute("update messages set timestamp = 9223372036854775807")
-    with pytest.raises(ValueError, match=r"that cannot be read: its time of receipt, 9223"):
+    with pytest.raises(ValueError, match=r"unreadable messages of .*: its time of receipt, 9223"):
         import_recording(path, tmp_path / "out")

@@ -30,17 +30,19 @@ def bag(tmp_path_factory):
 
 
 def test_a_frame_that_cannot_be_read_is_dropped_and_told(tmp_path):
+    picture = IMAGE.copy()
     with BagMaker(tmp_path / "drive") as bag:
         bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
         for at in range(4):
             time_ns = 2 * 10**9 + at * 10**8
             bag.info("/front/camera_info", time_ns)
-            content = cv2.imencode(".jpg", IMAGE[..., ::-1] // (1 + at))[1].tobytes()
+            picture[:8, : 8 * at] = 0  # no two pictures are equal
+            content = cv2.imencode(".jpg", picture)[1].tobytes()
             bag.jpeg("/front/image_raw/compressed", time_ns, content[:999] if at < 1 else content)
             bag.cloud("/points", time_ns, names=("x", "y", "zz" if at == 2 else "z", "i"))
     report = import_recording(tmp_path / "drive", tmp_path / "out")
     assert report.written == 2
-    assert "warning: dropped 2 frames that cannot be read; of the first, topic" in str(report)
+    assert "warning: dropped 2 unreadable frames; the first: topic" in str(report)
     assert open_dataset(tmp_path / "out").sample_ids == ("000001", "000003")
     assert import_recording(tmp_path / "drive", tmp_path / "out").skipped == 2
 
@@ -53,8 +55,8 @@ def test_messages_that_cannot_be_decoded_and_stamps_that_stand_twice_are_counted
             bag._connections["/points"], 3 * 10**9, b"\x00\x01\x00\x00\xff\xff\xff\xff"
         )
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "warning: dropped 1 messages of /points that cannot be read" in report
-    assert "warning: 1 images and 0 sweeps have the header time of another one" in report
+    assert "warning: dropped 1 unreadable messages of /points" in report
+    assert "warning: 1 images and 0 sweeps repeat the header time of an earlier one" in report
 
 
 def test_what_a_bag_says_of_its_types_and_services_is_not_followed(tmp_path):
@@ -68,9 +70,9 @@ def test_what_a_bag_says_of_its_types_and_services_is_not_followed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("said", "fault"),
+    ("entry", "fault"),
     [
-        ("relative_file_paths: [../other.mcap]", "names .*/other.mcap, which is not there"),
+        ("relative_file_paths: [../other.mcap]", "names .*/other.mcap, which does not exist"),
         ("relative_file_paths: [.hidden.mcap]", "entry 1 is '.hidden.mcap', expected a relative"),
         ("relative_file_paths: [7]", "entry 1 is 7"),
         ("relative_file_paths: []", "lacks relative_file_paths"),
@@ -78,9 +80,9 @@ def test_what_a_bag_says_of_its_types_and_services_is_not_followed(tmp_path):
         ("<<: {a: b}", "has a merge"),
     ],
 )
-def test_metadata_that_lead_elsewhere_or_expand_are_one_line(tmp_path, said, fault):
+def test_metadata_that_lead_elsewhere_or_expand_are_one_line(tmp_path, entry, fault):
     write_bag(tmp_path / "drive", 1)
-    (tmp_path / "drive" / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  {said}\n")
+    (tmp_path / "drive" / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  {entry}\n")
     with pytest.raises(FileError, match=rf"metadata.yaml: .*{fault}"):
         import_recording(tmp_path / "drive", tmp_path / "out")
 
@@ -94,10 +96,10 @@ def test_a_packed_bag_is_read_within_a_limit_and_refused_beyond(tmp_path, mode, 
     with bag:
         usual_topics(bag, number=1)
     assert import_recording(tmp_path / "drive", tmp_path / "out").written == 1
-    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 1000)
-    monkeypatch.setattr(bag_files, "_MAX_GAIN", 1)
+    monkeypatch.setattr(bag_files, "MAX_DECOMPRESSED_BYTES", 1000)
+    monkeypatch.setattr(bag_files, "_MAX_COMPRESSION_RATIO", 1)
     with pytest.raises(
-        ValueError, match=r"announces|unpack to more than 1000 bytes|unpacks to more"
+        ValueError, match=r"declares|decompress to more than 1000 bytes|decompresses to more"
     ):
         import_recording(tmp_path / "drive", tmp_path / "other")
     assert not (tmp_path / "other").exists()
@@ -111,8 +113,8 @@ def test_a_chunk_of_ros_1_that_unpacks_beyond_the_limit_is_one_line(
 ):
     with Ros1BagMaker(tmp_path / "drive.bag", compression=compression) as bag:
         usual_topics(bag, number=1)
-    monkeypatch.setattr(bag_files, "MAX_UNPACKED_BYTES", 1000)
-    with pytest.raises(ValueError, match="unpack to more than 1000 bytes"):
+    monkeypatch.setattr(bag_files, "MAX_DECOMPRESSED_BYTES", 1000)
+    with pytest.raises(ValueError, match="decompress to more than 1000 bytes"):
         import_recording(tmp_path / "drive.bag", tmp_path / "out")
 
 
@@ -120,11 +122,11 @@ def test_a_chunk_of_ros_1_that_unpacks_beyond_the_limit_is_one_line(
 def test_unpacking_stops_at_its_limit(pack):
     new = {bz2.compress: bz2.BZ2Decompressor}.get(pack, lz4.frame.LZ4FrameDecompressor)
     packed = pack(bytes(10**7))
-    assert bag_files.unpacked(new, packed, 10**7) == bytes(10**7)
-    with pytest.raises(ValueError, match="unpack to more than 9999999 bytes"):
-        bag_files.unpacked(new, packed, 10**7 - 1)
+    assert bag_files.decompressed(new, packed, 10**7) == bytes(10**7)
+    with pytest.raises(ValueError, match="decompress to more than 9999999 bytes"):
+        bag_files.decompressed(new, packed, 10**7 - 1)
     with pytest.raises(ValueError, match="cut short"):
-        bag_files.unpacked(new, packed[:-20], 10**8)
+        bag_files.decompressed(new, packed[:-20], 10**8)
 
 
 def test_an_import_of_a_bag_into_its_folder_is_refused(bag):
@@ -152,7 +154,7 @@ def small_bags(folder):
 
 
 def outcome(work):
-    """What is said of bad data; None where there is nothing to say."""
+    """Error message of bad data; None: no error."""
     try:
         work()
     except ValueError as error:
@@ -163,7 +165,7 @@ def outcome(work):
 @pytest.mark.filterwarnings("ignore")
 def test_damaged_bags_give_a_recording_or_one_line(tmp_path):
     random = np.random.default_rng(3)
-    said = []
+    outcomes = []
     for name, content in small_bags(tmp_path):
         for number in range(16):
             damaged = bytearray(content)
@@ -173,7 +175,7 @@ def test_damaged_bags_give_a_recording_or_one_line(tmp_path):
             path = tmp_path / f"damaged.{name}"
             path.write_bytes(damaged[: random.integers(len(content))] if number < 3 else damaged)
             out = tmp_path / f"{name}{number}"
-            said.append(outcome(lambda path=path, out=out: import_recording(path, out)))
-    lines = [line for line in said if line is not None]
+            outcomes.append(outcome(lambda path=path, out=out: import_recording(path, out)))
+    lines = [line for line in outcomes if line is not None]
     assert len(lines) > 10
     assert all(line.isprintable() for line in lines)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 from sightline.data.importing.bag_files import (
     METADATA_NAME,
     SUFFIXES,
-    lone_files,
+    decompressed_zstd,
+    files_without_metadata,
     open_files,
-    unpacked_zstd,
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, install_command
@@ -83,7 +83,7 @@ class Bag:
     _readers: "list[Reader]"
     _types: "Typestore"
     _is_ros1: bool
-    _are_messages_packed: bool
+    _are_messages_compressed: bool
     topics: tuple[Topic, ...] = field(init=False)
     undecodable: dict[tuple[str, int], str] = field(default_factory=dict)
     """Reasons why messages read so far cannot be decoded, by topic and number."""
@@ -101,12 +101,12 @@ class Bag:
             found[connection.topic] = Topic(name=connection.topic, kind=kind, count=count)
         self.topics = tuple(topic for _, topic in sorted(found.items()))
 
-    def of_kind(self, *kinds: str) -> tuple[Topic, ...]:
-        """Topics of some kinds, by name."""
+    def topics_of_kind(self, *kinds: str) -> tuple[Topic, ...]:
+        """Topics with messages of these kinds, by name."""
         return tuple(topic for topic in self.topics if topic.kind in kinds and topic.count > 0)
 
     def messages(
-        self, topics: Collection[str], *, wanted: Collection[tuple[str, int]] | None = None
+        self, topics: Collection[str], *, selected: Collection[tuple[str, int]] | None = None
     ) -> Iterator[Message]:
         """Yields messages in the order of receipt.
 
@@ -114,7 +114,7 @@ class Bag:
 
         Args:
             topics: Names of the topics.
-            wanted: Numbers of the messages to decode, by topic; None: all.
+            selected: (topic, number) of the messages to decode; None: all.
 
         Raises:
             ValueError: The bag is damaged.
@@ -122,49 +122,49 @@ class Bag:
         kinds = {topic.name: topic.kind for topic in self.topics if topic.name in topics}
         numbers = dict.fromkeys(kinds, 0)
         try:
-            for name, received_ns, raw in self._raw(kinds):
+            for name, received_ns, raw in self._raw_messages(kinds):
                 number = numbers[name]
                 numbers[name] += 1
-                if wanted is not None and (name, number) not in wanted:
+                if selected is not None and (name, number) not in selected:
                     continue
                 if abs(received_ns) >= _TIME_LIMIT_NS:
-                    said = f"its time of receipt, {received_ns} ns, is that of no clock"
-                    self.undecodable[name, number] = said
+                    reason = f"its time of receipt, {received_ns} ns, is implausible"
+                    self.undecodable[name, number] = reason
                 content = self._content(raw, kinds[name], (name, number))
                 if content is not None:
                     yield Message(name, number, received_ns, content)
         except Exception as error:
             raise ValueError(
                 f"{self.path} is damaged after {sum(numbers.values())} messages "
-                f"({_in_words(error)}); repair it (`ros2 bag`, `mcap recover`) or import a copy "
-                "that is whole"
+                f"({_one_line(error)}); repair it (`ros2 bag`, `mcap recover`) or import an "
+                "intact copy"
             ) from error
 
-    def undecodable_note(self, topics: Collection[str]) -> tuple[str, ...]:
-        """Return a line for each topic with undecodable messages, with their number."""
+    def undecodable_notes(self, topics: Collection[str]) -> tuple[str, ...]:
+        """Return a line for each topic with undecodable messages, with their count."""
         notes = []
         for name in topics:
-            reasons = [why for (topic, _), why in self.undecodable.items() if topic == name]
+            reasons = [reason for (topic, _), reason in self.undecodable.items() if topic == name]
             if reasons:
                 notes.append(
-                    f"warning: dropped {len(reasons)} messages of {shortened(name)} that cannot be "
-                    f"read: {reasons[0]}"
+                    f"warning: dropped {len(reasons)} unreadable messages of {shortened(name)}: "
+                    f"{reasons[0]}"
                 )
         return tuple(notes)
 
-    def nothing_readable(self, topic: str) -> ValueError:
+    def unreadable_topic_error(self, topic: str) -> ValueError:
         """Return the error for a topic without a decodable message."""
-        notes = self.undecodable_note([topic])
-        why = f": {notes[0].removeprefix('warning: ')}" if notes else ""
+        notes = self.undecodable_notes([topic])
+        reason = f": {notes[0].removeprefix('warning: ')}" if notes else ""
         return ValueError(
-            f"{self.path} has no message of {shortened(topic)} that can be read{why}; import a bag "
-            "that is whole, or choose another topic"
+            f"{self.path} has no readable message of {shortened(topic)}{reason}; import an intact "
+            "bag, or choose another topic"
         )
 
-    def _raw(self, kinds: dict[str, str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yield topic, time [ns] and bytes of the messages of some kinds by time."""
+    def _raw_messages(self, kinds: dict[str, str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield topic, time [ns] and bytes of the messages of the given kinds, by time."""
 
-        def of_reader(reader: "Reader") -> Iterator[tuple[str, int, bytes]]:
+        def from_reader(reader: "Reader") -> Iterator[tuple[str, int, bytes]]:
             chosen: list[Any] = [
                 each
                 for each in reader.connections
@@ -174,20 +174,20 @@ class Bag:
                 for connection, received_ns, raw in reader.messages(chosen):
                     yield connection.topic, received_ns, bytes(raw)
 
-        return heapq.merge(*map(of_reader, self._readers), key=lambda each: each[1])
+        return heapq.merge(*map(from_reader, self._readers), key=lambda each: each[1])
 
-    def _content(self, raw: bytes, kind: str, place: tuple[str, int]) -> Any:  # noqa: ANN401
+    def _content(self, raw: bytes, kind: str, key: tuple[str, int]) -> Any:  # noqa: ANN401
         """Decode a message; None if it cannot be decoded."""
-        if place in self.undecodable:
+        if key in self.undecodable:
             return None
         try:
-            if self._are_messages_packed:
-                raw = unpacked_zstd(raw)
+            if self._are_messages_compressed:
+                raw = decompressed_zstd(raw)
             if self._is_ros1:
                 return self._types.deserialize_ros1(raw, kind)
             return self._types.deserialize_cdr(raw, kind)
-        except Exception as error:  # noqa: BLE001 - whatever any bytes make of the library
-            self.undecodable[place] = _in_words(error)
+        except Exception as error:  # noqa: BLE001 - arbitrary bytes may raise any error
+            self.undecodable[key] = _one_line(error)
             return None
 
     def _connections(self) -> "Iterator[Connection]":
@@ -230,25 +230,25 @@ def open_bag(path: Path) -> Iterator[Bag]:
         ) from error
     with ExitStack() as stack:
         try:
-            readers, are_messages_packed = stack.enter_context(open_files(path))
+            readers, are_messages_compressed = stack.enter_context(open_files(path))
         except FileError:
             raise
         except Exception as error:
             raise ValueError(
-                f"{path} cannot be read as a ROS bag: {_in_words(error)}; give a folder with "
-                "metadata.yaml, or a whole .mcap, .db3 or .bag file"
+                f"{path} cannot be read as a ROS bag: {_one_line(error)}; give a folder with "
+                "metadata.yaml, or an intact .mcap, .db3 or .bag file"
             ) from error
         is_ros1 = any(isinstance(reader, Ros1Reader) for reader in readers)
         if is_ros1 and not all(isinstance(reader, Ros1Reader) for reader in readers):
             raise ValueError(f"{path} holds bags of ROS 1 and of ROS 2; import one of them")
-        yield Bag(path, readers, _types(is_ros1=is_ros1), is_ros1, are_messages_packed)
+        yield Bag(path, readers, _types(is_ros1=is_ros1), is_ros1, are_messages_compressed)
 
 
 def is_bag(path: Path) -> bool:
     """Whether a path looks like a bag."""
     if path.is_file():
         return path.suffix in SUFFIXES
-    return (path / METADATA_NAME).is_file() or bool(lone_files(path))
+    return (path / METADATA_NAME).is_file() or bool(files_without_metadata(path))
 
 
 def _types(*, is_ros1: bool) -> "Typestore":
@@ -269,9 +269,9 @@ def _count(connection: "Connection") -> int:
     return connection.msgcount if isinstance(connection.msgcount, int) else 0
 
 
-def _in_words(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     """Return a library's error as one line for a terminal."""
-    said = " ".join(str(error).split())
-    if not said or len(str(error).split()) < 2:  # KeyError(7)
-        said = f"{type(error).__name__} {said}".rstrip()
-    return shortened(said, 200)
+    text = " ".join(str(error).split())
+    if len(text.split()) < 2:  # KeyError(7)
+        text = f"{type(error).__name__} {text}".rstrip()
+    return shortened(text, 200)

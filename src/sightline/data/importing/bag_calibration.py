@@ -11,13 +11,13 @@ from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
 from sightline.data.importing.bag import TRANSFORMS, Bag, plain_frame
-from sightline.data.importing.bag_messages import picture_size
+from sightline.data.importing.bag_messages import image_size_from_message
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.camera_region import region_of_image
 from sightline.data.importing.frames import (
     Rigid,
+    find_chain,
     find_transform,
-    find_way,
     rigid_from_quaternion,
 )
 from sightline.data.kitti_trees import describe_absent
@@ -34,12 +34,12 @@ from sightline.geometry.rotations import rotation_fault
 from sightline.geometry.tilt import Tilt
 
 _FILE: Final = "give a calibration file by --calibration (docs/recordings.md has an example)"
-_MOVED_M: Final = 1e-3
-_TURNED_DEG: Final = 0.05
-_COMPARED: Final = 20  # transforms left out one by one to compare other chains
+_TRANSLATION_TOLERANCE_M: Final = 1e-3
+_ROTATION_TOLERANCE_DEG: Final = 0.05
+_MAX_COMPARED_TRANSFORMS: Final = 20  # transforms left out one by one to compare other chains
 _LEVEL_FRAMES: Final = ("base_footprint", "base_link")
-_LEAST_TILT_DEG: Final = 1.0  # smaller tilts are within the errors of calibrations
-_MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
+_MIN_TILT_DEG: Final = 1.0  # smaller tilts are within the errors of calibrations
+_LENS_MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
 
 
 def calibration_of_bag(
@@ -77,8 +77,8 @@ def calibration_of_bag(
     frames = tuple(dict.fromkeys(frame for frame in (camera_frame, info_frame) if frame))
     if len(frames) > 1:
         info_notes += (
-            f"warning: images are in frame {shortened(camera_frame)}, {_shown_info(topics)} in "
-            f"{shortened(info_frame)}: it is perhaps of another camera",
+            f"warning: images are in frame {shortened(camera_frame)}, but {_info_label(topics)} is "
+            f"in {shortened(info_frame)}: it may belong to another camera",
         )
     camera_from_lidar, tilt, tf_notes = _lidar_mount(bag, topics, frames)
     try:
@@ -90,7 +90,7 @@ def calibration_of_bag(
         )
         require_usable(calibration, region.size or image_size)
     except ValueError as error:
-        raise ValueError(f"by topic {_shown_info(topics)} {error}; {_FILE}") from error
+        raise ValueError(f"topic {_info_label(topics)}: {error}; {_FILE}") from error
     return calibration, (*info_notes, *region.notes, *tf_notes)
 
 
@@ -98,7 +98,7 @@ def _image_size(bag: Bag, topics: ChosenTopics) -> tuple[int, int] | None:
     """Height and width of the images, from the first readable one; None: there is none."""
     for message in bag.messages([topics.camera.name]):
         with suppress(ValueError):  # reported when images are written
-            return picture_size(message.content)
+            return image_size_from_message(message.content)
     return None
 
 
@@ -117,27 +117,27 @@ def _usable_info(bag: Bag, topics: ChosenTopics) -> tuple[Any, tuple[str, ...]]:
             continue
         if chosen is None:
             chosen, chosen_number = info, message.number
-        elif _said_by(info) != _said_by(chosen):
+        elif _info_content(info) != _info_content(chosen):
             others += 1
-    notes = bag.undecodable_note([_info_name(topics)])
+    notes = bag.undecodable_notes([_info_name(topics)])
     if chosen is None and fault is not None:
-        raise ValueError(f"by topic {_shown_info(topics)} {fault}; {_FILE}") from fault
+        raise ValueError(f"topic {_info_label(topics)}: {fault}; {_FILE}") from fault
     if chosen is None:
-        raise bag.nothing_readable(_info_name(topics))
+        raise bag.unreadable_topic_error(_info_name(topics))
     if unusable:
         notes += (
-            f"{unusable} of {total} messages of {_shown_info(topics)} hold no calibration: number "
-            f"{chosen_number} (from 0), the first that does, is taken",
+            f"{unusable} of {total} messages of {_info_label(topics)} hold no calibration: number "
+            f"{chosen_number} (from 0), the first valid one, is used",
         )
     if others:
         notes += (
-            f"warning: {others} of {total} messages of {_shown_info(topics)} differ from number "
-            f"{chosen_number} (from 0), which is taken for all images",
+            f"warning: {others} of {total} messages of {_info_label(topics)} differ from number "
+            f"{chosen_number} (from 0), which is used for all images",
         )
     return chosen, notes
 
 
-def _said_by(info: Any) -> tuple[object, ...]:  # noqa: ANN401
+def _info_content(info: Any) -> tuple[object, ...]:  # noqa: ANN401
     roi = info.roi
     numbers = (tuple(_field(info, name).tolist()) for name in ("d", "k", "r", "p"))
     region = (roi.x_offset, roi.y_offset, roi.height, roi.width)
@@ -168,22 +168,22 @@ def _lens(info: Any, topics: ChosenTopics, *, undistort: bool) -> Lens | None:  
     coefficients = tuple(_field(info, "d").tolist())
     if not any(coefficients):
         return None
-    said = str(info.distortion_model)
-    model = _MODELS.get(said, said)
-    shown = ", ".join(f"{value:.4g}" for value in coefficients)
+    model_name = str(info.distortion_model)
+    model = _LENS_MODELS.get(model_name, model_name)
+    listed = ", ".join(f"{value:.4g}" for value in coefficients)
     if model not in get_args(LensModel):
         raise ValueError(
-            f"topic {_shown_info(topics)} has the unknown lens model {shortened(said)!r}; {_FILE}"
+            f"topic {_info_label(topics)} has the unknown lens model {shortened(model_name)!r}; "
+            f"{_FILE}"
         )
     try:
         check_lens(cast("LensModel", model), coefficients)
     except ValueError as error:
-        raise ValueError(f"topic {_shown_info(topics)}: {error}; {_FILE}") from error
+        raise ValueError(f"topic {_info_label(topics)}: {error}; {_FILE}") from error
     if not undistort:
         raise ValueError(
-            f"topic {_shown_info(topics)} tells of a lens that distorts ({said}: {shown}); give "
-            "--undistort to have the images straightened, or choose rectified ones by "
-            "--camera-topic"
+            f"topic {_info_label(topics)}: the lens distorts ({model_name}: {listed}); undistort "
+            "the images by --undistort, or choose rectified ones by --camera-topic"
         )
     return Lens(model=cast("LensModel", model), coefficients=coefficients)
 
@@ -201,22 +201,22 @@ def _lidar_mount(
         found = find_transform(transforms.first, camera, lidar)
         if found is not None:
             last = find_transform(transforms.last, camera, lidar)
-            notes = _notes_of_transforms(found, last, transforms, (lidar, camera))
+            notes = _transform_notes(found, last, transforms, (lidar, camera))
             return found, _tilt_on_vehicle(transforms.first, lidar), notes
     if transforms.faults:
         raise ValueError(f"{bag.path}: {transforms.faults[0]}")
     camera = camera_frames[0] if camera_frames else ""
     sensors = (("LiDAR", topics.lidar, lidar), ("camera", topics.camera, camera))
-    for what, topic, frame in sensors:
+    for sensor, topic, frame in sensors:
         if not frame:
             raise ValueError(
-                f"{bag.path} does not tell where the {what} sits: no message of "
+                f"{bag.path} lacks the pose of the {sensor}: no message of "
                 f"{shortened(topic.name)} names its frame (header.frame_id); {_FILE}"
             )
     frames = sorted({frame for pair in transforms.first for frame in pair})
-    known = f"knows {describe_absent(frames)}" if frames else "is empty"
+    known = f"has frames {describe_absent(frames)}" if frames else "is empty"
     raise ValueError(
-        f"{bag.path} does not tell where the LiDAR sits: TF has no way from frame "
+        f"{bag.path} lacks the pose of the LiDAR: TF has no chain from frame "
         f"'{shortened(lidar)}' (topic {shortened(topics.lidar.name)}) to "
         f"'{shortened(camera)}' (topic {shortened(topics.camera.name)}), it {known}; "
         f"{_FILE}"
@@ -232,7 +232,7 @@ def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) ->
         vehicle_from_lidar = find_transform(transforms, vehicle, lidar)
         if vehicle_from_lidar is not None:
             tilt = Tilt.from_up(vehicle_from_lidar[2, :3])
-            return tilt if _LEAST_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG else None
+            return tilt if _MIN_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG else None
     return None
 
 
@@ -251,66 +251,68 @@ def _transforms(bag: Bag) -> _Transforms:
     first: dict[tuple[str, str], Rigid] = {}
     last: dict[tuple[str, str], Rigid] = {}
     faults: list[str] = []
-    names = [topic.name for topic in bag.of_kind(TRANSFORMS)]
+    names = [topic.name for topic in bag.topics_of_kind(TRANSFORMS)]
     for name in sorted(names, key=lambda name: "static" not in name):
         for message in bag.messages([name]):
             for each in message.content.transforms:
                 pair = (plain_frame(each.header.frame_id), plain_frame(each.child_frame_id))
-                turn, move = each.transform.rotation, each.transform.translation
+                rotation, translation = each.transform.rotation, each.transform.translation
                 try:
                     rigid = rigid_from_quaternion(
-                        np.array((turn.x, turn.y, turn.z, turn.w), dtype=np.float64),
-                        np.array((move.x, move.y, move.z), dtype=np.float64),
+                        np.array(
+                            (rotation.x, rotation.y, rotation.z, rotation.w), dtype=np.float64
+                        ),
+                        np.array((translation.x, translation.y, translation.z), dtype=np.float64),
                     )
                 except ValueError as error:
-                    shown = f"{shortened(pair[1])} in {shortened(pair[0])}"
-                    faults.append(f"{name}: the transform of {shown} {error}")
+                    label = f"{shortened(pair[1])} in {shortened(pair[0])}"
+                    faults.append(f"{name}: the transform of {label} {error}")
                     continue
                 first.setdefault(pair, rigid)
                 last[pair] = rigid
     return _Transforms(first, last, tuple(faults))
 
 
-def _notes_of_transforms(
+def _transform_notes(
     first: Rigid, last: Rigid | None, transforms: _Transforms, frames: tuple[str, str]
 ) -> tuple[str, ...]:
     """Return notes on unusable transforms, moving sensors and contradicting chains."""
     notes = []
     if transforms.faults:
         notes.append(
-            f"left out {len(transforms.faults)} transforms that are none, the first of them "
+            f"left out {len(transforms.faults)} invalid transforms, the first: "
             f"{transforms.faults[0].removesuffix('; calibrate again')}"
         )
     lidar, camera = frames
-    change = _change(first, last)
-    if change is not None:
+    difference = _difference(first, last)
+    if difference is not None:
         notes.append(
-            f"warning: by TF {shortened(lidar)} moves against {shortened(camera)} during the "
-            f"drive, by {change} from first to last: the first is taken"
+            f"warning: by TF {shortened(lidar)} moves relative to {shortened(camera)} in the "
+            f"drive, by {difference} from first to last: the first is used"
         )
-    way = find_way(transforms.first, camera, lidar) or []
-    for pair in list(pairwise(way))[:_COMPARED]:
+    chain = find_chain(transforms.first, camera, lidar) or []
+    for pair in list(pairwise(chain))[:_MAX_COMPARED_TRANSFORMS]:
         for step in (pair, pair[::-1]):
             others = {each: rigid for each, rigid in transforms.first.items() if each != step}
-            change = _change(first, find_transform(others, camera, lidar))
-            if change is not None:
+            difference = _difference(first, find_transform(others, camera, lidar))
+            if difference is not None:
                 notes.append(
-                    f"warning: TF has several ways from {shortened(lidar)} to {shortened(camera)} "
-                    f"that differ by {change}: the shortest is taken, by {shortened(pair[0])} and "
-                    f"{shortened(pair[1])}"
+                    f"warning: TF has several chains from {shortened(lidar)} to "
+                    f"{shortened(camera)} that differ by {difference}: the shortest is used, "
+                    f"through {shortened(pair[0])} and {shortened(pair[1])}"
                 )
                 return tuple(notes)
     return tuple(notes)
 
 
-def _change(first: Rigid, other: Rigid | None) -> str | None:
+def _difference(first: Rigid, other: Rigid | None) -> str | None:
     """Describe the difference of two transforms; None: no difference, or no other transform."""
-    change = np.eye(4) if other is None else np.linalg.inv(first) @ other
-    moved_m = float(np.linalg.norm(change[:3, 3]))
-    turned_deg = float(np.degrees(Rotation.from_matrix(change[:3, :3]).magnitude()))
-    if moved_m <= _MOVED_M and turned_deg <= _TURNED_DEG:
+    difference = np.eye(4) if other is None else np.linalg.inv(first) @ other
+    translation_m = float(np.linalg.norm(difference[:3, 3]))
+    rotation_deg = float(np.degrees(Rotation.from_matrix(difference[:3, :3]).magnitude()))
+    if translation_m <= _TRANSLATION_TOLERANCE_M and rotation_deg <= _ROTATION_TOLERANCE_DEG:
         return None
-    return f"{moved_m:.3g} m and {turned_deg:.3g} degrees"
+    return f"{translation_m:.3g} m and {rotation_deg:.3g} degrees"
 
 
 def _first_frame(bag: Bag, topic: str) -> str:
@@ -324,7 +326,7 @@ def _first_frame(bag: Bag, topic: str) -> str:
         if frame := plain_frame(message.content.header.frame_id):
             return frame
     if message is None:
-        raise bag.nothing_readable(topic)
+        raise bag.unreadable_topic_error(topic)
     return ""
 
 
@@ -339,5 +341,5 @@ def _info_name(topics: ChosenTopics) -> str:
     return topics.info.name
 
 
-def _shown_info(topics: ChosenTopics) -> str:
+def _info_label(topics: ChosenTopics) -> str:
     return shortened(_info_name(topics))

@@ -13,7 +13,7 @@ Clock = Literal["header", "received"]
 """Time for pairing messages: time of measurement, or of receipt by the bag."""
 
 _DAY_NS: Final = 86_400 * 10**9
-_FALL_NS: Final = 10**9
+_MAX_FALL_NS: Final = 10**9
 """Largest decrease of stamps that is explained by reordered messages."""
 
 
@@ -67,12 +67,14 @@ def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
     delays = [float(np.median(times.offsets_ns[_is_set(times)])) for times in topics]
     if max(delays) - min(delays) > _DAY_NS:
         far = int(np.argmax(np.abs(delays)))
-        fault = f"{_stamps_of(topics[far])} are {_apart(delays[far])} receipt, others are not"
+        fault = (
+            f"{_stamps_label(topics[far])} are {_delay_text(delays[far])} receipt, others are not"
+        )
         return _received(topics, fault, "import a bag whose clocks were set")
     notes = []
     if min(map(abs, delays)) > _DAY_NS:
         notes.append(
-            f"header stamps of all sensors are {_apart(delays[0])} receipt: they are taken for "
+            f"header stamps of all sensors are {_delay_text(delays[0])} receipt: they are used as "
             "times of one clock"
         )
     filled = []
@@ -81,8 +83,8 @@ def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
         filled.append(np.where(is_set, times.header_ns, times.received_ns + round(delay)))
         if not is_set.all():
             notes.append(
-                f"warning: {np.count_nonzero(~is_set)} of {len(is_set)} {_stamps_of(times)} are "
-                "not set, or days off the others: the time of receipt counts for them"
+                f"warning: {np.count_nonzero(~is_set)} of {len(is_set)} {_stamps_label(times)} are "
+                "not set, or days off the others: the time of receipt is used for them"
             )
     return ChosenClock(clock="header", times_ns=tuple(filled), notes=tuple(notes))
 
@@ -91,10 +93,10 @@ def _received(topics: Sequence[MessageTimes], fault: str, remedy: str) -> Chosen
     """Choose the times of receipt, with a warning of the stamps' fault."""
     for times in topics:
         if len(times.received_ns) > 1 and len(np.unique(times.received_ns)) == 1:
-            also = f"{fault}, and " if fault else ""
+            prefix = f"{fault}, and " if fault else ""
             raise ValueError(
-                f"{also}all {len(times.received_ns)} messages of {shortened(times.topic)} have "
-                f"the same time of receipt: nothing tells which belong together; {remedy}"
+                f"{prefix}all {len(times.received_ns)} messages of {shortened(times.topic)} have "
+                f"the same time of receipt: images and sweeps cannot be paired; {remedy}"
             )
     notes = (f"warning: {fault}: messages are paired by the time of receipt",) if fault else ()
     return ChosenClock(
@@ -104,21 +106,27 @@ def _received(topics: Sequence[MessageTimes], fault: str, remedy: str) -> Chosen
 
 def _stamps_fault(times: MessageTimes) -> str | None:
     """Reason why a topic's stamps are unusable; None: usable."""
-    said, is_set = _stamps_of(times), _is_set(times)
+    stamps_label, is_set = _stamps_label(times), _is_set(times)
     if not (times.header_ns > 0).any():
-        return f"{said} are all 0" if not times.header_ns.any() else f"{said} are not above 0"
+        return (
+            f"{stamps_label} are all 0"
+            if not times.header_ns.any()
+            else f"{stamps_label} are not above 0"
+        )
     if np.count_nonzero(is_set) * 2 <= len(is_set):
         unset = np.count_nonzero(~is_set)
-        return f"{unset} of {len(is_set)} {said} are not set, or days off the others"
+        return f"{unset} of {len(is_set)} {stamps_label} are not set, or days off the others"
     stamps = times.header_ns[is_set]
     if len(stamps) > 1 and len(np.unique(stamps)) * 2 <= len(stamps):
-        return f"{said} stand still: {len(np.unique(stamps))} different ones of {len(stamps)}"
+        return (
+            f"{stamps_label} stand still: {len(np.unique(stamps))} different ones of {len(stamps)}"
+        )
     steps = np.diff(stamps)
-    falls = np.maximum.accumulate(stamps) - stamps
+    falls_ns = np.maximum.accumulate(stamps) - stamps
     if np.count_nonzero(steps < 0) * 2 > np.count_nonzero(steps):
-        return f"{said} fall from message to message"
-    if falls.max() > _FALL_NS:
-        return f"{said} go back by {falls.max() / 1e9:.4g} s in between"
+        return f"{stamps_label} fall from message to message"
+    if falls_ns.max() > _MAX_FALL_NS:
+        return f"{stamps_label} go back by {falls_ns.max() / 1e9:.4g} s in between"
     return None
 
 
@@ -132,11 +140,11 @@ def _is_set(times: MessageTimes) -> np.ndarray:
     return is_kept
 
 
-def _stamps_of(times: MessageTimes) -> str:
+def _stamps_label(times: MessageTimes) -> str:
     return f"header stamps of {shortened(times.topic)}"
 
 
-def _apart(delay_ns: float) -> str:
+def _delay_text(delay_ns: float) -> str:
     days = abs(delay_ns) / _DAY_NS
-    said = f"{days:.3g} days" if days < 730 else f"{days / 365.25:.3g} years"
-    return f"{said} {'after' if delay_ns > 0 else 'before'}"
+    text = f"{days:.3g} days" if days < 730 else f"{days / 365.25:.3g} years"
+    return f"{text} {'after' if delay_ns > 0 else 'before'}"

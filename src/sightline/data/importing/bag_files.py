@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 SUFFIXES: Final = (".mcap", ".db3", ".bag")
 """Suffixes of bags in one file."""
 METADATA_NAME: Final = "metadata.yaml"
-MAX_UNPACKED_BYTES: Final = 2**29
-"""Largest decompressed chunk or message: recorders write chunks of some megabytes."""
+MAX_DECOMPRESSED_BYTES: Final = 2**29
+"""Largest decompressed chunk or message: recorders write chunks of a few megabytes."""
 
 _MAX_METADATA_BYTES: Final = 2**20
-_MAX_GAIN: Final = 1000
+_MAX_COMPRESSION_RATIO: Final = 1000
 """Largest compression ratio of a whole file; for sensor data it is about 10."""
 _MAX_BLOB_BYTES: Final = 2**28
 _STEP_BYTES: Final = 2**22
-_REMEDY: Final = "import a bag that is whole (`ros2 bag reindex` writes its metadata.yaml anew)"
+_REMEDY: Final = "import an intact bag (`ros2 bag reindex` rewrites its metadata.yaml)"
 
 
-class _Unpacker(Protocol):
+class _Decompressor(Protocol):
     """Incremental decompressor, as in `bz2`, `lz4` and `zstd`."""
 
     eof: bool
@@ -43,12 +43,12 @@ class _Unpacker(Protocol):
     def decompress(self, data: bytes, max_length: int = -1, /) -> bytes: ...
 
 
-def unpacked(new: Callable[[], Any], packed: bytes, limit: int) -> bytes:
+def decompressed(new: Callable[[], Any], compressed: bytes, limit: int) -> bytes:
     """Decompress within a limit.
 
     Args:
         new: Creates a decompressor of one frame.
-        packed: One compressed frame or several.
+        compressed: One compressed frame or several.
         limit: Largest number of decompressed bytes.
 
     Raises:
@@ -56,27 +56,27 @@ def unpacked(new: Callable[[], Any], packed: bytes, limit: int) -> bytes:
     """
     parts: list[bytes] = []
     room = limit
-    while packed:
-        unpacker: _Unpacker = new()
-        parts.append(unpacker.decompress(packed, min(room + 1, _STEP_BYTES)))
+    while compressed:
+        decompressor: _Decompressor = new()
+        parts.append(decompressor.decompress(compressed, min(room + 1, _STEP_BYTES)))
         room -= len(parts[-1])
-        while room >= 0 and not unpacker.eof:
-            parts.append(unpacker.decompress(b"", min(room + 1, _STEP_BYTES)))
+        while room >= 0 and not decompressor.eof:
+            parts.append(decompressor.decompress(b"", min(room + 1, _STEP_BYTES)))
             room -= len(parts[-1])
-            if not parts[-1] and unpacker.needs_input:
+            if not parts[-1] and decompressor.needs_input:
                 raise ValueError("compressed data are cut short")
         if room < 0:
-            raise ValueError(f"compressed data unpack to more than {limit} bytes")
-        packed = unpacker.unused_data or b""
+            raise ValueError(f"compressed data decompress to more than {limit} bytes")
+        compressed = decompressor.unused_data or b""
     return b"".join(parts)
 
 
-def unpacked_zstd(packed: bytes) -> bytes:
-    """Decompress a message; errors as in `unpacked`."""
-    return unpacked(_zstd().ZstdDecompressor, packed, MAX_UNPACKED_BYTES)
+def decompressed_zstd(compressed: bytes) -> bytes:
+    """Decompress a message; errors as in `decompressed`."""
+    return decompressed(_zstd().ZstdDecompressor, compressed, MAX_DECOMPRESSED_BYTES)
 
 
-def lone_files(folder: Path) -> list[Path]:
+def files_without_metadata(folder: Path) -> list[Path]:
     """List the files of a split drive, or of a bag without metadata.yaml."""
     if not folder.is_dir() or (folder / METADATA_NAME).is_file():
         return []
@@ -100,13 +100,13 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
     kinds: dict[str, Any] = {".mcap": McapReader, ".db3": Sqlite3Reader, ".bag": Ros1Reader}
     with ExitStack() as stack:
         stack.enter_context(_bounded_library())
-        packing = ""
-        paths = lone_files(path) or [path]
-        if path.is_dir() and not lone_files(path):
-            paths, packing = _listed_files(path)
-            if packing == "file":
+        compression = ""
+        paths = files_without_metadata(path) or [path]
+        if path.is_dir() and not files_without_metadata(path):
+            paths, compression = _listed_files(path)
+            if compression == "file":
                 folder = Path(stack.enter_context(TemporaryDirectory(prefix="sightline-bag-")))
-                paths = [_unpacked_file(each, folder) for each in paths]
+                paths = [_decompressed_file(each, folder) for each in paths]
         readers: list[Reader] = []
         for each in paths:
             if each.suffix not in kinds:
@@ -119,14 +119,14 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
 
                 reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, _MAX_BLOB_BYTES)
             readers.append(reader)
-        yield readers, packing == "message"
+        yield readers, compression == "message"
 
 
 def _listed_files(folder: Path) -> tuple[list[Path], str]:
     """Read a bag's files and kind of compression ("", "message", "file") from metadata.yaml."""
     path = folder / METADATA_NAME
-    said = read_yaml(path, _REMEDY, max_bytes=_MAX_METADATA_BYTES)
-    match said:
+    content = read_yaml(path, _REMEDY, max_bytes=_MAX_METADATA_BYTES)
+    match content:
         case {"rosbag2_bagfile_information": {"relative_file_paths": [*names]} as about} if names:
             pass
         case _:
@@ -138,7 +138,7 @@ def _listed_files(folder: Path) -> tuple[list[Path], str]:
         plain = name.rpartition("/")[2] if isinstance(name, str) else name
         each = path_below(folder, plain, path, f"relative_file_paths: entry {number}")
         if not each.is_file():
-            raise FileError(path, f"names {each}, which is not there", _REMEDY)
+            raise FileError(path, f"names {each}, which does not exist", _REMEDY)
         paths.append(each)
     mode = str(about.get("compression_mode") or "").lower()
     kind = str(about.get("compression_format") or "")
@@ -146,21 +146,25 @@ def _listed_files(folder: Path) -> tuple[list[Path], str]:
         return paths, ""
     if mode not in ("file", "message") or kind != "zstd":
         problem = (
-            f"says compression {shortened(mode, 20)} by {shortened(kind, 20)!r}, expected zstd"
+            f"declares compression {shortened(mode, 20)} by {shortened(kind, 20)!r}, expected zstd"
         )
         raise FileError(path, problem, "convert the bag (`ros2 bag convert`)")
     return paths, mode
 
 
-def _unpacked_file(path: Path, folder: Path) -> Path:
+def _decompressed_file(path: Path, folder: Path) -> Path:
     """Decompress a file into a folder, under its name without the last suffix."""
     target = folder / path.stem
-    room = path.stat().st_size * _MAX_GAIN
-    with path.open("rb") as packed, _zstd().open(packed, "rb") as source, target.open("wb") as file:
+    room = path.stat().st_size * _MAX_COMPRESSION_RATIO
+    with (
+        path.open("rb") as compressed,
+        _zstd().open(compressed, "rb") as source,
+        target.open("wb") as file,
+    ):
         while block := source.read(_STEP_BYTES):
             room -= len(block)
             if room < 0:
-                problem = f"unpacks to more than {_MAX_GAIN} times its size"
+                problem = f"decompresses to more than {_MAX_COMPRESSION_RATIO} times its size"
                 raise FileError(path, problem, _REMEDY)
             file.write(block)
     return target
@@ -181,13 +185,15 @@ def _bounded_library() -> Iterator[None]:
     zstd = _zstd().ZstdDecompressor
     chunks = {
         "": lambda data, _: data,
-        "lz4": lambda data, size: unpacked(LZ4FrameDecompressor, data, _announced(size)),
-        "zstd": lambda data, size: unpacked(zstd, data, _announced(size)),
+        "lz4": lambda data, size: decompressed(
+            LZ4FrameDecompressor, data, _checked_chunk_size(size)
+        ),
+        "zstd": lambda data, size: decompressed(zstd, data, _checked_chunk_size(size)),
     }
     old_chunks = {
         "none": lambda data: data,
-        "bz2": lambda data: unpacked(bz2.BZ2Decompressor, data, MAX_UNPACKED_BYTES),
-        "lz4": lambda data: unpacked(LZ4FrameDecompressor, data, MAX_UNPACKED_BYTES),
+        "bz2": lambda data: decompressed(bz2.BZ2Decompressor, data, MAX_DECOMPRESSED_BYTES),
+        "lz4": lambda data: decompressed(LZ4FrameDecompressor, data, MAX_DECOMPRESSED_BYTES),
     }
     changes: list[tuple[Any, str, object]] = [
         (storage_mcap, "DECOMPRESSORS", chunks),
@@ -205,9 +211,9 @@ def _bounded_library() -> Iterator[None]:
             setattr(module, name, value)
 
 
-def _announced(size: int) -> int:
-    if size > MAX_UNPACKED_BYTES:
-        raise ValueError(f"a chunk announces {size} bytes, expected up to {MAX_UNPACKED_BYTES}")
+def _checked_chunk_size(size: int) -> int:
+    if size > MAX_DECOMPRESSED_BYTES:
+        raise ValueError(f"a chunk declares {size} bytes, expected up to {MAX_DECOMPRESSED_BYTES}")
     return size
 
 

@@ -14,7 +14,7 @@ from sightline.data.point_files import columns_of
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 
-_COLOR: Final[dict[str, tuple[int, int | None]]] = {
+_ENCODINGS: Final[dict[str, tuple[int, int | None]]] = {
     "rgb8": (3, None),
     "bgr8": (3, cv2.COLOR_BGR2RGB),
     "rgba8": (4, cv2.COLOR_RGBA2RGB),
@@ -37,25 +37,27 @@ _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: 
 """NumPy types by the type numbers of sensor_msgs/PointField."""
 
 
-def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:  # noqa: ANN401
+def image_from_message(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:  # noqa: ANN401
     """Decode an Image message to RGB.
 
     Raises:
         ValueError: Its encoding is not a known one of 8 bits, or it is truncated; names the topic.
     """
     topic = shortened(topic)
-    color = _COLOR.get(_plain_encoding(message.encoding))
+    color = _ENCODINGS.get(_normalised_encoding(message.encoding))
     if color is None:
         raise ValueError(
             f"topic {topic} holds images of encoding {_quoted(message.encoding)}, expected one of "
-            f"{', '.join(_COLOR)}; republish it as rgb8, or choose another by --camera-topic"
+            f"{', '.join(_ENCODINGS)}; republish it as rgb8, or choose another by --camera-topic"
         )
     channels, conversion = color
     height, width = int(message.height), int(message.width)
     flat = np.frombuffer(memoryview(message.data), np.uint8)
     if min(height, width) < 1:
         raise ValueError(f"topic {topic} holds an image of {height}x{width} (height x width)")
-    rows = _rows_of(flat, height, width * channels, int(message.step), f"topic {topic}", "an image")
+    rows = _unpadded_rows(
+        flat, height, width * channels, int(message.step), f"topic {topic}", "an image"
+    )
     pixels = np.ascontiguousarray(rows.reshape(height, width, channels))
     try:
         rgb = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
@@ -67,7 +69,7 @@ def picture_of(message: Any, topic: str) -> UInt8[np.ndarray, "height width 3"]:
     return np.ascontiguousarray(rgb, dtype=np.uint8)
 
 
-def picture_size(message: Any) -> tuple[int, int]:  # noqa: ANN401
+def image_size_from_message(message: Any) -> tuple[int, int]:  # noqa: ANN401
     """Height and width [px] of an Image or CompressedImage message.
 
     Raises:
@@ -90,7 +92,7 @@ class PictureFile:
     """Whether the picture has a single colour."""
 
 
-def picture_file_of(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
+def image_file_from_message(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
     """Extract the file in a CompressedImage message, with unchanged bytes.
 
     Raises:
@@ -119,7 +121,7 @@ def picture_file_of(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
     )
 
 
-def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  # noqa: ANN401
+def cloud_from_message(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  # noqa: ANN401
     """Read x, y, z and intensity (0 if missing) of a PointCloud2 message, in its frame and units.
 
     Raises:
@@ -127,7 +129,7 @@ def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  
             names the topic.
     """
     topic = shortened(topic)
-    layout = _layout_of(message, topic)
+    layout = _point_layout(message, topic)
     height, width = int(message.height), int(message.width)
     flat = np.frombuffer(memoryview(message.data), np.uint8)
     if height * width == 0 and flat.size:
@@ -137,22 +139,27 @@ def cloud_of(message: Any, topic: str) -> Float32[np.ndarray, "num_points 4"]:  
         )
     row_bytes = width * int(message.point_step)
     row_step = int(message.row_step)
-    rows = _rows_of(flat, height, row_bytes, row_step, f"topic {topic}", "a cloud")
+    rows = _unpadded_rows(flat, height, row_bytes, row_step, f"topic {topic}", "a cloud")
     return columns_of(np.ascontiguousarray(rows).view(layout).ravel(), f"topic {topic}")
 
 
-def _quoted(said: object) -> str:
-    return f"'{shortened(str(said), 40)}'"
+def _quoted(value: object) -> str:
+    return f"'{shortened(str(value), 40)}'"
 
 
-def _plain_encoding(encoding: str) -> str:
-    """Name of an encoding as in `_COLOR`: in lower case except for OpenCV's 8UC3."""
+def _normalised_encoding(encoding: str) -> str:
+    """Name of an encoding as in `_ENCODINGS`: in lower case except for OpenCV's 8UC3."""
     lower = str(encoding).strip().lower()
     return lower.replace("uc", "UC") if lower in ("8uc1", "8uc3") else lower
 
 
-def _rows_of(
-    flat: UInt8[np.ndarray, " size"], height: int, row_bytes: int, step: int, topic: str, what: str
+def _unpadded_rows(
+    flat: UInt8[np.ndarray, " size"],
+    height: int,
+    row_bytes: int,
+    step: int,
+    source: str,
+    content: str,
 ) -> UInt8[np.ndarray, "height row_bytes"]:
     """Rows of an image or a cloud without padding bytes.
 
@@ -170,13 +177,13 @@ def _rows_of(
         row_bytes, needed = step, height * step
     if flat.size < needed:
         raise ValueError(
-            f"{topic} holds {what} of {flat.size} bytes, expected {height} rows of {row_bytes} "
+            f"{source} holds {content} of {flat.size} bytes, expected {height} rows of {row_bytes} "
             "bytes; it is cut short"
         )
     return flat[:needed].reshape(height, row_bytes)
 
 
-def _layout_of(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401
+def _point_layout(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401
     """Fields of a point; of fields with equal names, which drivers use for gaps, only the first."""
     order = ">" if message.is_bigendian else "<"
     fields: dict[str, Any] = {}

@@ -42,14 +42,14 @@ def pair_messages(
         ValueError: No message can be decoded, or there are no pairs.
     """
     names = (topics.camera.name, topics.lidar.name)
-    found = {name: _Found() for name in names}
+    by_topic = {name: _TopicMessages() for name in names}
     for message in bag.messages(set(names)):
-        found[message.topic].add(message, keep_other_frames=keep_other_frames)
+        by_topic[message.topic].add(message, keep_other_frames=keep_other_frames)
     for name in names:
-        if not found[name].numbers:
-            raise bag.nothing_readable(name)
+        if not by_topic[name].numbers:
+            raise bag.unreadable_topic_error(name)
     try:
-        chosen = choose_clock([found[name].times(name) for name in names], clock)
+        chosen = choose_clock([by_topic[name].times(name) for name in names], clock)
     except ValueError as error:
         raise ValueError(f"{bag.path}: {error}") from error
     camera, lidar = chosen.times_ns
@@ -57,7 +57,7 @@ def pair_messages(
     pairs = pair_nearest(camera[by_time[0]], lidar[by_time[1]], round(max_gap_s * 1e9))
     positions = np.stack([order[pairs[:, axis]] for axis, order in enumerate(by_time)], axis=1)
     if not len(positions):
-        fault = _nothing_pairs(topics, (camera, lidar), max_gap_s, chosen.clock, clock)
+        fault = _no_pairs_reason(topics, (camera, lidar), max_gap_s, chosen.clock, clock)
         raise ValueError(f"{bag.path}: {fault}")
     gaps_ms = np.abs(camera[positions[:, 0]] - lidar[positions[:, 1]]) / 1e6
     notes = (
@@ -65,16 +65,18 @@ def pair_messages(
         f"{chosen.clock} time, {gaps_ms.max():.1f} ms apart at most; dropped "
         f"{len(camera) - len(positions)} images and {len(lidar) - len(positions)} sweeps",
         *chosen.notes,
-        *bag.undecodable_note(names),
-        *(note for name in names for note in found[name].frame_notes(name)),
+        *bag.undecodable_notes(names),
+        *(note for name in names for note in by_topic[name].frame_notes(name)),
     )
     repeated = [len(each) - len(np.unique(each)) for each in (camera, lidar)]
     if any(repeated):
         notes += (
-            f"warning: {repeated[0]} images and {repeated[1]} sweeps have the {chosen.clock} time "
-            "of another one, of which the first counts",
+            f"warning: {repeated[0]} images and {repeated[1]} sweeps repeat the {chosen.clock} "
+            "time of an earlier one and are not used",
         )
-    columns = [np.array(found[name].numbers)[positions[:, axis]] for axis, name in enumerate(names)]
+    columns = [
+        np.array(by_topic[name].numbers)[positions[:, axis]] for axis, name in enumerate(names)
+    ]
     return Pairs(
         positions=np.stack(columns, axis=1),
         times_s=tuple(Decimal(int(time_ns)) / 10**9 for time_ns in lidar[positions[:, 1]]),
@@ -83,7 +85,7 @@ def pair_messages(
 
 
 @dataclass(slots=True)
-class _Found:
+class _TopicMessages:
     """Used messages of a topic, and messages in another coordinate frame."""
 
     numbers: list[int] = field(default_factory=list)
@@ -91,17 +93,17 @@ class _Found:
     received_ns: list[int] = field(default_factory=list)
     frame: str = ""
     """Frame of the first message that names one."""
-    others: Counter[str] = field(default_factory=Counter)
+    other_frames: Counter[str] = field(default_factory=Counter)
     """Numbers of messages in each other frame."""
-    are_others_kept: bool = False
+    are_other_frames_kept: bool = False
 
     def add(self, message: Message, *, keep_other_frames: bool) -> None:
         """Count a message."""
         frame = plain_frame(message.content.header.frame_id)
         self.frame = self.frame or frame
-        self.are_others_kept = keep_other_frames
+        self.are_other_frames_kept = keep_other_frames
         if frame not in ("", self.frame):
-            self.others[frame] += 1
+            self.other_frames[frame] += 1
             if not keep_other_frames:
                 return
         self.numbers.append(message.number)
@@ -118,33 +120,35 @@ class _Found:
 
     def frame_notes(self, topic: str) -> tuple[str, ...]:
         """Return a line on messages in another frame than the first; empty: there are none."""
-        if not self.others:
+        if not self.other_frames:
             return ()
-        other, _ = self.others.most_common(1)[0]
-        count = self.others.total()
-        total = len(self.numbers) + (0 if self.are_others_kept else count)
-        said = (
+        other, _ = self.other_frames.most_common(1)[0]
+        count = self.other_frames.total()
+        total = len(self.numbers) + (0 if self.are_other_frames_kept else count)
+        description = (
             f"{count} of {total} messages of {shortened(topic)} that are in frame "
             f"{shortened(other)}, not {shortened(self.frame)} as the first"
         )
-        if self.are_others_kept:
-            return (f"warning: kept {said}: the calibration file holds for one of them alone",)
-        return (f"warning: dropped {said}, whose calibration is taken",)
+        if self.are_other_frames_kept:
+            return (
+                f"warning: kept {description}: the calibration file is valid for only one frame",
+            )
+        return (f"warning: dropped {description}, whose calibration is used",)
 
 
-def _nothing_pairs(
+def _no_pairs_reason(
     topics: ChosenTopics,
     times_ns: tuple[Int64[np.ndarray, " num_images"], Int64[np.ndarray, " num_sweeps"]],
     max_gap_s: float,
     clock: Clock,
-    asked: Clock,
+    requested: Clock,
 ) -> str:
     """Return the reason why there are no pairs, with a remedy."""
     camera, lidar = (np.sort(each) for each in times_ns)
     image, sweep = pair_nearest(camera, lidar, np.iinfo(np.int64).max)[0]
     gap_s = abs(int(camera[image]) - int(lidar[sweep])) / 1e9
     other = "received" if clock == "header" else "header"
-    switch = f"--clock {other} or " if clock == asked else ""
+    switch = f"--clock {other} or " if clock == requested else ""
     return (
         f"no image of {shortened(topics.camera.name)} and sweep of {shortened(topics.lidar.name)} "
         f"lie within {max_gap_s:g} s; the first are {gap_s:.3g} s apart by their {clock} time; try "

@@ -22,7 +22,7 @@ class ChosenTopics:
     @property
     def is_rectified(self) -> bool:
         """Whether the images are rectified, by ROS's topic names: image_rect, image_rect_color."""
-        words = _picture_name(self.camera.name).split("_")
+        words = _image_name(self.camera.name).split("_")
         return any(word.startswith("rect") for word in words)  # image_direct is not rectified
 
 
@@ -37,56 +37,63 @@ def choose_topics(
         ValueError: A named topic is missing, or there are none or several of a kind; the error
             lists the topics and the remedy.
     """
-    pictures = bag.of_kind(IMAGE, COMPRESSED_IMAGE)
-    chosen = _choose(bag, pictures, camera, "--camera-topic", "images (Image, CompressedImage)")
+    images = bag.topics_of_kind(IMAGE, COMPRESSED_IMAGE)
+    chosen = _choose(bag, images, camera, "--camera-topic", "images (Image, CompressedImage)")
     return ChosenTopics(
         camera=chosen,
-        lidar=_choose(bag, bag.of_kind(CLOUD), lidar, "--lidar-topic", "clouds (PointCloud2)"),
+        lidar=_choose(
+            bag, bag.topics_of_kind(CLOUD), lidar, "--lidar-topic", "clouds (PointCloud2)"
+        ),
         info=_choose_info(bag, chosen, info),
     )
 
 
 def _choose(
-    bag: Bag, candidates: tuple[Topic, ...], name: str | None, option: str, what: str
+    bag: Bag, candidates: tuple[Topic, ...], name: str | None, option: str, content: str
 ) -> Topic:
     listed = ", ".join(map(str, candidates))
     if name is not None:
         plain = name.strip("/")
         named = next((topic for topic in candidates if topic.name.strip("/") == plain), None)
         if named is None:
-            found = listed or f"none; its topics are {_listed(bag)}"
-            raise ValueError(f"{bag.path} has no topic {shortened(name)} of {what}; it has {found}")
+            found = listed or f"none; its topics are {_topic_list(bag)}"
+            raise ValueError(
+                f"{bag.path} has no topic {shortened(name)} of {content}; it has {found}"
+            )
         return named
     if not candidates:
         raise ValueError(
-            f"{bag.path} has no topic of {what}; its topics are {_listed(bag)}; import a bag that "
-            "holds a camera and a LiDAR"
+            f"{bag.path} has no topic of {content}; its topics are {_topic_list(bag)}; import a "
+            "bag with a camera and a LiDAR"
         )
     compressed = {
-        _picture_base(topic.name) for topic in candidates if topic.kind == COMPRESSED_IMAGE
+        _raw_topic_name(topic.name) for topic in candidates if topic.kind == COMPRESSED_IMAGE
     }
     kept = [
         topic
         for topic in candidates
-        if topic.kind != IMAGE or _picture_base(topic.name) not in compressed
+        if topic.kind != IMAGE or _raw_topic_name(topic.name) not in compressed
     ]
     if len(kept) > 1:
         raise ValueError(
-            f"{bag.path} has {len(kept)} topics of {what}: {listed}; choose one by {option}"
+            f"{bag.path} has {len(kept)} topics of {content}: {listed}; choose one by {option}"
         )
     return kept[0]
 
 
 def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
-    candidates = bag.of_kind(CAMERA_INFO)
+    candidates = bag.topics_of_kind(CAMERA_INFO)
     if name is not None:
         return _choose(bag, candidates, name, "--info-topic", "calibrations (CameraInfo)")
     # By ROS's convention it is beside the images: /front/image_raw, /front/camera_info.
-    near = {topic.name: _shared(topic.name, _picture_base(camera.name)) for topic in candidates}
-    nearest = [topic for topic in candidates if near[topic.name] == max(near.values())]
-    usual = [topic for topic in nearest if topic.name.rpartition("/")[2] == "camera_info"]
-    for chosen in (nearest, usual):
-        if len(chosen) == 1 and (len(candidates) == 1 or near[chosen[0].name]):
+    num_shared = {
+        topic.name: _num_shared_names(topic.name, _raw_topic_name(camera.name))
+        for topic in candidates
+    }
+    closest = [topic for topic in candidates if num_shared[topic.name] == max(num_shared.values())]
+    usual = [topic for topic in closest if topic.name.rpartition("/")[2] == "camera_info"]
+    for chosen in (closest, usual):
+        if len(chosen) == 1 and (len(candidates) == 1 or num_shared[chosen[0].name]):
             return chosen[0]
     if candidates:
         listed = ", ".join(map(str, candidates))
@@ -97,20 +104,20 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
     return None
 
 
-def _shared(first: str, second: str) -> int:
+def _num_shared_names(first: str, second: str) -> int:
     """Number of common leading names of two topics' paths."""
     pairs = zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
-def _picture_base(name: str) -> str:
+def _raw_topic_name(name: str) -> str:
     """Raw topic of a compressed topic."""
     return next((name.removesuffix(end) for end in _COMPRESSED if name.endswith(end)), name)
 
 
-def _picture_name(name: str) -> str:
-    return _picture_base(name).rpartition("/")[2]
+def _image_name(name: str) -> str:
+    return _raw_topic_name(name).rpartition("/")[2]
 
 
-def _listed(bag: Bag) -> str:
+def _topic_list(bag: Bag) -> str:
     return ", ".join(map(str, bag.topics)) or "none"

@@ -38,31 +38,35 @@ def region_of_image(
     binning = max(int(info.binning_x), 1), max(int(info.binning_y), 1)
     roi = info.roi
     offset = int(roi.x_offset), int(roi.y_offset)
-    cut = (int(roi.height), int(roi.width)) if roi.height and roi.width else full
-    if binning == (1, 1) and offset == (0, 0) and cut == full:
+    region_size = (int(roi.height), int(roi.width)) if roi.height and roi.width else full
+    if binning == (1, 1) and offset == (0, 0) and region_size == full:
         return ImageRegion(matrix=full_matrix, size=full)
     matrix = full_matrix.copy()
     matrix[:2] -= np.outer(offset, full_matrix[2])
     matrix[:2] /= np.array(binning)[:, None]
-    size = None if cut is None else (cut[0] // binning[1], cut[1] // binning[0])
+    size = (
+        None
+        if region_size is None
+        else (region_size[0] // binning[1], region_size[1] // binning[0])
+    )
     if (
         size is not None
         and image_size is not None
         and np.abs(np.subtract(size, image_size)).max() < 2
     ):
         size = image_size  # half of an odd number of rows may be rounded either way
-    said = (
+    description = (
         f"CameraInfo has binning {binning[0]}x{binning[1]} and a region that begins at "
         f"{offset[0]}, {offset[1]}"
     )
     applied = ImageRegion(
-        matrix=matrix, size=size, notes=(f"{said}: the camera's matrix is converted",)
+        matrix=matrix, size=size, notes=(f"{description}: the camera's matrix is converted",)
     )
     if image_size is None or size == image_size or full != image_size:
         return applied
-    middle = np.array(image_size[::-1]) / 2
-    distances = [np.linalg.norm(each[:2, 2] - middle) for each in (matrix, full_matrix)]
+    image_centre = np.array(image_size[::-1]) / 2
+    distances = [np.linalg.norm(each[:2, 2] - image_centre) for each in (matrix, full_matrix)]
     if distances[0] < distances[1]:
         return ImageRegion(matrix=matrix, size=image_size, notes=applied.notes)
-    note = f"{said}, but images have the full size: the camera's matrix is taken as it is"
+    note = f"{description}, but images have the full size: the camera's matrix is used unchanged"
     return ImageRegion(matrix=full_matrix, size=full, notes=(note,))

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 Rigid = Float64[np.ndarray, "4 4"]
 
-_ROUNDING: Final = 0.05  # rounding error of quaternions with two digits
-_FARTHEST_M: Final = 1e9
+_LENGTH_TOLERANCE: Final = 0.05  # rounding error of quaternions with two digits
+_MAX_TRANSLATION_M: Final = 1e9
 
 
 def rigid_from_quaternion(
@@ -30,10 +30,12 @@ def rigid_from_quaternion(
     length = float(np.linalg.norm(quaternion_xyzw))
     if not length:
         raise ValueError("has the quaternion 0 0 0 0, which is no rotation; calibrate again")
-    if abs(length - 1) > _ROUNDING:
+    if abs(length - 1) > _LENGTH_TOLERANCE:
         raise ValueError(f"has a quaternion of length {length:.4g}, expected 1; calibrate again")
-    if np.abs(translation).max() > _FARTHEST_M:
-        raise ValueError(f"moves by more than {_FARTHEST_M:g} m; calibrate again")
+    if np.abs(translation).max() > _MAX_TRANSLATION_M:
+        raise ValueError(
+            f"has a translation of more than {_MAX_TRANSLATION_M:g} m; calibrate again"
+        )
     rigid[:3, :3] = Rotation.from_quat(quaternion_xyzw).as_matrix()
     rigid[:3, 3] = translation
     return rigid
@@ -49,18 +51,19 @@ def find_transform(
         target: Name of a frame.
         source: Name of a frame.
     """
-    way = find_way(parent_from_child, target, source)
-    if way is None:
+    chain = find_chain(parent_from_child, target, source)
+    if chain is None:
         return None
     target_from_source = np.eye(4)
-    for at, frame in pairwise(way):
-        direct = parent_from_child.get((frame, at))
-        frame_from_at = np.linalg.inv(parent_from_child[at, frame]) if direct is None else direct
-        target_from_source = frame_from_at @ target_from_source
+    for previous, frame in pairwise(chain):
+        frame_from_previous = parent_from_child.get((frame, previous))
+        if frame_from_previous is None:
+            frame_from_previous = np.linalg.inv(parent_from_child[previous, frame])
+        target_from_source = frame_from_previous @ target_from_source
     return target_from_source
 
 
-def find_way(pairs: Collection[tuple[str, str]], target: str, source: str) -> list[str] | None:
+def find_chain(pairs: Collection[tuple[str, str]], target: str, source: str) -> list[str] | None:
     """Find the frames on the shortest chain from source to target; None: there is no chain.
 
     Args:
@@ -72,17 +75,17 @@ def find_way(pairs: Collection[tuple[str, str]], target: str, source: str) -> li
     for parent, child in pairs:
         neighbours.setdefault(child, {})[parent] = None
         neighbours.setdefault(parent, {})[child] = None
-    came_from = {source: source}
-    waiting = deque([source])
-    while waiting and target not in came_from:
-        at = waiting.popleft()
+    predecessor = {source: source}
+    queue = deque([source])
+    while queue and target not in predecessor:
+        at = queue.popleft()
         for frame in neighbours.get(at, {}):
-            if frame not in came_from:
-                came_from[frame] = at
-                waiting.append(frame)
-    if target not in came_from:
+            if frame not in predecessor:
+                predecessor[frame] = at
+                queue.append(frame)
+    if target not in predecessor:
         return None
-    way = [target]
-    while way[-1] != source:
-        way.append(came_from[way[-1]])
-    return way[::-1]
+    chain = [target]
+    while chain[-1] != source:
+        chain.append(predecessor[chain[-1]])
+    return chain[::-1]

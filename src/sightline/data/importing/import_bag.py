@@ -16,7 +16,11 @@ from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import calibration_of_bag
 from sightline.data.importing.bag_clocks import Clock
-from sightline.data.importing.bag_messages import cloud_of, picture_file_of, picture_of
+from sightline.data.importing.bag_messages import (
+    cloud_from_message,
+    image_file_from_message,
+    image_from_message,
+)
 from sightline.data.importing.bag_pairs import Pairs, pair_messages
 from sightline.data.importing.bag_topics import ChosenTopics, choose_topics
 from sightline.data.importing.frames import Rigid
@@ -27,12 +31,12 @@ from sightline.data.importing.writer import (
     check_not_into_source,
     check_staged,
     collected_warnings,
-    counted_cloud,
+    count_echoes,
     describe_view,
-    moved,
+    moved_cloud,
     names_present,
     staging_folder,
-    turned,
+    turned_calibration,
     write_calibration,
     write_cloud,
     write_times,
@@ -53,9 +57,9 @@ from sightline.jobs.progress import track
 
 _INTENSITIES: Final = (1.0, 255.0, 65535.0)
 """Usual intensities of a reflectance of 1."""
-_GUESSED_FROM: Final = 5
+_NUM_SWEEPS_FOR_SCALE: Final = 5
 """Number of sweeps for guessing the scale: the first may be empty, or of a garage."""
-_TRIED: Final = 5
+_MAX_TRIED_FRAMES: Final = 5
 """Number of frames tried at the start of a drive: if none is readable, nothing is written."""
 
 
@@ -80,8 +84,8 @@ def import_bag(
         if calibration is not None:
             given = read_recording_calibration(calibration)
         else:
-            given, said = calibration_of_bag(bag, topics, undistort=undistort)
-            notes += said
+            given, calibration_notes = calibration_of_bag(bag, topics, undistort=undistort)
+            notes += calibration_notes
         pairs = pair_messages(
             bag, topics, max_gap_s, clock, keep_other_frames=calibration is not None
         )
@@ -89,7 +93,7 @@ def import_bag(
         if max_intensity is None and intensity == 1:
             intensity = _guess_intensity(bag, topics, pairs)
         new_from_old, angle_deg = turn_ahead(given.matrices.camera_from_lidar)
-        written = replace(turned(given, new_from_old), max_intensity=1.0)
+        written = replace(turned_calibration(given, new_from_old), max_intensity=1.0)
         settings = {
             "sightline": version("sightline"),
             "source": data_name(source),
@@ -102,7 +106,9 @@ def import_bag(
         }
         names = [f"{number:06}" for number in range(len(pairs.positions))]
         frames = _Frames(out, topics, written, intensity, new_from_old)
-        frames.try_first(bag, dict(zip(names[:_TRIED], pairs.positions, strict=False)), source)
+        frames.try_first(
+            bag, dict(zip(names[:_MAX_TRIED_FRAMES], pairs.positions, strict=False)), source
+        )
         acquire_output_dir(out, settings, results=RESULTS)
         write_calibration(out, written)
         present = names_present(out, IMAGES, POINTS)
@@ -138,7 +144,7 @@ class _Frames:
     faults: dict[str, ValueError] = field(default_factory=dict)
     """Errors of the left-out frames, by name."""
     clouds: CloudTally = field(default_factory=CloudTally)
-    dark: dict[str, bool] = field(default_factory=dict)
+    blank: dict[str, bool] = field(default_factory=dict)
     """Whether pictures have a single colour, by name."""
 
     def try_first(
@@ -152,7 +158,7 @@ class _Frames:
         first: ValueError | None = None
         for name, position in positions.items():
             with staging_folder() as staged:
-                trial = replace(self, out=staged, faults={}, dark={})
+                trial = replace(self, out=staged, faults={}, blank={})
                 trial.write(bag, {name: position})
                 if not trial.faults:
                     write_calibration(staged, self.calibration)
@@ -174,7 +180,7 @@ class _Frames:
             names[lidar, int(sweep)] = name
         if not names:
             return
-        messages = bag.messages({camera, lidar}, wanted=names)
+        messages = bag.messages({camera, lidar}, selected=names)
         for message in track(messages, description="importing", total=len(names)):
             name = names.pop((message.topic, message.number))
             read = self._image if message.topic == camera else self._cloud
@@ -186,9 +192,9 @@ class _Frames:
                 write_file()
             if not names:
                 break
-        self._remove_halves()
+        self._remove_incomplete()
 
-    def _remove_halves(self) -> None:
+    def _remove_incomplete(self) -> None:
         """Removes images without a readable cloud, and vice versa: each would count as a frame."""
         for name in self.faults:
             for folder in (IMAGES, POINTS):
@@ -197,38 +203,38 @@ class _Frames:
 
     def notes(self) -> tuple[str, ...]:
         """Return lines on left-out points and frames, with counts."""
-        said = (*self.clouds.lines(), *self._dark_note())
+        lines = (*self.clouds.lines(), *self._blank_note())
         if not self.faults:
-            return said
-        why = next(iter(self.faults.values()))
+            return lines
+        first = next(iter(self.faults.values()))
         return (
-            *said,
-            f"warning: dropped {len(self.faults)} frames that cannot be read; of the first, {why}",
+            *lines,
+            f"warning: dropped {len(self.faults)} unreadable frames; the first: {first}",
         )
 
-    def _dark_note(self) -> tuple[str, ...]:
-        kept = {name: is_dark for name, is_dark in self.dark.items() if name not in self.faults}
-        dark = [name for name, is_dark in kept.items() if is_dark]
-        if not dark:
+    def _blank_note(self) -> tuple[str, ...]:
+        kept = {name: is_blank for name, is_blank in self.blank.items() if name not in self.faults}
+        blank = [name for name, is_blank in kept.items() if is_blank]
+        if not blank:
             return ()
         return (
-            f"warning: {len(dark)} of {len(kept)} images are of one colour, that of frame "
-            f"{dark[0]} for one; look whether the camera delivered anything",
+            f"warning: {len(blank)} of {len(kept)} images have a single colour, e.g. that of frame "
+            f"{blank[0]}; check whether the camera delivered images",
         )
 
     def _image(self, name: str, message: Message) -> Callable[[], None]:
         """Reads an image; returns a function that writes it."""
         topic = self.topics.camera
         if topic.kind == COMPRESSED_IMAGE:
-            file = picture_file_of(message.content, topic.name)
+            file = image_file_from_message(message.content, topic.name)
             self._check_size(file.size, message)
-            self.dark[name] = file.is_blank
+            self.blank[name] = file.is_blank
             path = self.out / IMAGES / f"{name}{file.suffix}"
             return partial(atomic_write_bytes, path, file.content)
-        picture = picture_of(message.content, topic.name)
-        self._check_size((picture.shape[0], picture.shape[1]), message)
-        self.dark[name] = is_blank(picture)
-        return partial(write_rgb, self.out / IMAGES / f"{name}.png", picture)
+        image = image_from_message(message.content, topic.name)
+        self._check_size((image.shape[0], image.shape[1]), message)
+        self.blank[name] = is_blank(image)
+        return partial(write_rgb, self.out / IMAGES / f"{name}.png", image)
 
     def _check_size(self, size: tuple[int, int], message: Message) -> None:
         expected = self.calibration.image_size
@@ -236,27 +242,29 @@ class _Frames:
             raise ValueError(
                 f"topic {shortened(message.topic)}: image {message.number} is {size[0]}x{size[1]} "
                 f"(height x width), but its calibration is for {expected[0]}x{expected[1]}; choose "
-                "the topic that was calibrated, or give its calibration by --calibration"
+                "the calibrated topic, or give a calibration by --calibration"
             )
 
     def _cloud(self, name: str, message: Message) -> Callable[[], None]:
         """Reads a cloud; returns a function that writes it."""
         source = f"topic {shortened(message.topic)}"
-        read = cloud_of(message.content, message.topic)
-        points, tally = counted_cloud(name, read, self.max_intensity, source)
+        read = cloud_from_message(message.content, message.topic)
+        points, tally = count_echoes(name, read, self.max_intensity, source)
         self.clouds += tally
-        return partial(write_cloud, self.out, name, moved(points, self.new_from_old))
+        return partial(write_cloud, self.out, name, moved_cloud(points, self.new_from_old))
 
 
 def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: Pairs) -> float:
     """Guess the smallest usual intensity scale on which some sweeps of the drive are valid."""
     lidar = topics.lidar.name
-    chosen = np.linspace(0, len(pairs.positions) - 1, _GUESSED_FROM).round().astype(np.int64)
-    wanted = {(lidar, int(number)) for number in pairs.positions[chosen, 1]}
+    chosen = (
+        np.linspace(0, len(pairs.positions) - 1, _NUM_SWEEPS_FOR_SCALE).round().astype(np.int64)
+    )
+    selected = {(lidar, int(number)) for number in pairs.positions[chosen, 1]}
     clouds = []
-    for message in bag.messages([lidar], wanted=wanted):
+    for message in bag.messages([lidar], selected=selected):
         with suppress(ValueError):  # reported when frames are written
-            clouds.append(echoes(cloud_of(message.content, lidar)))
+            clouds.append(echoes(cloud_from_message(message.content, lidar)))
     return next(
         (
             scale

@@ -18,12 +18,12 @@ from sightline.data.importing.writer import (
     ImportReport,
     check_not_into_source,
     check_staged,
-    counted_cloud,
+    count_echoes,
     describe_view,
-    moved,
+    moved_cloud,
     names_present,
     staging_folder,
-    turned,
+    turned_calibration,
     write_calibration,
     write_cloud,
     write_times,
@@ -52,13 +52,13 @@ def import_nuscenes(
 ) -> ImportReport:
     """Imports key frames; arguments and errors as in `import_recording`."""
     check_not_into_source(tables.root, out)
-    found = tables.moments(camera, lidar)
-    listed = found.moments
+    key_frames = tables.moments(camera, lidar)
+    listed = key_frames.moments
     moments = [each for each in listed if each.image.is_file() and each.sweep.is_file()]
     if not moments:
         raise ValueError(
             f"{tables.root} lacks the files of all {len(listed)} key frames of {camera} and "
-            f"{lidar}, {listed[0].image} for one; extract the archives with {camera} there"
+            f"{lidar}, e.g. {listed[0].image}; extract the archives with {camera} into it"
         )
     settings = {
         "sightline": version("sightline"),
@@ -87,8 +87,8 @@ def import_nuscenes(
         skipped=len(moments) - len(pending),
         notes=(
             f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
-            *_dropped(found, len(listed) - len(moments)),
-            *_turns(moments, camera),
+            *_dropped_notes(key_frames, len(listed) - len(moments)),
+            *_rotation_notes(moments, camera),
             *(tally.lines() if pending else ()),
             *clouds.lines(),
             *describe_view(out),
@@ -96,22 +96,22 @@ def import_nuscenes(
     )
 
 
-def _dropped(found: Moments, without_files: int) -> Iterator[str]:
+def _dropped_notes(key_frames: Moments, without_files: int) -> Iterator[str]:
     """Yield notes on left-out key frames of the tables, with counts."""
     if without_files:
         yield (
-            f"dropped {without_files} of {len(found.moments)} key frames, whose image or sweep is "
-            "not there"
+            f"dropped {without_files} of {len(key_frames.moments)} key frames, whose image or "
+            "sweep is missing"
         )
-    if found.alone:
-        yield f"dropped {found.alone} samples that have a key frame of one of the two alone"
-    if found.repeated:
-        yield f"dropped {found.repeated} key frames beyond the first of their sample and channel"
+    if key_frames.num_incomplete:
+        yield f"dropped {key_frames.num_incomplete} samples with a key frame of only one channel"
+    if key_frames.num_repeated:
+        yield f"dropped {key_frames.num_repeated} repeated key frames of a sample and channel"
 
 
-def _turns(moments: Sequence[Moment], camera: str) -> Iterator[str]:
+def _rotation_notes(moments: Sequence[Moment], camera: str) -> Iterator[str]:
     for turn in sorted({round(turn_ahead(moment.mount)[1]) for moment in moments} - {0}):
-        yield f"clouds are turned by {-turn} degrees, so that x points where {camera} looks"
+        yield f"clouds are rotated by {-turn} degrees, so that x points where {camera} looks"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,18 +123,18 @@ class _Frames:
 
     def write(self, moment: Moment) -> tuple[LabelTally, CloudTally]:
         new_from_old, _ = turn_ahead(moment.mount)
-        calibration = turned(_calibration(moment), new_from_old)
+        calibration = turned_calibration(_calibration(moment), new_from_old)
         size = read_image_size(moment.image)
         if size != moment.image_size:
             raise FileError(
                 moment.image,
                 f"is {size[0]}x{size[1]} (height x width), expected {moment.image_size[0]}x"
-                f"{moment.image_size[1]} as its table says",
+                f"{moment.image_size[1]} as in its table",
                 _REMEDY,
             )
-        read = _read_sweep(moment.sweep)
-        echoes, clouds = counted_cloud(moment.name, read, self.max_intensity, moment.sweep)
-        points = moved(echoes, new_from_old)
+        sweep = _read_sweep(moment.sweep)
+        echoes, clouds = count_echoes(moment.name, sweep, self.max_intensity, moment.sweep)
+        points = moved_cloud(echoes, new_from_old)
         lidar_from_world = new_from_old @ np.linalg.inv(moment.world_from_lidar)
         objects, tally = kitti_from_annotations(
             moment.annotations, calibration.matrices, lidar_from_world, size, points
@@ -157,10 +157,10 @@ def _calibration(moment: Moment) -> RecordingCalibration:
     try:
         matrices = checked_matrices(camera, moment.camera_from_lidar)
     except ValueError as error:
-        raise FileError(moment.image, f"cannot be used: its {error}", _TABLES_REMEDY) from error
+        raise FileError(moment.image, f"is unusable: its {error}", _TABLES_REMEDY) from error
     doubts = check_intrinsics(camera[:, :3], moment.image_size, moment.image, usual=False)
     if doubts:
-        problem = f"cannot be used: its calibration {doubts[0].problem}"
+        problem = f"is unusable: its calibration {doubts[0].problem}"
         raise FileError(moment.image, problem, _TABLES_REMEDY)
     return RecordingCalibration(matrices=matrices, lidar_height_m=moment.lidar_height_m)
 

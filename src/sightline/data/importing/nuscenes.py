@@ -16,7 +16,7 @@ from sightline.files.safe_names import checked_name, path_below
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 
 _CYCLE: Final = "cycle."
-_RIDDEN: Final = "cycle.with_rider"
+_WITH_RIDER: Final = "cycle.with_rider"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -62,9 +62,9 @@ class Moments:
     """All frames of a data set, and counts of dropped ones."""
 
     moments: tuple[Moment, ...]
-    alone: int
+    num_incomplete: int
     """Number of samples with only one of the two channels."""
-    repeated: int
+    num_repeated: int
     """Number of key frames beyond the first of a sample and a channel."""
 
 
@@ -109,16 +109,16 @@ class _Reader:
         self._tables_by_name = {name: read_table(self._path(name)) for name in names}
         attributes = self._tables_by_name["attribute"].rows.values()
         self._samples = read_table(self._path("sample"))
-        self._knows_riders = any(row.text("name").startswith(_CYCLE) for row in attributes)
+        self._has_rider_attributes = any(row.text("name").startswith(_CYCLE) for row in attributes)
 
     def moments(self, camera: str, lidar: str) -> Moments:
-        by_sample, repeated = self._key_frames((camera, lidar))
+        by_sample, num_repeated = self._key_frames((camera, lidar))
         annotations: dict[str, list[Row]] = {}
         for row in read_rows(self._path("sample_annotation")):
             token = self._samples.of(row, "sample_token").text("token")
             annotations.setdefault(token, []).append(row)
-        both = sum(len(taken) == 2 for taken in by_sample.values())
-        if camera == lidar or not both:
+        num_complete = sum(len(by_channel) == 2 for by_channel in by_sample.values())
+        if camera == lidar or not num_complete:
             raise ValueError(
                 f"{self._tables.folder} has no sample with key frames of {camera} and {lidar}; "
                 "name a camera by --camera-topic and a LiDAR by --lidar-topic"
@@ -130,40 +130,42 @@ class _Reader:
             for labelled in [annotations.get(token, [])]
         ]
         return Moments(
-            moments=tuple(moments), alone=len(by_sample) - len(moments), repeated=repeated
+            moments=tuple(moments),
+            num_incomplete=len(by_sample) - len(moments),
+            num_repeated=num_repeated,
         )
 
-    def _key_frames(self, wanted: tuple[str, str]) -> tuple[dict[str, dict[str, Row]], int]:
+    def _key_frames(self, channels: tuple[str, str]) -> tuple[dict[str, dict[str, Row]], int]:
         """Return the rows of the two channels by sample and channel, and the number of repeats."""
         by_sample: dict[str, dict[str, Row]] = {}
-        repeated = 0
-        channels: set[str] = set()
+        num_repeated = 0
+        found_channels: set[str] = set()
         num_between = 0
         for row in read_rows(self._path("sample_data")):
             if not row.flag("is_key_frame"):
                 num_between += 1
                 continue
             channel = self._channel(row)
-            channels.add(channel)
-            if channel in wanted:
+            found_channels.add(channel)
+            if channel in channels:
                 token = self._samples.of(row, "sample_token").text("token")
-                taken = by_sample.setdefault(token, {})
-                repeated += channel in taken
-                taken.setdefault(channel, row)
-        if not channels:
+                by_channel = by_sample.setdefault(token, {})
+                num_repeated += channel in by_channel
+                by_channel.setdefault(channel, row)
+        if not found_channels:
             raise FileError(
                 self._path("sample_data"),
                 f"has no key frame: none of its {num_between} rows has is_key_frame true, and "
-                "labels are of key frames alone",
+                "only key frames have labels",
                 "extract nuScenes' metadata archive again, or mark the rows to import",
             )
-        for channel, option in zip(wanted, ("--camera-topic", "--lidar-topic"), strict=True):
-            if channel not in channels:
+        for channel, option in zip(channels, ("--camera-topic", "--lidar-topic"), strict=True):
+            if channel not in found_channels:
                 raise ValueError(
                     f"{self._tables.folder} has no key frame of the channel {channel}; name one of "
-                    f"{', '.join(sorted(map(shortened, channels)))} by {option}"
+                    f"{', '.join(sorted(map(shortened, found_channels)))} by {option}"
                 )
-        return by_sample, repeated
+        return by_sample, num_repeated
 
     def _names(self) -> Iterator[tuple[str, str]]:
         """Yield the tokens of all samples, scene by scene, and the names of their frames."""
@@ -185,18 +187,18 @@ class _Reader:
 
     def _moment(self, name: str, image: Row, sweep: Row, labelled: Sequence[Row]) -> Moment:
         ego_from_camera, ego_from_lidar = (
-            self._to(row, "calibrated_sensor").pose() for row in (image, sweep)
+            self._referenced(row, "calibrated_sensor").pose() for row in (image, sweep)
         )
         height_m = float(ego_from_lidar[2, 3])
-        world_from_camera = self._to(image, "ego_pose").pose() @ ego_from_camera
-        world_from_lidar = self._to(sweep, "ego_pose").pose() @ ego_from_lidar
-        camera = self._to(image, "calibrated_sensor")
+        world_from_camera = self._referenced(image, "ego_pose").pose() @ ego_from_camera
+        world_from_lidar = self._referenced(sweep, "ego_pose").pose() @ ego_from_lidar
+        camera = self._referenced(image, "calibrated_sensor")
         return Moment(
             name=name,
             time_s=sweep.time_us("timestamp") / 1e6,
             image=self._file(image),
             sweep=self._file(sweep),
-            image_size=(image.whole("height", least=1), image.whole("width", least=1)),
+            image_size=(image.whole("height", minimum=1), image.whole("width", minimum=1)),
             camera_matrix=tuple(map(tuple, camera.numbers("camera_intrinsic", 3, 3).tolist())),
             camera_from_lidar=np.linalg.inv(world_from_camera) @ world_from_lidar,
             mount=np.linalg.inv(ego_from_camera) @ ego_from_lidar,
@@ -208,7 +210,7 @@ class _Reader:
         )
 
     def _annotation(self, row: Row) -> Annotation:
-        category = self._to(self._to(row, "instance"), "category")
+        category = self._referenced(self._referenced(row, "instance"), "category")
         tokens = row.texts("attribute_tokens") if row.entries.get("attribute_tokens") else []
         known = self._tables_by_name["attribute"]
         attributes = {known.of(row, "attribute_tokens", token).text("name") for token in tokens}
@@ -218,18 +220,20 @@ class _Reader:
         visibility = str(row.entries.get("visibility_token", ""))
         return Annotation(
             category=category.text("name"),
-            is_ridden=_RIDDEN in attributes if self._knows_riders else None,
+            is_ridden=_WITH_RIDER in attributes if self._has_rider_attributes else None,
             visibility=int(visibility) if visibility in ("1", "2", "3", "4") else 0,
             num_lidar_points=_num_points(row),
             size_lwh=(length, width, height),
             world_from_box=row.pose(),
         )
 
-    def _to(self, row: Row, name: str) -> Row:
+    def _referenced(self, row: Row, name: str) -> Row:
         return self._tables_by_name[name].of(row, f"{name}_token")
 
     def _channel(self, row: Row) -> str:
-        return self._to(self._to(row, "calibrated_sensor"), "sensor").text("channel")
+        return self._referenced(self._referenced(row, "calibrated_sensor"), "sensor").text(
+            "channel"
+        )
 
     def _file(self, row: Row) -> Path:
         place = f"row {row.number}: the filename"

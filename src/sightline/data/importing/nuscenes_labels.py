@@ -64,8 +64,8 @@ _CLASSES: Final = {
     "motorcyclist": "Cyclist",
 }
 """KITTI's class of each category, including its subcategories; others are left out."""
-_LEFT_OUT: Final = ("vehicle.ego",)
-_RIDER_UNNAMED: Final = ("bicycle", "motorcycle")
+_IGNORED_CATEGORIES: Final = ("vehicle.ego",)
+_CYCLES_WITHOUT_RIDER_INFO: Final = ("bicycle", "motorcycle")
 """Last words of cycle categories that do not distinguish riders."""
 _OCCLUSIONS: Final = {4: 0.0, 3: 1.0, 2: 1.0, 1: 2.0}  # by visibility; else unknown, 3
 _DONT_CARE: Final = "DontCare"
@@ -97,23 +97,23 @@ class LabelTally:
         if not self.annotations:
             return ("warning: the tables hold no annotation of these frames: labels are empty",)
         labels = sum(self.classes.values()) - self.classes[_DONT_CARE]
-        said = [
+        lines = [
             f"labels: {self.annotations} annotations became {labels} labels "
             f"({_counted(self.classes - Counter({_DONT_CARE: self.classes[_DONT_CARE]}))}) and "
             f"{self.classes[_DONT_CARE]} DontCare regions; {self.outside} are outside the image"
         ]
         if self.categories_left_out:
             number = sum(self.categories_left_out.values())
-            said.append(
-                f"left out {number} annotations of categories that are none of KITTI's classes: "
+            lines.append(
+                f"left out {number} annotations of categories without a KITTI class: "
                 f"{_counted(self.categories_left_out)}"
             )
         if not labels:
-            said.append(
+            lines.append(
                 "warning: no annotation became a label; see the counts above, and name another "
                 "camera by --camera-topic if its image shows other objects"
             )
-        return tuple(said)
+        return tuple(lines)
 
 
 def kitti_from_annotations(
@@ -144,7 +144,7 @@ def kitti_from_annotations(
             Boxes3D(torch.from_numpy(boxes)), torch.from_numpy(matrices.camera_from_lidar)
         )
     )
-    seen = [
+    image_boxes = [
         project_box(
             box_corners(locations[index], dimensions[index], float(rotations[index])),
             matrices.image_from_camera,
@@ -152,25 +152,27 @@ def kitti_from_annotations(
         )
         for index in range(len(known))
     ]
-    kept = [index for index, each in enumerate(seen) if _is_shown(each)]
-    cared = np.array([_has_points(known[index][0], boxes[index], points) for index in kept], bool)
+    kept = [index for index, each in enumerate(image_boxes) if _is_visible(each)]
+    is_detectable = np.array(
+        [_has_points(known[index][0], boxes[index], points) for index in kept], bool
+    )
     bearing = np.arctan2(locations[kept, 0], locations[kept, 2])
     alpha = (rotations[kept] - bearing + np.pi) % (2 * np.pi) - np.pi
     occlusion = [_OCCLUSIONS.get(known[index][0].visibility, 3.0) for index in kept]
-    truncation = np.array([seen[index].truncation for index in kept], dtype=np.float64)
+    truncation = np.array([image_boxes[index].truncation for index in kept], dtype=np.float64)
     class_names = tuple(
-        known[index][1] if is_cared else _DONT_CARE
-        for index, is_cared in zip(kept, cared.tolist(), strict=True)
+        known[index][1] if has_label else _DONT_CARE
+        for index, has_label in zip(kept, is_detectable.tolist(), strict=True)
     )
     objects = KittiObjects(
         class_names=class_names,
-        truncation=np.where(cared, truncation, UNKNOWN),
-        occlusion=np.where(cared, np.array(occlusion, dtype=np.float64), UNKNOWN),
-        alpha=np.where(cared, alpha, NO_ALPHA),
-        boxes2d=np.array([seen[index].box for index in kept]).reshape(-1, 4),
-        dimensions_hwl=np.where(cared[:, None], dimensions[kept], NO_SIZE),
-        locations=np.where(cared[:, None], locations[kept], NO_LOCATION),
-        rotation_y=np.where(cared, rotations[kept], NO_ROTATION),
+        truncation=np.where(is_detectable, truncation, UNKNOWN),
+        occlusion=np.where(is_detectable, np.array(occlusion, dtype=np.float64), UNKNOWN),
+        alpha=np.where(is_detectable, alpha, NO_ALPHA),
+        boxes2d=np.array([image_boxes[index].box for index in kept]).reshape(-1, 4),
+        dimensions_hwl=np.where(is_detectable[:, None], dimensions[kept], NO_SIZE),
+        locations=np.where(is_detectable[:, None], locations[kept], NO_LOCATION),
+        rotation_y=np.where(is_detectable, rotations[kept], NO_ROTATION),
     )
     return objects, _tally(annotations, class_names, outside=len(known) - len(kept))
 
@@ -193,12 +195,12 @@ def _class_of(annotation: Annotation) -> str | None:
     category = annotation.category.strip().lower().replace("-", "_").replace(" ", "_")
     words = category.split(".")
     begins = [".".join(words[:count]) for count in range(len(words), 0, -1)]
-    if any(begin in _LEFT_OUT for begin in begins):
+    if any(begin in _IGNORED_CATEGORIES for begin in begins):
         return None
     found = next((begin for begin in begins if begin in _CLASSES), None)
     if found is None or (len(begins) > 1 and found == "vehicle"):
         return None  # an unknown subcategory of nuScenes, such as vehicle.spaceship
-    may_be_parked = found.rpartition(".")[2] in _RIDER_UNNAMED
+    may_be_parked = found.rpartition(".")[2] in _CYCLES_WITHOUT_RIDER_INFO
     return "Misc" if may_be_parked and annotation.is_ridden is False else _CLASSES[found]
 
 
@@ -226,5 +228,7 @@ def _box_in_lidar(annotation: Annotation, lidar_from_world: Rigid) -> Float64[np
     return np.array((*lidar_from_box[:3, 3], *annotation.size_lwh, yaw))
 
 
-def _is_shown(seen: ImageBox) -> bool:
-    return bool(np.isfinite(seen.box).all() and (seen.box[2:] - seen.box[:2] >= 1).all())
+def _is_visible(image_box: ImageBox) -> bool:
+    return bool(
+        np.isfinite(image_box.box).all() and (image_box.box[2:] - image_box.box[:2] >= 1).all()
+    )

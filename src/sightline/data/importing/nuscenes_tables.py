@@ -18,8 +18,8 @@ from sightline.files.problem import FileError
 REMEDY: Final = "extract nuScenes' metadata archive again"
 
 _MAX_BYTES: Final = 2**32  # sample_data.json of all of nuScenes has 1.1 GB
-_LARGEST: Final = 1e9  # largest number: metres in the map's frame, pixels, counts
-_LARGEST_TIME: Final = 2**62  # microseconds
+_MAX_VALUE: Final = 1e9  # largest number: metres in the map's frame, pixels, counts
+_MAX_TIME_US: Final = 2**62  # microseconds
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,42 +46,42 @@ class Row:
         return self.entries[name]
 
     def text(self, name: str) -> str:
-        """Return an entry that must be a text."""
+        """Return an entry that must be a string."""
         value = self.get(name)
         if not isinstance(value, str):
-            raise self.fault(f"has the {name} {_shown(value)}, expected a text")
+            raise self.fault(f"has the {name} {_excerpt(value)}, expected a string")
         return value
 
     def texts(self, name: str) -> list[str]:
-        """Return an entry that must be a list of texts."""
+        """Return an entry that must be a list of strings."""
         value = self.get(name)
         if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
-            raise self.fault(f"has the {name} {_shown(value)}, expected a list of texts")
+            raise self.fault(f"has the {name} {_excerpt(value)}, expected a list of strings")
         return value
 
     def flag(self, name: str) -> bool:
         """Return an entry that must be true or false."""
         value = self.get(name)
         if not isinstance(value, bool):
-            raise self.fault(f"has the {name} {_shown(value)}, expected true or false")
+            raise self.fault(f"has the {name} {_excerpt(value)}, expected true or false")
         return value
 
-    def whole(self, name: str, *, least: int = 0, most: int = _LARGEST_TIME) -> int:
+    def whole(self, name: str, *, minimum: int = 0, maximum: int = _MAX_TIME_US) -> int:
         """Return an entry that must be a whole number, also written as 1.0."""
         value = self.get(name)
-        number = _number(value, float(most))
-        if number is None or number != int(number) or number < least:
+        number = _number(value, float(maximum))
+        if number is None or number != int(number) or number < minimum:
             raise self.fault(
-                f"has the {name} {_shown(value)}, expected a whole number from {least} on"
+                f"has the {name} {_excerpt(value)}, expected a whole number from {minimum} on"
             )
         return int(number)
 
     def time_us(self, name: str) -> float:
         """Return an entry that must be a time [us], possibly with decimals as in Lyft's tables."""
         value = self.get(name)
-        number = _number(value, float(_LARGEST_TIME))
+        number = _number(value, float(_MAX_TIME_US))
         if number is None or number < 0:
-            raise self.fault(f"has the {name} {_shown(value)}, expected microseconds")
+            raise self.fault(f"has the {name} {_excerpt(value)}, expected microseconds")
         return float(number)
 
     def numbers(self, name: str, *shape: int) -> Float64[np.ndarray, "..."]:
@@ -94,10 +94,10 @@ class Row:
             array = np.empty(0)
         # numpy accepts text, booleans and null (as NaN) as numbers
         is_plain = all(type(each) in (int, float) for each in _leaves(value))
-        if array.shape != shape or not is_plain or not (np.abs(array) < _LARGEST).all():
+        if array.shape != shape or not is_plain or not (np.abs(array) < _MAX_VALUE).all():
             raise self.fault(
-                f"has the {name} {_shown(value)}, expected {expected} finite numbers of magnitude "
-                f"up to {_LARGEST:g}"
+                f"has the {name} {_excerpt(value)}, expected {expected} finite numbers of "
+                f"magnitude up to {_MAX_VALUE:g}"
             )
         return array
 
@@ -125,7 +125,7 @@ class Table:
         """
         token = row.text(name) if token is None else token
         if token not in self.rows:
-            raise row.fault(f"has the {name} {_shown(token)}, which {self.path.name} lacks")
+            raise row.fault(f"has the {name} {_excerpt(token)}, which {self.path.name} lacks")
         return self.rows[token]
 
 
@@ -133,19 +133,19 @@ def read_rows(path: Path) -> Iterator[Row]:
     """Read the rows of a table.
 
     Raises:
-        FileError: The table cannot be read, is no JSON or no list of rows.
+        FileError: The table cannot be read, is invalid JSON or no list of rows.
     """
     try:
         rows = json.loads(read_bytes(path, max_bytes=_MAX_BYTES, remedy=REMEDY))
     except FileError:
         raise
     except (ValueError, RecursionError) as error:
-        raise FileError(path, "is no JSON", REMEDY) from error
+        raise FileError(path, "is invalid JSON", REMEDY) from error
     if not isinstance(rows, list):
-        raise FileError(path, "is no table: expected a list of rows", REMEDY)
+        raise FileError(path, "is not a table: expected a list of rows", REMEDY)
     for number, entries in enumerate(rows, start=1):
         if not isinstance(entries, dict):
-            problem = f"row {number} is {_shown(entries)}, expected names with values"
+            problem = f"row {number} is {_excerpt(entries)}, expected names with values"
             raise FileError(path, problem, REMEDY)
         yield Row(path, number, entries)
 
@@ -160,16 +160,16 @@ def read_table(path: Path) -> Table:
     for row in read_rows(path):
         token = row.text("token")
         if token in rows:
-            raise row.fault(f"has the token {_shown(token)} of row {rows[token].number}, too")
+            raise row.fault(f"has the token {_excerpt(token)} of row {rows[token].number} too")
         rows[token] = row
     return Table(path, rows)
 
 
-def _number(value: object, most: float) -> int | float | None:
+def _number(value: object, maximum: float) -> int | float | None:
     """Return a finite number of plausible size unchanged; None for anything else."""
-    if type(value) is int:  # True is an int, too
-        return value if abs(value) <= most else None
-    if isinstance(value, float) and math.isfinite(value) and abs(value) <= most:
+    if type(value) is int:  # True is an int too
+        return value if abs(value) <= maximum else None
+    if isinstance(value, float) and math.isfinite(value) and abs(value) <= maximum:
         return value
     return None
 
@@ -182,5 +182,5 @@ def _leaves(value: object) -> Iterator[object]:
         yield value
 
 
-def _shown(value: object) -> str:
+def _excerpt(value: object) -> str:
     return shortened(ascii(value), 40)

@@ -58,9 +58,9 @@ class ImportReport:
 
     def __str__(self) -> str:
         """Formats the notes, then the numbers."""
-        there = f"{self.skipped} were there already"
+        skipped = f"{self.skipped} were there already"
         return "\n".join(
-            (*map(plain_line, self.notes), f"{self.out}: {self.written} frames written, {there}")
+            (*map(plain_line, self.notes), f"{self.out}: {self.written} frames written, {skipped}")
         )
 
 
@@ -74,28 +74,28 @@ class CloudTally:
     """Points with non-finite x, y or z."""
     no_echo: int = 0
     """Points at the LiDAR's origin."""
-    dark: int = 0
+    no_intensity: int = 0
     """Kept points with a non-finite intensity."""
     empty: tuple[str, ...] = ()
     """Frames without a remaining point."""
 
     @classmethod
-    def of(
+    def count(
         cls,
         name: str,
-        read: Float32[np.ndarray, "num_points 4"],
+        sweep: Float32[np.ndarray, "num_points 4"],
         kept: Float32[np.ndarray, "num_echoes 4"],
     ) -> "CloudTally":
         """Count a frame's points before and after the removal of points without an echo."""
-        lost = len(read) - len(kept)
-        not_finite = int((~np.isfinite(read[:, :3]).all(axis=1)).sum()) if lost else 0
-        is_dark = np.isfinite(read[:, :3]).all(axis=1) & ~np.isfinite(read[:, 3])
+        lost = len(sweep) - len(kept)
+        not_finite = int((~np.isfinite(sweep[:, :3]).all(axis=1)).sum()) if lost else 0
+        lacks_intensity = np.isfinite(sweep[:, :3]).all(axis=1) & ~np.isfinite(sweep[:, 3])
         return cls(
             clouds=1,
-            points=len(read),
+            points=len(sweep),
             not_finite=not_finite,
             no_echo=lost - not_finite,
-            dark=int(is_dark.sum()),
+            no_intensity=int(lacks_intensity.sum()),
             empty=() if len(kept) else (name,),
         )
 
@@ -106,39 +106,39 @@ class CloudTally:
             points=self.points + other.points,
             not_finite=self.not_finite + other.not_finite,
             no_echo=self.no_echo + other.no_echo,
-            dark=self.dark + other.dark,
+            no_intensity=self.no_intensity + other.no_intensity,
             empty=self.empty + other.empty,
         )
 
     def lines(self) -> tuple[str, ...]:
         """Return lines for the user; empty if nothing was dropped."""
-        said = []
+        lines = []
         if self.not_finite or self.no_echo:
-            said.append(
+            lines.append(
                 f"dropped {self.not_finite + self.no_echo} of {self.points} points: "
-                f"{self.not_finite} that are not finite, {self.no_echo} at the LiDAR's own place"
+                f"{self.not_finite} not finite, {self.no_echo} at the LiDAR's origin"
             )
-        if self.dark:
-            said.append(f"{self.dark} points have an intensity that is not finite: 0 is taken")
+        if self.no_intensity:
+            lines.append(f"{self.no_intensity} points have a non-finite intensity: 0 is used")
         if self.empty:
-            said.append(
-                f"warning: {len(self.empty)} of {self.clouds} sweeps have no point left, that of "
-                f"frame {self.empty[0]} for one"
-                + (": the recording has images alone" if len(self.empty) == self.clouds else "")
+            lines.append(
+                f"warning: {len(self.empty)} of {self.clouds} sweeps have no point left, e.g. that "
+                f"of frame {self.empty[0]}"
+                + (": the recording has only images" if len(self.empty) == self.clouds else "")
             )
-        return tuple(said)
+        return tuple(lines)
 
 
-def counted_cloud(
-    name: str, read: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
+def count_echoes(
+    name: str, sweep: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
 ) -> tuple[Float32[np.ndarray, "num_echoes 4"], CloudTally]:
     """Select a frame's points with an echo, with reflectances in [0, 1]; also returns the counts.
 
     Raises:
         FileError: See `checked_cloud`.
     """
-    points = checked_cloud(read.copy(), max_intensity, source, warn_losses=False)
-    return points, CloudTally.of(name, read, points)
+    points = checked_cloud(sweep.copy(), max_intensity, source, warn_losses=False)
+    return points, CloudTally.count(name, sweep, points)
 
 
 def check_not_into_source(source: Path, out: Path) -> None:
@@ -150,8 +150,8 @@ def check_not_into_source(source: Path, out: Path) -> None:
     check_outside_dataset(source, [out])
     if source.resolve().is_relative_to(out.resolve()):
         raise ValueError(
-            f"{out} holds the source {source}, with whose files the recording's would mix; name an "
-            "output folder beside it"
+            f"{out} contains the source {source}; name an output folder beside it, so that their "
+            "files do not mix"
         )
 
 
@@ -162,9 +162,9 @@ def collected_warnings(notes: list[str]) -> Iterator[None]:
         warnings.simplefilter("always", UserWarning)
         yield
     for each in caught:
-        said = f"warning: {each.message}"
-        if said not in notes:
-            notes.append(said)
+        note = f"warning: {each.message}"
+        if note not in notes:
+            notes.append(note)
 
 
 @contextmanager
@@ -187,9 +187,9 @@ def check_staged(folder: Path, source: Path | str) -> None:
     (frame,) = list_recording(folder).frames
     assert frame.calibration is not None, "it was written"
     try:
-        said = read_recording_calibration(frame.calibration)
-        size = said.image_size if frame.image is None else read_image_size(frame.image)
-        intrinsics = said.matrices.image_from_camera[:, :3]
+        calibration = read_recording_calibration(frame.calibration)
+        size = calibration.image_size if frame.image is None else read_image_size(frame.image)
+        intrinsics = calibration.matrices.image_from_camera[:, :3]
         doubts = check_intrinsics(intrinsics, size, frame.calibration, usual=False)
         doubts = doubts or [
             each
@@ -200,10 +200,12 @@ def check_staged(folder: Path, source: Path | str) -> None:
         doubts = [error.problem]
     if doubts:
         problem, remedy = doubts[0].problem, doubts[0].remedy
-        raise FileError(source, f"gives a recording that cannot be used: it {problem}", remedy)
+        raise FileError(source, f"gives an unusable recording: it {problem}", remedy)
 
 
-def turned(calibration: RecordingCalibration, new_from_old: Rigid) -> RecordingCalibration:
+def turned_calibration(
+    calibration: RecordingCalibration, new_from_old: Rigid
+) -> RecordingCalibration:
     """Transform a calibration for clouds transformed by `new_from_old`."""
     matrices = CalibrationMatrices(
         image_from_camera=calibration.matrices.image_from_camera,
@@ -215,13 +217,13 @@ def turned(calibration: RecordingCalibration, new_from_old: Rigid) -> RecordingC
     return replace(calibration, matrices=matrices, lidar_tilt=tilt)
 
 
-def moved(
+def moved_cloud(
     points: Float32[np.ndarray, "num_points 4"], new_from_old: Rigid
 ) -> Float32[np.ndarray, "num_points 4"]:
     """Transform a cloud by `new_from_old`; restores KITTI's order if the cloud had it."""
     new_points = points.copy()
-    places = points[:, :3].astype(np.float64) @ new_from_old[:3, :3].T + new_from_old[:3, 3]
-    new_points[:, :3] = places
+    positions = points[:, :3].astype(np.float64) @ new_from_old[:3, :3].T + new_from_old[:3, 3]
+    new_points[:, :3] = positions
     is_turned = not np.allclose(new_from_old[:3, :3], np.eye(3))
     return turned_in_order(points, new_points) if is_turned else new_points
 
@@ -235,8 +237,8 @@ def write_calibration(
     out: Path, calibration: RecordingCalibration, name: str | None = None
 ) -> None:
     """Writes the calibration of all frames, or of one."""
-    place = f"{CALIBRATIONS}.yaml" if name is None else f"{CALIBRATIONS}/{name}.yaml"
-    atomic_write_text(out / place, recording_calibration_text(calibration))
+    path = f"{CALIBRATIONS}.yaml" if name is None else f"{CALIBRATIONS}/{name}.yaml"
+    atomic_write_text(out / path, recording_calibration_text(calibration))
 
 
 def write_times(out: Path, times_s: Mapping[str, float | Decimal]) -> None:

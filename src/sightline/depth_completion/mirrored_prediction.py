@@ -11,7 +11,7 @@ Run = Callable[[Mapping[str, Tensor]], Mapping[str, Tensor]]
 channels x height x width."""
 
 
-def answer_with_mirror(run: Run, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def predict_with_mirror(run: Run, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Average the outputs for a frame and for its mirror image, mirrored back.
 
     Uses numpy: PyTorch's threads would keep waiting for work.
