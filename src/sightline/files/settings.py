@@ -24,7 +24,7 @@ _TYPE_LINES: Final = (
     "Does not validate against any of the Union subtypes",
     "Subtypes: ",
     "Errors:",
-    "Problem with actual class_path",
+    "Problem with given class_path",
     "Expected a <class 'NoneType'>",
     "Given value type: ",
     "Given value: NestedArg",
