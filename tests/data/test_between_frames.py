@@ -140,7 +140,7 @@ def test_an_image_of_another_size_than_others_of_its_calibration_is_told(tree):
     shutil.rmtree(tree / "label_2")
     ((path, said),) = problems(tree.parent)
     assert path == tree / "image_2" / "000002.png"
-    assert "is 12x44 (height x width), expected 12x40 as 2 images of the same calib" in said
+    assert "is 12x44 (height x width), expected 12x40 like 2 images of the same calib" in said
 
 
 def test_of_two_images_with_two_sizes_none_is_blamed(tree):
@@ -167,4 +167,4 @@ def test_an_image_of_another_size_in_a_drive_is_told(tmp_path):
     write_rgb(drive / "image_02" / "0000000002.png", picture(2, (14, 40)))
     ((path, said),) = problems(drive)
     assert path.name == "0000000002.png"
-    assert "is 14x40 (height x width), expected 12x40 as 2 images" in said
+    assert "is 14x40 (height x width), expected 12x40 like 2 images" in said

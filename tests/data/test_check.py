@@ -276,7 +276,7 @@ def test_a_picture_of_one_colour_among_others_is_a_problem_unless_it_was_corrupt
     image = tree / "image_2" / "000002.png"
     write_rgb(image, np.full((12, 40, 3), 90, np.uint8))
     (line,) = lines(tree.parent)
-    assert line.startswith(f"{image}: is of one colour and shows nothing; look whether")
+    assert line.startswith(f"{image}: has a single colour; check whether")
     (tree / "corruption").mkdir()
     assert lines(tree.parent) == []
 

@@ -91,7 +91,7 @@ def test_labels_of_another_unit_are_a_warning_where_they_are_used(tree):
     for path in (tree / "label_2").iterdir():
         path.write_text(LABELS.replace("Car ", "Automobile "))
     (doubt,) = doubts(tree)
-    assert "'Automobile', which is none of KITTI's classes" in doubt
+    assert "'Automobile', which is no class of KITTI" in doubt
     assert "write Car (3 like it in 3 frames" in doubt
     assert doubts(tree, parts=("image", "points")) == []
 
@@ -101,7 +101,7 @@ def test_images_of_one_colour_and_sweeps_without_points_are_told(tree):
         write_rgb(tree / "image_2" / f"00000{number}.png", np.zeros((12, 40, 3), np.uint8))
         (tree / "velodyne" / f"00000{number}.bin").write_bytes(b"")
     images, sweeps = doubts(tree)
-    assert "all 3 images are of one colour" in images
+    assert "all 3 images have a single colour" in images
     assert "all 3 sweeps have no point" in sweeps
 
 

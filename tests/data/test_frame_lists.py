@@ -97,7 +97,7 @@ def test_files_of_other_frames_or_formats_are_told(tmp_path):
         tmp_path
     )
     (tmp_path / "000007.txt").write_text("")
-    assert "holds 1 of other frames, such as 000007.txt; name a list" in refusal(tmp_path)
+    assert "holds 1 files of other frames, such as 000007.txt; name a list" in refusal(tmp_path)
 
 
 def test_labels_of_another_format_are_told(tmp_path):

@@ -114,7 +114,7 @@ def test_other_formats_are_refused_by_name(tmp_path):
 @pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (1, MAX_PIXELS + 1), (0, 5), (5, 0)])
 def test_a_forged_size_is_refused_before_memory_is_taken(tmp_path, size):
     (tmp_path / "0.png").write_bytes(png(*size))
-    with pytest.raises(ValueError, match=r"0\.png: announces \d+x\d+ pixels"):
+    with pytest.raises(ValueError, match=r"0\.png: declares \d+x\d+ pixels"):
         read_rgb(tmp_path / "0.png")
 
 
@@ -146,7 +146,7 @@ def resized_jpeg(height: int, width: int, *, progressive: bool = False) -> bytes
 )
 def test_a_file_too_short_for_the_pixels_that_it_claims_is_no_picture(tmp_path, read, content):
     (tmp_path / "0.png").write_bytes(content)
-    with pytest.raises(FileError, match=r"announces 8192x8192 pixels .* more than its \d+ bytes"):
+    with pytest.raises(FileError, match=r"declares 8192x8192 pixels .* more than its \d+ bytes"):
         read(tmp_path / "0.png")
 
 

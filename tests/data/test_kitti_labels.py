@@ -99,7 +99,7 @@ def test_columns_cannot_be_written_to():
         (b"2 0.5 0.5 0.1 0.2", "line 1 has 5 numbers, as YOLO labels have .*; convert them to"),
         ("Car 0".encode("utf-16"), "is text in UTF-16, expected UTF-8; save it as plain text in U"),
         ("Car 0".encode("utf-16-le"), "holds a NUL byte at position 1: .* UTF-16"),
-        (RESULT + b" 7", "line 1 has 17 fields, but a label has 15; remove what follows rotat"),
+        (RESULT + b" 7", "line 1 has 17 fields, but a label has 15; remove the fields after rotat"),
         (LABEL.replace(b"182.46", b"1x2"), "line 1: y_min is '1x2', not a number; write a"),
         (LABEL.replace(b"182.46", b"1_0"), "line 1: y_min is '1_0', not a number"),
         (LABEL.replace(b"182.46", b"0x1p3"), "line 1: y_min is '0x1p3', not a number"),
@@ -123,7 +123,9 @@ def test_a_bad_label_line_names_file_line_field_and_remedy(data, message):
 
 
 def test_fields_parted_by_commas_are_told_so():
-    with pytest.raises(ValueError, match=r"line 1 has 1 fields, .*; part fields by spaces, wit"):
+    with pytest.raises(
+        ValueError, match=r"line 1 has 1 fields, .*; separate fields by spaces, wit"
+    ):
         results(RESULT.replace(b" ", b","))
 
 

@@ -107,7 +107,7 @@ def test_a_lidar_whose_camera_looks_aside_is_turned_as_in_recordings(tmp_path, k
     assert said == []
     torch.testing.assert_close(level_sample(dataset[0]).points, SAMPLE.points, rtol=0, atol=1e-4)
     (summary,) = summarize_tree(tmp_path)
-    assert "degrees (counter-clockwise) from the LiDAR's x axis: detectors see" in str(summary)
+    assert "degrees (counter-clockwise) from the LiDAR's x axis: detectors get" in str(summary)
 
 
 @KINDS

@@ -138,7 +138,7 @@ def test_one_point_in_a_hundred_may_be_brighter_than_the_scale(tmp_path):
 
 
 @pytest.mark.parametrize("data", ["ascii", "binary"])
-def test_a_pcd_of_fewer_points_than_it_announces_is_cut_short(tmp_path, data):
+def test_a_pcd_of_fewer_points_than_it_declares_is_cut_short(tmp_path, data):
     path = tmp_path / "cloud.pcd"
     PointCloud.from_xyz_points(POINTS[:50, :3]).save(path, Encoding(data))
     content = path.read_bytes()
@@ -215,14 +215,14 @@ def test_what_is_no_cloud_is_refused_by_name(tmp_path, name, write, said):
     assert caught.value.problem.path == path
 
 
-def test_a_pcd_that_announces_gigabytes_is_refused_unread(tmp_path):
+def test_a_pcd_that_declares_gigabytes_is_refused_unread(tmp_path):
     path = tmp_path / "cloud.pcd"
     PointCloud.from_xyzi_points(SCALED[:50]).save(path, Encoding.BINARY_COMPRESSED)
     content = path.read_bytes()
     body = content.index(b"\nDATA binary_compressed\n") + len(b"\nDATA binary_compressed\n")
     forged = struct.pack("<I", 2**31)
     path.write_bytes(content[: body + 4] + forged + content[body + 8 :])
-    with pytest.raises(FileError, match="announces 2147483648 bytes"):
+    with pytest.raises(FileError, match="declares 2147483648 bytes"):
         read_cloud(path)
 
 

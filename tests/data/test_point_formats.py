@@ -202,7 +202,7 @@ def test_of_fields_of_one_name_the_plain_or_first_one_is_taken_and_that_is_said(
     body = "".join(" ".join(map(str, row)) + "\n" for row in rows.tolist())
     changes = {"FIELDS": names, "SIZE": "4 4 4 4 4", "TYPE": "F F F F F", "COUNT": "1 1 1 1 1"}
     pcd(path, body if data == "ascii" else rows.tobytes(), DATA=data, **changes)
-    with pytest.warns(UserWarning, match="several fields named x, capitals aside"):
+    with pytest.warns(UserWarning, match="several fields named x, ignoring case"):
         np.testing.assert_array_equal(read_cloud(path), PLACES)
 
 

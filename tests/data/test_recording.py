@@ -576,5 +576,5 @@ def test_a_lens_that_folds_its_images_is_told_by_check_and_named_on_reading(tmp_
     (problem,) = [each for each in check_tree(tmp_path) if "lens" in each.problem]
     assert problem.path == tmp_path / "calibration.yaml"
     assert "folds the picture of 375x1242" in problem.problem
-    with pytest.raises(FileError, match=r"images/a.jpg: cannot be straightened: the lens folds"):
+    with pytest.raises(FileError, match=r"images/a.jpg: cannot be undistorted: the lens folds"):
         RecordingDataset(tmp_path, needs=())[0]

@@ -10,7 +10,7 @@ from tests.data.recordings import write_recording
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a 1\na 2\n", "line 2 gives frame a a second time, line 1 the first"),
+        ("a 1\na 2\n", "line 2 repeats frame a of line 1"),
         ("a nan\n", "value 1 is 'nan'"),
         ("a inf\n", "value 1 is 'inf'"),
         ("a 1\x85b 2\n", r"line 1 holds invisible characters: a 1\\x85b 2"),
@@ -31,8 +31,8 @@ def test_times_that_cannot_be_read_are_one_line_in_check_and_on_opening(tmp_path
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("x 1\ny 2\n", r"has a time of no frame: it has x, y, frames are called a \.\."),
-        ("\n", "has a time of no frame: it is empty"),
+        ("x 1\ny 2\n", r"has no time of any frame: it has x, y, frames are called a \.\."),
+        ("\n", "has no time of any frame: it is empty"),
         ("a 1\nb 2\nx 3\n", r"1 of 3 lines name no frame \(x\)"),
         ("a 1\n", r"lacks a time of 1 of 2 frames \(b\)"),
         (

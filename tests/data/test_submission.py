@@ -72,7 +72,7 @@ def test_a_list_names_the_frames_and_each_must_be_there(results):
         (CAR + CAR.replace("20.0", "far"), "line 2: z is 'far', not a number"),
         (CAR.replace("0.93", "nan"), "line 1: score is 'nan', not finite"),
         (CAR + CAR.replace("650.0", "550.0"), "object 2 has the box 600 170 550 210, which ends"),
-        (CAR.replace("Car", "Banana"), "object 1 is of class 'Banana', which is none of KITTI's"),
+        (CAR.replace("Car", "Banana"), "object 1 is of class 'Banana', which is no class of KITTI"),
     ],
 )
 def test_a_file_at_fault_is_named_with_its_line_and_nothing_is_written(results, content, fault):

@@ -68,7 +68,7 @@ ODD = {
     "no message of /points names its frame": without_frames,
     "has no chain from frame 'lidar.x1b": with_long_frames,
     "it has frames a0, a1, a10, a11, a12 and 75 more": many_frames,
-    "zeros alone: the camera was not calibrated": lambda bag: usual_topics(
+    "only zeros: the camera is not calibrated": lambda bag: usual_topics(
         bag, matrix=CAMERA_MATRIX * 0
     ),
 }

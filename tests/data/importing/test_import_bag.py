@@ -461,5 +461,5 @@ def test_the_tilt_of_a_lidar_in_a_level_base_link_is_written(tmp_path, frame, is
     if written.lidar_tilt is not None:
         assert written.lidar_tilt.roll_deg == pytest.approx(3.0)
         assert written.lidar_tilt.pitch_deg == pytest.approx(12.0)
-    source = "by its calibration" if is_known else "by the road that it sees"
+    source = "by its calibration" if is_known else "by the road in its clouds"
     assert f"{source} the LiDAR is tilted, 1" in str(report)
