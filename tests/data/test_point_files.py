@@ -68,7 +68,7 @@ def test_without_intensities_reflectance_is_none_and_an_empty_cloud_is_a_cloud(t
     np.save(tmp_path / "empty.npy", POINTS[:0])
     assert read_cloud(tmp_path / "empty.npy").shape == (0, 4)
     PointCloud.from_xyz_points(POINTS[:7, :3]).save(tmp_path / "cloud.pcd")
-    with pytest.warns(UserWarning, match="have no field of brightness among x, y, z: 0 is taken"):
+    with pytest.warns(UserWarning, match="have no intensity field among x, y, z: the reflectance"):
         points = read_cloud(tmp_path / "cloud.pcd")
     np.testing.assert_array_equal(points[:, :3], POINTS[:7, :3])
 
