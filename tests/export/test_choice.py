@@ -48,4 +48,4 @@ def test_an_engine_that_there_is_none_of_is_no_extra_to_install():
     # in a process of its own, where no hook checks types first
     code = "from sightline.export.choice import choose_engine; choose_engine('tensorrt')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert "no engine tensorrt; name one of auto, torch, onnxruntime, openvino" in done.stderr
+    assert "no engine tensorrt; choose auto, torch, onnxruntime, openvino" in done.stderr

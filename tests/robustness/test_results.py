@@ -127,7 +127,7 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
         ((task, cases, found, replace(SETTINGS, cases=("fog",))), "suite levels has no case 'fog'"),
         (
             (task, cases, found, replace(SETTINGS, baseline="weights")),
-            "is the robustness.json",
+            "must be the robustness.json of a run",
         ),
         ((DEPTH, cases, found, SETTINGS), "results of other methods cannot be scored"),
     ):
