@@ -9,6 +9,8 @@ import pytest
 import torch
 
 from sightline.cli.main import main
+from sightline.data.kitti_labels import read_results
+from sightline.data.object_results import kitti_from_detections
 from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
 from sightline.detection3d.points.config import ProposalConfig, ProposalSamplingConfig
@@ -29,9 +31,9 @@ def weights(tmp_path_factory):
     return path
 
 
-def run(weights, out, *, data=PACKAGED_FRAMES):
+def run(weights, out, *more, data=PACKAGED_FRAMES):
     command = ["proposals", str(data), str(out), "--weights", str(weights)]
-    return main([*command, "--workers", "1"])
+    return main([*command, "--workers", "1", *more])
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +63,35 @@ def test_a_frames_file_holds_what_the_first_stage_gives(weights, cache, frames):
     torch.testing.assert_close(record.features.float(), proposed.features, rtol=1e-3, atol=1e-3)
     _, more = read_record(cache, frames[0], training=True)
     assert len(record.boxes) <= TINY.proposals.num_proposals < len(more.boxes)
+
+
+def test_result_files_hold_every_proposal_in_the_image(weights, frames, tmp_path, capsys):
+    assert run(weights, tmp_path / "found", "--as-results") == 0
+    predictor = Detection3DPredictor.load(weights)
+    for sample in frames:
+        proposed, refined = predictor.both_stages(sample)
+        expected = kitti_from_detections(proposed, sample.calibration, sample.image_size)
+        content = read_results(tmp_path / "found" / f"{sample.sample_id}.txt")
+        assert content.class_names == expected.class_names
+        np.testing.assert_allclose(content.scores, expected.scores, atol=1e-4)
+        np.testing.assert_allclose(content.locations, expected.locations, atol=0.01)
+        assert len(content) != len(refined.scores)
+    labels = PACKAGED_FRAMES / "training" / "label_2"
+    assert main(["evaluate", "proposals", str(tmp_path / "found"), str(labels)]) == 0
+    main(
+        [
+            "predict",
+            "detection3d",
+            str(PACKAGED_FRAMES),
+            str(tmp_path / "found"),
+            "--weights",
+            str(weights),
+            "--engine",
+            "torch",
+            "--overwrite",
+        ]
+    )
+    assert "stage" in capsys.readouterr().err
 
 
 def test_scores_by_the_cache_are_those_by_the_first_stage_itself(weights, cache, frames):
