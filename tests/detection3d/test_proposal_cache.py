@@ -1,4 +1,4 @@
-"""What a first stage gives, kept on disk: the same as running it, and refused where it is not."""
+"""Stored first-stage outputs: equal to the stage's own, and refused where they are not."""
 
 import json
 import shutil
@@ -99,10 +99,10 @@ def test_scores_by_the_cache_are_those_by_the_first_stage_itself(weights, cache,
     task.network.eval()
     predictor = Detection3DPredictor.load(weights)
     with torch.inference_mode():
-        answers = task.score(example(frames[0], cache, training=False))
+        detections = task.score(example(frames[0], cache, training=False))
     expected = predictor(frames[0])
-    assert len(answers[0].scores) == pytest.approx(len(expected.scores), abs=1)
-    torch.testing.assert_close(answers[0].scores[0], expected.scores[0], atol=1e-3, rtol=0)
+    assert len(detections[0].scores) == pytest.approx(len(expected.scores), abs=1)
+    torch.testing.assert_close(detections[0].scores[0], expected.scores[0], atol=1e-3, rtol=0)
 
 
 def test_a_second_stage_trains_on_it(weights, cache, frames):
@@ -187,6 +187,6 @@ def test_the_identity_hangs_on_weights_and_on_settings_of_the_first_stage_alone(
 
 
 def test_the_manifest_says_what_made_it(cache):
-    told = json.loads((cache / "sightline.json").read_text())
-    assert told["output"] == "proposal cache"
-    assert told["format"] == 1
+    manifest = json.loads((cache / "sightline.json").read_text())
+    assert manifest["output"] == "proposal cache"
+    assert manifest["format"] == 1

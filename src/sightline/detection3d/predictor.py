@@ -14,7 +14,7 @@ from sightline.detection3d.export_graph import REGIONS_A_RUN, export_graphs, reg
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.stages import Proposed
 from sightline.detection3d.suppression import align
-from sightline.detection3d.sweeps import Sweep, at_kitti_height, in_own_frame, network_sweep
+from sightline.detection3d.sweeps import Sweep, from_kitti_frame, network_sweep, to_kitti_frame
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.wrong_types import named_arguments
@@ -180,13 +180,13 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
         return self._unrefined(self._stages.propose(self._sweep(sample)), sample)
 
     def _sweep(self, sample: CameraLidarSample) -> Sweep:
-        return network_sweep(at_kitti_height(sample), self._config.input)
+        return network_sweep(to_kitti_frame(sample), self._config.input)
 
     def _unrefined(self, proposed: Proposed, sample: CameraLidarSample) -> Detections3D:
         return self._align(self._stages.detector.as_detections(*proposed[:3]), sample)
 
     def _align(self, detections: Detections3D, sample: CameraLidarSample) -> Detections3D:
-        return in_own_frame(align(detections, self._config.alignment), sample)
+        return from_kitti_frame(align(detections, self._config.alignment), sample)
 
 
 class ProposalPredictor(Detection3DPredictor):

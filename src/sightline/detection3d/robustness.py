@@ -2,7 +2,7 @@
 
 from typing import Final, Literal
 
-from sightline.detection3d.files import read_answer, write_results
+from sightline.detection3d.files import read_detections, write_results
 from sightline.detection3d.pictures import DRAWN_SCORE, labels_from_above
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import BenchPrediction, Panel
@@ -15,10 +15,10 @@ _VIEWS: Final[tuple[Literal["3d", "bev"], ...]] = ("3d", "bev")
 _VIEW: Final = BirdsEyeView(x_max_m=60.0, y_min_m=-30.0, y_max_m=30.0)
 
 
-def _panels(answered: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
+def _panels(predicted: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
     """Draw boxes on the image and from above; labels are thin and white."""
-    given = answered.corrupted.sample
-    found = level_detections(answered.answer.filter_by_score(DRAWN_SCORE), given)
+    given = predicted.corrupted.sample
+    found = level_detections(predicted.answer.filter_by_score(DRAWN_SCORE), given)
     given = level_sample(given)
     boxes, names = found.boxes, found.class_names
     picture = draw_boxes3d(
@@ -36,6 +36,6 @@ SCORING: Final = ObjectScoring(
         *(Target(name, view, 0.5) for name in ("Pedestrian", "Cyclist") for view in _VIEWS),
     ),
     write=write_results,
-    read_file=read_answer,
+    read_file=read_detections,
     panels=_panels,
 )
