@@ -14,8 +14,8 @@ from jaxtyping import UInt8
 from benchmarks.sheet_file import write_sheet
 from sightline.corruptions.suites import SUITES
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.detection2d.answers import DRAWN_SCORE
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection2d.results import DRAWN_SCORE
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample

@@ -14,8 +14,8 @@ from jaxtyping import UInt8
 from benchmarks.sheet_file import write_sheet
 from sightline.corruptions.suites import SUITES
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.detection2d.answers import answer_row
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection2d.results import prediction_row
 from sightline.jobs.progress import track
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
@@ -65,7 +65,7 @@ def _column(
         masks = (corrupted.camera_mask, corrupted.lidar_mask)
         title = f"{case.name}  {sample.sample_id}"
         answer = predictor(corrupted.sample)
-        rows.append(answer_row(title, corrupted.sample, answer, masks=masks, width_px=width_px))
+        rows.append(prediction_row(title, corrupted.sample, answer, masks=masks, width_px=width_px))
     return np.concatenate(rows)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.sheet_file import write_sheet
 from sightline.data.open import open_dataset
-from sightline.detection3d.pictures import answer_picture
+from sightline.detection3d.pictures import prediction_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.jobs.progress import track
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -44,7 +44,7 @@ def main(
     for sample in (dataset[index] for index in track(indices, description="detecting")):
         title = f"Frame {sample.sample_id}"
         pages.append(
-            answer_picture(title, sample, *predictor.both_stages(sample), width_px=width_px)
+            prediction_picture(title, sample, *predictor.both_stages(sample), width_px=width_px)
         )
     width = max(page.shape[1] for page in pages)  # KITTI's images differ by some columns
     filled = [np.pad(page, ((0, 0), (0, width - page.shape[1]), (0, 0))) for page in pages]

@@ -188,7 +188,7 @@ def load(
         >>> predictor.name, predictor.parts
         ('depth-fast-cpu', ('image', 'points'))
 
-    It takes a `CameraLidarSample` and returns a `DepthMap`, a `DetectorAnswer` or `Detections3D`.
+    It takes a `CameraLidarSample` and returns a `DepthMap`, a `DetectionResult` or `Detections3D`.
 
     Args:
         weights: Name of weights in the package (`sightline tasks` lists them), or a file

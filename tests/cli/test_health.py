@@ -86,8 +86,11 @@ def test_the_kind_of_sensors_can_be_given(tmp_path):
             ["evaluate", "calibration", "r", "l", "--out", "o"],
             "--out needs --fit-results and one --calibrator",
         ),
-        (["evaluate", "calibration", "r", "l", "--calibrator", "platt"], "need results to fit on"),
-        (["evaluate", "calibration", "r", "l", "--fit-list", "train.txt"], "need results to fit on"),
+        (["evaluate", "calibration", "r", "l", "--calibrator", "platt"], "results to fit on"),
+        (
+            ["evaluate", "calibration", "r", "l", "--fit-list", "train.txt"],
+            "results to fit on",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_one_line(tmp_path, monkeypatch, capsys, given, message):

@@ -212,7 +212,10 @@ def matrices(
         ({"focal_px": (1e6, 1e6)}, "has focal lengths of 1e+06 and 1e+06 px, which do not fit"),
         ({"focal_px": (1.0, 1.0)}, "has focal lengths of 1 and 1 px, which do not fit an image"),
         ({"center_px": (610.0, 1e5)}, "has its principal point at (610, 100000), far from an ima"),
-        ({"focal_px": (720.0, 1440.0)}, "has focal lengths of 720 and 1440 px, one 2 times the oth"),
+        (
+            {"focal_px": (720.0, 1440.0)},
+            "has focal lengths of 720 and 1440 px, one 2 times the o",
+        ),
         ({"center_px": (330.0, 173.0)}, "has its principal point at (330, 173), away from the cen"),
         ({"center_px": (610.0, 310.0)}, "has its principal point at (610, 310), away from the cen"),
         ({"baseline_m": -1e4}, "has a camera 1e+04 m from the rectified origin, expected"),

@@ -56,12 +56,12 @@ def labels(rows, **columns):
 
 
 def targets(boxes=(), classes=(), ignored=(), ignored_classes=None):
-    told = torch.ones(len(ignored), 3) if ignored_classes is None else ignored_classes
+    flags = torch.ones(len(ignored), 3) if ignored_classes is None else ignored_classes
     return DetectionTargets(
         boxes=torch.tensor(boxes, dtype=torch.float32).reshape(-1, 4),
         class_indices=torch.tensor(classes, dtype=torch.int64),
         ignored_boxes=torch.tensor(ignored, dtype=torch.float32).reshape(-1, 4),
-        ignored_classes=torch.as_tensor(told).bool().reshape(-1, 3),
+        ignored_classes=torch.as_tensor(flags).bool().reshape(-1, 3),
     )
 
 

@@ -28,10 +28,10 @@ def default_weights(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("default_weights")
 def test_the_demo_shows_a_frame_with_both_sensors_and_with_either_dead(tmp_path):
     out = tmp_path / "out"
-    said = run_demo(out, [TASK.demo]).splitlines()
-    assert said[0].startswith("objects by small: ")
-    assert said[0].endswith("with the LiDAR dead")
-    named = [Path(line.split(maxsplit=1)[1]) for line in said[1:]]
+    lines = run_demo(out, [TASK.demo]).splitlines()
+    assert lines[0].startswith("objects by small: ")
+    assert lines[0].endswith("with the LiDAR dead")
+    named = [Path(line.split(maxsplit=1)[1]) for line in lines[1:]]
     assert {out / "detections", out / "detections.png", out / "report.html"} <= set(named)
     assert read_rgb(out / "detections.png").shape[0] > 3 * 180
     for frame in ("000000", "000001"):

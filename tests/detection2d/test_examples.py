@@ -139,20 +139,20 @@ def test_gates_are_told_where_a_box_is_in_each_view(sample, settings, sensor, im
     seen = 0
     for seed in range(10):
         batch = example(sample, settings, seed=seed)
-        told = getattr(batch, f"{sensor}_health")
+        health = getattr(batch, f"{sensor}_health")
         other = getattr(batch, f"{'lidar' if sensor == 'camera' else 'camera'}_health")
         assert (other.nan_to_num(1) == 1).all()
-        shown = F.max_pool2d(getattr(batch, image), CELL_PX, ceil_mode=True).amax(1, keepdim=True)
-        assert not shown[is_within(told)].any()
+        levels = F.max_pool2d(getattr(batch, image), CELL_PX, ceil_mode=True).amax(1, keepdim=True)
+        assert not levels[is_inside_fault(health)].any()
         if sensor == "camera":
-            assert shown[told == 1].bool().float().mean() > 0.99
-        seen += bool(is_within(told).any())
+            assert levels[health == 1].bool().float().mean() > 0.99
+        seen += bool(is_inside_fault(health).any())
     assert seen > 5
 
 
-def is_within(told):
+def is_inside_fault(health):
     """Cells that are broken, with all their neighbours: scaled views have blurred edges."""
-    return F.max_pool2d(told.nan_to_num(1), 3, stride=1, padding=1) == 0
+    return F.max_pool2d(health.nan_to_num(1), 3, stride=1, padding=1) == 0
 
 
 def test_gates_are_not_told_of_what_is_only_disturbed(sample):
@@ -179,8 +179,8 @@ def test_a_case_may_be_the_same_for_all_samples_of_an_update(sample):
         batches = [
             shared.prepare(sample, np.random.default_rng(each), training=True) for each in range(3)
         ]
-        (told,) = {(bool(each.image.any()), bool(each.lidar.any())) for each in batches}
-        kinds.add(told)
+        (seen,) = {(bool(each.image.any()), bool(each.lidar.any())) for each in batches}
+        kinds.add(seen)
     assert kinds == {(True, True), (True, False), (False, True)}
 
 
@@ -189,11 +189,11 @@ def test_a_black_image_stays_black_whatever_becomes_of_its_colours(sample):
     assert not example(sample, settings).image.any()
     boxed = replace(settings, cases=only("camera_occlusion"), health=True)
     batches = [example(sample, boxed, seed=seed) for seed in range(5)]
-    hidden = [is_within(each.camera_health) for each in batches]
+    hidden = [is_inside_fault(each.camera_health) for each in batches]
     assert any(where.any() for where in hidden)
     for where, each in zip(hidden, batches, strict=True):
-        shown = F.max_pool2d(each.image, CELL_PX).amax(1, keepdim=True)
-        assert not shown[where].any()
+        levels = F.max_pool2d(each.image, CELL_PX).amax(1, keepdim=True)
+        assert not levels[where].any()
 
 
 def test_a_fault_that_goes_by_the_order_of_points_works_in_mirrored_views_too(sample):
@@ -243,12 +243,14 @@ def test_crops_are_aimed_at_each_class_as_often():
     rows = [("Car", 0, 0, 9, 9)] * 19 + [("Cyclist", right - 9, bottom - 9, right, bottom)]
     crowd = painted_frame(0, rows=rows)
     view = ViewConfig(object_share=1.0)
-    shown = [
+    class_names = [
         scaled_crop(crowd, (64, 64), 1.0, view, np.random.default_rng(seed)).objects.class_names
         for seed in range(60)
     ]
-    assert {"Cyclist" in names for names in shown} == {"Car" not in names for names in shown}
-    assert 15 < sum("Cyclist" in names for names in shown) < 45
+    assert {"Cyclist" in names for names in class_names} == {
+        "Car" not in names for names in class_names
+    }
+    assert 15 < sum("Cyclist" in names for names in class_names) < 45
 
 
 def test_the_lidars_image_is_near_and_low_where_it_is_bright(sample):
@@ -282,14 +284,14 @@ def test_the_lidars_image_shows_heights_above_the_road_wherever_the_lidar_sits(s
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"crop_size": (64, 64), "view": ViewConfig(min_iou_crop=True)}, "set crop_size to null"),
         ({"fault_share": 1.5}, "fault_share must be from 0 to 1, got 1.5"),
     ],
 )
-def test_settings_that_do_not_belong_together_are_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_settings_that_do_not_belong_together_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         ExampleConfig(**settings)
 
 
@@ -297,8 +299,8 @@ def test_examples_take_the_network_s_input_and_refuse_another(sample):
     network = Detection2DConfig(input=InputConfig(size=(64, 96)))
     taken = DetectionExamples(ExampleConfig(crop_size=None)).for_network(network)
     assert taken.for_network(network).settings == taken.settings
-    shown = taken.prepare(sample, np.random.default_rng(0), training=False)
-    assert shown.image.shape[2:] == (64, 96)
+    batch = taken.prepare(sample, np.random.default_rng(0), training=False)
+    assert batch.image.shape[2:] == (64, 96)
     with pytest.raises(ValueError, match=r"settings\.input is .*, the network's is .*leave"):
         taken.for_network(replace(network, input=InputConfig(size=(64, 64))))
     any_size = Detection2DConfig(input=InputConfig(size=None))

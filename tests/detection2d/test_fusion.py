@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.detection2d.fusion import GateReading, HeadReading, mix_heads
+from sightline.detection2d.fusion import GateOutput, HeadOutput, mix_heads
 from sightline.detection2d.model import Detector
 from sightline.detection2d.task import load_stream_weights
 from sightline.files.settings import config_to_dict
@@ -20,8 +20,8 @@ PLACES = sum(rows * columns for rows, columns in SIZES)
 SMALL = replace(TINY_COMPACT, compact=replace(TINY_COMPACT.compact, own_heads=True))
 
 
-def reading(generator):
-    return HeadReading(
+def output(generator):
+    return HeadOutput(
         class_logits=torch.randn(1, PLACES, 3, generator=generator),
         box_logits=torch.randn(1, PLACES, 8, generator=generator),
         places=torch.rand(PLACES, 4),
@@ -30,7 +30,7 @@ def reading(generator):
 
 def gates(generator, groups, scale=3.0):
     return tuple(
-        GateReading(*(scale * torch.randn(2, 1, groups, *size, generator=generator)))
+        GateOutput(*(scale * torch.randn(2, 1, groups, *size, generator=generator)))
         for size in SIZES
     )
 
@@ -48,22 +48,22 @@ def write(path, network):
 @given(st.integers(0, 10**6), st.sampled_from([1, 4]))
 def test_each_place_takes_the_mean_that_its_gates_say(seed, groups):
     generator = torch.Generator().manual_seed(seed)
-    joint, camera, lidar = (reading(generator) for _ in range(3))
+    joint, camera, lidar = (output(generator) for _ in range(3))
     weights = gates(generator, groups)
     found = mix_heads(joint, camera, lidar, weights)
     for name in ("class_logits", "box_logits"):
         rows = [getattr(each, name)[0].tolist() for each in (joint, camera, lidar)]
-        told = [[logits[0].tolist() for logits in each] for each in zip(*weights, strict=True)]
-        expected = torch.tensor(mixed(*rows, *told))
+        levels = [[logits[0].tolist() for logits in each] for each in zip(*weights, strict=True)]
+        expected = torch.tensor(mixed(*rows, *levels))
         torch.testing.assert_close(getattr(found, name)[0], expected, rtol=1e-4, atol=1e-4)
     assert torch.equal(found.places, joint.places)
 
 
 def test_a_closed_gate_leaves_the_other_sensors_answer():
     generator = torch.Generator().manual_seed(0)
-    joint, camera, lidar = (reading(generator) for _ in range(3))
+    joint, camera, lidar = (output(generator) for _ in range(3))
     shut = tuple(
-        GateReading(torch.full((1, 1, *size), -30.0), torch.full((1, 1, *size), 30.0))
+        GateOutput(torch.full((1, 1, *size), -30.0), torch.full((1, 1, *size), 30.0))
         for size in SIZES
     )
     found = mix_heads(joint, camera, lidar, shut)
@@ -73,7 +73,7 @@ def test_a_closed_gate_leaves_the_other_sensors_answer():
 
 @pytest.mark.parametrize("fusion", ["gated", "ones"])
 def test_before_its_training_it_says_what_two_networks_of_one_sensor_say(tmp_path, fusion):
-    """With open gates, their mean; of gates that say otherwise, theirs."""
+    """With open gates, their mean; with other gates, weighted by them."""
     torch.manual_seed(0)
     alone = {name: Detector(replace(SMALL, fusion=name)).eval() for name in ("camera", "lidar")}
     files = {name: write(tmp_path / name, each) for name, each in alone.items()}
@@ -81,22 +81,22 @@ def test_before_its_training_it_says_what_two_networks_of_one_sensor_say(tmp_pat
     load_stream_weights(network, files, task_name="detection2d")
     image, lidar = images()
     with torch.inference_mode():
-        found = network.read(image, lidar)
-        own = [each.read(image, lidar).heads[0] for each in alone.values()]
-    said = torch.stack([each.class_logits for each in own])
-    least, most = said.amin(dim=0) - 1e-5, said.amax(dim=0) + 1e-5
+        found = network.run_heads(image, lidar)
+        own = [each.run_heads(image, lidar).heads[0] for each in alone.values()]
+    class_logits = torch.stack([each.class_logits for each in own])
+    lowest, highest = class_logits.amin(dim=0) - 1e-5, class_logits.amax(dim=0) + 1e-5
     logits = found.heads[0].class_logits
-    assert ((logits >= least) & (logits <= most)).all()
+    assert ((logits >= lowest) & (logits <= highest)).all()
     if fusion == "ones":
-        torch.testing.assert_close(logits, said.mean(dim=0))
+        torch.testing.assert_close(logits, class_logits.mean(dim=0))
 
 
 def test_all_heads_learn():
     torch.manual_seed(0)
     network = Detector(SMALL)
     image, lidar = images()
-    reading = network.read(image, lidar).heads[0]
-    (reading.class_logits.square().mean() + reading.box_logits.square().mean()).backward()
+    output = network.run_heads(image, lidar).heads[0]
+    (output.class_logits.square().mean() + output.box_logits.square().mean()).backward()
     heads = [network.heads["joint"], *network.auxiliary.values()]
     assert all(head.classify.weight.grad.any() for head in heads)
 

@@ -81,12 +81,12 @@ def test_detections_are_those_of_plain_loops(rows, config):
     boxes = torch.tensor([row[0] for row in rows], dtype=torch.float32).reshape(-1, 4)
     scores = torch.tensor([row[1] for row in rows]).reshape(-1, 3)
     entries = []
-    for corners, said in rows:
+    for corners, values in rows:
         cut = tuple(
             min(max(value, 0), limit)
             for value, limit in zip(corners, (59, 39, 59, 39), strict=True)
         )
-        for index, value in enumerate(said):
+        for index, value in enumerate(values):
             if value > config.min_score and reference.area(cut) > 0:
                 entries.append((value, CLASSES[index], cut))
     kept = []

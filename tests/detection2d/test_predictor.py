@@ -9,6 +9,7 @@ from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_labels import read_results
 from sightline.data.open import open_dataset
+from sightline.detection2d import predictor as module
 from sightline.detection2d.config import InputConfig, PostprocessConfig
 from sightline.detection2d.placement import camera_image, lidar_image
 from sightline.detection2d.predictor import DetectionPredictor
@@ -48,21 +49,21 @@ def test_it_answers_as_the_network_does(predictor, tmp_path):
     network = write_network(tmp_path / "again.safetensors", config())
     with torch.inference_mode():
         output = network(camera_image(sample)[None], lidar_image(sample, InputConfig())[None])
-    answer = predictor(sample)
-    assert float(answer.detections.scores[0]) == pytest.approx(float(output.scores.max()))
-    torch.testing.assert_close(answer.camera_gate, output.camera_gate[0, 0])
-    torch.testing.assert_close(answer.lidar_gate, output.lidar_gate[0, 0])
+    result = predictor(sample)
+    assert float(result.detections.scores[0]) == pytest.approx(float(output.scores.max()))
+    torch.testing.assert_close(result.camera_gate, output.camera_gate[0, 0])
+    torch.testing.assert_close(result.lidar_gate, output.lidar_gate[0, 0])
 
 
 @pytest.mark.parametrize("size", [(100, 700), (300, 280)])
 def test_images_of_any_size_get_boxes_in_their_own_pixels(predictor, size):
-    answer = predictor(painted_frame(1, size, rows=[("Car", 20, 20, 90, 70)]))
-    boxes = answer.detections.boxes.tensor
+    result = predictor(painted_frame(1, size, rows=[("Car", 20, 20, 90, 70)]))
+    boxes = result.detections.boxes.tensor
     assert len(boxes) == 20
     assert (boxes >= 0).all()
     assert (boxes[:, 2] <= size[1] - 1).all()
     assert (boxes[:, 3] <= size[0] - 1).all()
-    scores = answer.detections.scores
+    scores = result.detections.scores
     assert torch.equal(scores, scores.sort(descending=True).values)
 
 
@@ -115,15 +116,15 @@ def test_the_command_writes_result_files_and_gates(weights, predictor, tmp_path)
     command = ["predict", "detection2d", str(PACKAGED_FRAMES), str(out), "--gates", str(gates)]
     assert main([*command, "--weights", str(weights), "--workers", "1"]) == 0
     sample = open_dataset(PACKAGED_FRAMES)[0]
-    answer = predictor(sample)
+    result = predictor(sample)
     written = read_results(out / "000000.txt")
-    assert written.class_names == answer.detections.class_names
-    np.testing.assert_allclose(written.boxes2d, answer.detections.boxes.tensor, atol=0.01)
-    np.testing.assert_allclose(written.scores, answer.detections.scores, atol=1e-4)
+    assert written.class_names == result.detections.class_names
+    np.testing.assert_allclose(written.boxes2d, result.detections.boxes.tensor, atol=0.01)
+    np.testing.assert_allclose(written.scores, result.detections.scores, atol=1e-4)
     assert (written.dimensions_hwl == -1).all()
     picture = read_rgb(gates / "000000.png")
     assert picture.shape == (375, 1242, 3)
-    levels = [float(gate.mean()) * 255 for gate in (answer.camera_gate, answer.lidar_gate)]
+    levels = [float(gate.mean()) * 255 for gate in (result.camera_gate, result.lidar_gate)]
     np.testing.assert_allclose(picture[..., :2].mean(axis=(0, 1)), levels, atol=2)
 
 
@@ -143,5 +144,12 @@ def test_a_frame_is_drawn_with_what_was_found(weights, tmp_path):
 
 
 def test_a_method_is_refused_though_weights_are_named(weights):
-    with pytest.raises(ValueError, match="detection2d has no method 'linear': it answers by a net"):
+    with pytest.raises(ValueError, match="detection2d has no method 'linear': it predicts by a"):
         TASK.predictor(method="linear", weights=weights)
+
+
+def test_the_old_name_of_results_warns():
+    with pytest.warns(DeprecationWarning, match="now DetectionResult"):
+        assert module.DetectorAnswer is module.DetectionResult
+    with pytest.raises(AttributeError, match="has no attribute 'Other'"):
+        module.Other  # noqa: B018

@@ -1,7 +1,7 @@
 import torch
 
 from sightline.corruptions.suites import find_suite
-from sightline.detection2d.predictor import DetectorAnswer
+from sightline.detection2d.predictor import DetectionResult
 from sightline.detection2d.robustness import SCORING
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.robustness.scoring import BenchFrame, BenchPrediction
@@ -13,7 +13,7 @@ def prediction(case_name, *, gates):
     sample = painted_frame(1)
     (case,) = find_suite("dgfn7").select([case_name])
     maps = {"camera_gate": torch.full((4, 5), 0.25), "lidar_gate": torch.ones(4, 5)}
-    answer = DetectorAnswer(
+    result = DetectionResult(
         detections=Detections2D(
             class_names=("Car",),
             boxes=Boxes2D(torch.tensor([[20.0, 30.0, 90.0, 80.0]])),
@@ -21,7 +21,7 @@ def prediction(case_name, *, gates):
         ),
         **(maps if gates else {}),
     )
-    return BenchPrediction(BenchFrame(sample, None), case.corrupt(sample), answer)
+    return BenchPrediction(BenchFrame(sample, None), case.corrupt(sample), result)
 
 
 def test_an_answer_is_drawn_with_what_the_gates_let_through():

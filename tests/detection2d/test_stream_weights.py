@@ -50,7 +50,7 @@ def test_a_stream_may_come_from_a_network_of_both_sensors(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("sensor", "file", "said"),
+    ("sensor", "file", "message"),
     [
         ("radar", {}, "initial_streams names radar, but .* streams are camera, lidar"),
         ("camera", {"task": "depth-completion"}, "is of task depth-completion, expected det"),
@@ -58,7 +58,7 @@ def test_a_stream_may_come_from_a_network_of_both_sensors(tmp_path):
         ("camera", {"width": 0.05}, r"w has no stream camera that fits .* expected float32"),
     ],
 )
-def test_other_streams_are_refused(tmp_path, sensor, file, said):
+def test_other_streams_are_refused(tmp_path, sensor, file, message):
     write(tmp_path / "w", seed=0, **file)
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         load(Detector(TINY), {sensor: tmp_path / "w"})

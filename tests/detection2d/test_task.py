@@ -81,7 +81,7 @@ def test_gates_of_the_quarter_recipe_stay_open_over_the_first_updates(num_update
     lowest, costs = [], []
     for _ in range(num_updates):
         stepper.zero_grad()
-        outputs = task.network.read(two.image, two.lidar)
+        outputs = task.network.run_heads(two.image, two.lidar)
         losses = detection_loss(outputs, two, task.loss, compact=False)
         losses.total.backward()
         torch.nn.utils.clip_grad_norm_(task.network.parameters(), 10.0)
@@ -126,17 +126,17 @@ def test_a_picture_shows_both_inputs_and_both_gates(batch):
     task = Detection2D(TINY)
     with torch.inference_mode():
         output = task.score(batch)
-    shown = task.picture(batch, output)
+    picture = task.picture(batch, output)
     title_px = 22
     row_px = SIZE[0] + title_px
-    assert shown.shape == (4 * row_px, SIZE[1], 3)
+    assert picture.shape == (4 * row_px, SIZE[1], 3)
     np.testing.assert_array_equal(
-        shown[row_px + title_px : 2 * row_px],
+        picture[row_px + title_px : 2 * row_px],
         (batch.lidar[0].permute(1, 2, 0) * 255).round().byte(),
     )
-    assert all(shown[row * row_px : row * row_px + title_px].max() > 200 for row in range(4))
+    assert all(picture[row * row_px : row * row_px + title_px].max() > 200 for row in range(4))
     without = task.picture(batch, output._replace(camera_gate=None, lidar_gate=None))
-    np.testing.assert_array_equal(without, shown[: 2 * row_px])
+    np.testing.assert_array_equal(without, picture[: 2 * row_px])
 
 
 def attached(task, **data):

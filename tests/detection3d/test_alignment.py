@@ -80,15 +80,15 @@ def test_a_training_from_aligned_weights_has_none(tmp_path, network):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"name": "Van"}, "alignment names Van, but the classes are Car, Pedestrian, Cyclist"),
         ({"name": "Car", "length_m": float("nan")}, r"alignment.length_m must be from -10 to 10"),
         ({"name": "Car", "towards_m": 11.0}, r"alignment.towards_m must be from -10 to 10, got 11"),
     ],
 )
-def test_alignments_that_make_no_sense_are_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_alignments_that_make_no_sense_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         replace(COMPACT, alignment=(ClassAlignment(**settings),))
 
 

@@ -81,7 +81,7 @@ def test_a_sweep_of_fewer_beams_has_fewer_rings(sample):
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "message"),
     [
         ({"scales": (1.1, 0.9)}, "scales must be positive and in order"),
         ({"turn_deg": -1.0}, "turn_deg must be finite and not negative"),
@@ -90,6 +90,6 @@ def test_a_sweep_of_fewer_beams_has_fewer_rings(sample):
         ({"beams": (48,)}, "beams must hold some of"),
     ],
 )
-def test_settings_out_of_range_are_refused(settings, told):
-    with pytest.raises(ValueError, match=told):
+def test_settings_out_of_range_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         SceneChangeConfig(**settings)

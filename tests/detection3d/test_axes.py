@@ -1,4 +1,4 @@
-"""Proposals refined from several axes: each axis once, and the surest box of each proposal."""
+"""Proposals refined from several axes: each axis once, and the best-scored box of each proposal."""
 
 import math
 from dataclasses import replace
@@ -44,9 +44,9 @@ def test_all_stand_first_as_they_are_and_then_some_with_each_other_axis(seed, co
     for place in range(count):
         mine = turned.origins == place
         yaw = turned.proposed.boxes[mine, 6] - proposed.boxes[place, 6]
-        wanted = torch.arange(number if is_turned[place] else 1) * math.pi / number
-        torch.testing.assert_close((2 * yaw).cos(), (2 * wanted).cos(), atol=1e-5, rtol=0)
-        torch.testing.assert_close((2 * yaw).sin(), (2 * wanted).sin(), atol=1e-5, rtol=0)
+        expected = torch.arange(number if is_turned[place] else 1) * math.pi / number
+        torch.testing.assert_close((2 * yaw).cos(), (2 * expected).cos(), atol=1e-5, rtol=0)
+        torch.testing.assert_close((2 * yaw).sin(), (2 * expected).sin(), atol=1e-5, rtol=0)
 
 
 @given(seed=seeds, count=st.integers(1, 6), number=st.integers(2, 5))
@@ -66,8 +66,8 @@ def test_a_gain_that_is_too_small_leaves_the_proposal_s_own_axis():
     assert best_headings(scores, turned, HeadingHypothesesConfig(least_gain=0.005)).tolist() == [1]
 
 
-class _SureOfNorth(torch.nn.Module):
-    """Changes nothing, and is sure of boxes along x."""
+class _PrefersBoxesAlongX(torch.nn.Module):
+    """Second stage that changes no box and scores boxes along x highest."""
 
     def forward(self, points, context):
         del points
@@ -86,7 +86,7 @@ def with_axes(**settings):
     config = replace(COMPACT, axes=HeadingHypothesesConfig(**settings))
     detector = Detector3D(config).eval()
     assert detector.second is not None
-    detector.second.network = _SureOfNorth()
+    detector.second.network = _PrefersBoxesAlongX()
     return detector
 
 

@@ -21,9 +21,9 @@ def default_weights(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("default_weights")
 def test_the_demo_draws_each_frame_s_boxes_in_the_image_and_from_above(tmp_path):
     out = tmp_path / "out"
-    said = run_demo(out, [TASK.demo]).splitlines()
-    assert said[0].startswith("3D objects by small: ")
-    named = [Path(line[10:]) for line in said[1:]]
+    lines = run_demo(out, [TASK.demo]).splitlines()
+    assert lines[0].startswith("3D objects by small: ")
+    named = [Path(line[10:]) for line in lines[1:]]
     assert {out / "detections3d", out / "detections3d.png", out / "report.html"} <= set(named)
     assert read_rgb(out / "detections3d.png").shape[0] > 2 * 2 * 200
     for frame in ("000000", "000001"):

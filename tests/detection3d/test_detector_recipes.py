@@ -68,17 +68,17 @@ def test_a_network_left_to_its_defaults_is_told_so_that_it_can_be_read_again():
 
 
 @pytest.mark.parametrize(
-    "asked", [["--model.init_args.network.regions", "null"], ["--model.network.regions=null"]]
+    "flags", [["--model.init_args.network.regions", "null"], ["--model.network.regions=null"]]
 )
-def test_a_part_within_a_part_can_be_left_out_by_a_flag(asked, capsys):
+def test_a_part_within_a_part_can_be_left_out_by_a_flag(flags, capsys):
     inner = "--data.init_args.preparation.init_args.settings.changes.objects"
-    arguments = ["--config", "detection3d-best", *asked, inner, "null", "--print_config"]
+    arguments = ["--config", "detection3d-best", *flags, inner, "null", "--print_config"]
     with pytest.raises(SystemExit) as end:
         run_training("fit", arguments, PACKAGE_RECIPES)
     assert end.value.code in (None, 0)
-    shown = yaml.safe_load(capsys.readouterr().out)
-    assert shown["model"]["init_args"]["network"]["regions"] is None
-    assert shown["model"]["init_args"]["network"]["pillars"] is not None
-    preparation = shown["data"]["init_args"]["preparation"]["init_args"]
+    printed = yaml.safe_load(capsys.readouterr().out)
+    assert printed["model"]["init_args"]["network"]["regions"] is None
+    assert printed["model"]["init_args"]["network"]["pillars"] is not None
+    preparation = printed["data"]["init_args"]["preparation"]["init_args"]
     assert preparation["settings"]["changes"]["objects"] is None
     assert preparation["settings"]["changes"]["stretch"] == [0.1, 0.04, 0.04]

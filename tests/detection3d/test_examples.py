@@ -53,9 +53,9 @@ def test_scoring_takes_the_frame_as_it_is_with_all_labels(frames):
     batch = example(frames[0], training=False)
     frame = batch.frames[0]
     assert frame.objects.class_names == frames[0].objects.class_names
-    wanted = batch.truths[0].boxes
+    expected = batch.truths[0].boxes
     labelled = frames[0].objects.boxes3d.tensor
-    assert all((labelled == box).all(dim=1).any() for box in wanted)
+    assert all((labelled == box).all(dim=1).any() for box in expected)
 
 
 def test_each_draw_is_another_and_each_seed_the_same(frames):
@@ -91,14 +91,14 @@ def test_a_higher_lidar_is_learned_from_and_scored_as_it_is_detected_in(frames, 
         lidar_height_m=KITTI_LIDAR_HEIGHT_M + 0.5,
     )
     settings = replace(SETTINGS, changes=None)
-    wanted, given = (
+    expected, given = (
         example(each, settings, training=training)
         for each in (replace(sample, points=exact), higher)
     )
-    torch.testing.assert_close(given.points[0], wanted.points[0])
-    torch.testing.assert_close(given.truths[0].boxes, wanted.truths[0].boxes)
+    torch.testing.assert_close(given.points[0], expected.points[0])
+    torch.testing.assert_close(given.truths[0].boxes, expected.truths[0].boxes)
     if not training:
-        frame, as_kitti = given.frames[0], wanted.frames[0]
+        frame, as_kitti = given.frames[0], expected.frames[0]
         np.testing.assert_allclose(frame.objects.locations, as_kitti.objects.locations, atol=1e-6)
         torch.testing.assert_close(
             frame.calibration.camera_from_lidar, calibration.camera_from_lidar

@@ -1,4 +1,4 @@
-"""The flip test of the compact detector: each change exact, and answers that change along."""
+"""Flip test of the compact detector: exact transforms, and predictions that follow them."""
 
 import math
 from dataclasses import replace
@@ -32,7 +32,7 @@ from sightline.detection3d.pillars.regions import (
     flip_heading,
 )
 from sightline.detection3d.pillars.stage import mirror_pillars, pillar_features
-from sightline.detection3d.stages import AS_IT_IS, StageView, answer_of_views
+from sightline.detection3d.stages import UNCHANGED, StageView, mean_over_views
 from sightline.detection3d.sweeps import network_sweep
 from sightline.detection3d.task import Detection3D
 from sightline.geometry.transforms import wrap_angle
@@ -74,12 +74,12 @@ def test_centers_of_mirrored_boxes_are_the_mirrored_centers(seed):
     middles, sizes = cell_middles(cells, grid).double(), torch.ones(len(cells), 3).double()
     boxes = some_boxes(seed, rows * columns)  # one for each cell
 
-    def told(of_cells):
-        code = torch.cat((encode_centers(of_cells, middles, sizes), of_cells[:, :1]), dim=1)
+    def encode(cell_values):
+        code = torch.cat((encode_centers(cell_values, middles, sizes), cell_values[:, :1]), dim=1)
         return code.reshape(1, 1, rows, columns, -1).movedim(-1, 2)  # x stands for the quality
 
     there = (boxes * MIRROR).reshape(rows, columns, 7).flip(1).reshape(-1, 7)
-    torch.testing.assert_close(mirror_centers(told(boxes)), told(there))
+    torch.testing.assert_close(mirror_centers(encode(boxes)), encode(there))
 
 
 @given(seed=seeds)
@@ -108,7 +108,7 @@ def test_regions_of_turned_proposals(seed):
     assert torch.equal(flip_heading(found).points, plain.points)
 
 
-class _Answer(NamedTuple):
+class _Output(NamedTuple):
     first: Tensor
     second: Tensor
 
@@ -116,17 +116,17 @@ class _Answer(NamedTuple):
 def test_the_mean_is_over_all_views_and_one_view_is_left_as_it_is():
     tenfold = StageView(
         lambda inputs: {"x": 10 * inputs["x"]},
-        lambda answer: answer._replace(first=-answer.first),
+        lambda output: output._replace(first=-output.first),
     )
     inputs = {"x": torch.tensor([1.0, 2.0])}
 
     def run(given_inputs):
-        return _Answer(given_inputs["x"], given_inputs["x"] + 1)
+        return _Output(given_inputs["x"], given_inputs["x"] + 1)
 
-    both = answer_of_views(run, inputs, (AS_IT_IS, tenfold))
+    both = mean_over_views(run, inputs, (UNCHANGED, tenfold))
     assert both.first.tolist() == [-4.5, -9.0]
     assert both.second.tolist() == [6.5, 12.0]
-    one = answer_of_views(run, inputs, (AS_IT_IS,))
+    one = mean_over_views(run, inputs, (UNCHANGED,))
     assert one.first is inputs["x"]
 
 
@@ -138,10 +138,10 @@ def test_a_network_that_answers_by_the_front_alone_is_asked_from_both_ends():
         count = len(inputs["points"])
         return RegionOutput(torch.ones(count, 8), torch.full((count,), 3.0), torch.zeros(count))
 
-    answer = answer_of_views(always, {"points": torch.zeros(2, 4, 9), "context": context},
+    output = mean_over_views(always, {"points": torch.zeros(2, 4, 9), "context": context},
                              RegionStage.views)  # fmt: skip
-    assert answer.front_logits.tolist() == [0, 0]
-    assert answer.values[0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
+    assert output.front_logits.tolist() == [0, 0]
+    assert output.values[0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
 
 
 def trained(config):
@@ -198,7 +198,7 @@ def test_a_training_scores_without_what_is_for_use_alone(is_cached, tmp_path):
         COMPACT, flip_test=True, axes=HeadingHypothesesConfig(class_names=NAMES, passes=1)
     )
     write_network(weights, in_use)
-    answers = []
+    detections = []
     for config in (COMPACT, in_use):
         task = Detection3D(config, stages="second", initial_weights=weights).eval()
         cache = None
@@ -212,8 +212,8 @@ def test_a_training_scores_without_what_is_for_use_alone(is_cached, tmp_path):
         )
         batch = examples.prepare(simulated_frames()[0], np.random.default_rng(0), training=False)
         with torch.no_grad():
-            answers.append(task.score(batch)[0])
-    assert torch.equal(answers[0].boxes.tensor, answers[1].boxes.tensor)
+            detections.append(task.score(batch)[0])
+    assert torch.equal(detections[0].boxes.tensor, detections[1].boxes.tensor)
     assert task.network_config() == in_use
 
 

@@ -1,4 +1,4 @@
-"""What is answered of several passes of the second stage: the last, or its mean with the first."""
+"""Result of several second-stage passes: the last pass, or its mean with the first."""
 
 import math
 from dataclasses import replace
@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from sightline.detection3d.config import HeadingHypothesesConfig
 from sightline.detection3d.detector import (
     Detector3D,
-    answer_of_passes,
-    mean_answer,
+    combine_passes,
+    mean_refined,
     propose,
     refine,
 )
@@ -25,7 +25,7 @@ from tests.reference.passes import mean_box
 seeds = st.integers(0, 10**6)
 
 
-def some_answers(seed, passes, count):
+def random_passes(seed, passes, count):
     """Boxes whose axes differ by up to 45 degrees from pass to pass, their fronts at any end."""
     rng = torch.Generator().manual_seed(seed)
     drawn = torch.rand(passes, count, 9, generator=rng, dtype=torch.float64)
@@ -45,60 +45,60 @@ def assert_same_boxes(found, expected):
 
 @given(seed=seeds, passes=st.integers(2, 4), count=st.integers(0, 5))
 def test_the_mean_is_that_of_the_reference(seed, passes, count):
-    answers = some_answers(seed, passes, count)
-    found = mean_answer(*answers)
+    refined = random_passes(seed, passes, count)
+    found = mean_refined(*refined)
     means = [
-        mean_box([e.boxes[row].tolist() for e in answers], [e.front_logits[row] for e in answers])
+        mean_box([e.boxes[row].tolist() for e in refined], [e.front_logits[row] for e in refined])
         for row in range(count)
     ]
     assert_same_boxes(found.boxes, torch.tensor(means, dtype=torch.float64).reshape(-1, 7))
-    torch.testing.assert_close(found.scores, sum(each.scores for each in answers) / passes)
+    torch.testing.assert_close(found.scores, sum(each.scores for each in refined) / passes)
     assert ((found.boxes[:, 6] >= -math.pi) & (found.boxes[:, 6] < math.pi)).all()
 
 
 @given(seed=seeds, turn=st.floats(-3, 3))
 def test_a_turned_scene_has_the_turned_mean(seed, turn):
-    answers = some_answers(seed, 3, 4)
+    refined = random_passes(seed, 3, 4)
     by = torch.tensor([0, 0, 0, 0, 0, 0, turn], dtype=torch.float64)
-    turned = mean_answer(*(each._replace(boxes=each.boxes + by) for each in answers))
-    assert_same_boxes(turned.boxes, mean_answer(*answers).boxes + by)
+    turned = mean_refined(*(each._replace(boxes=each.boxes + by) for each in refined))
+    assert_same_boxes(turned.boxes, mean_refined(*refined).boxes + by)
 
 
 def test_the_surer_pass_says_where_the_front_is():
     box = torch.tensor([[9.0, 0, -1, 4, 1.6, 1.5, 0.1]])
     back = box + torch.tensor([0, 0, 0, 0, 0, 0, math.pi])
     one = torch.ones(1)
-    for sure, yaw in ((2.0, 0.1), (0.5, 0.1 - math.pi)):
-        found = mean_answer(Refined(box, one, sure * one), Refined(back, one, one))
+    for front_logit, yaw in ((2.0, 0.1), (0.5, 0.1 - math.pi)):
+        found = mean_refined(Refined(box, one, front_logit * one), Refined(back, one, one))
         assert float(found.boxes[0, 6]) == pytest.approx(yaw)
-        assert float(found.front_logits) == pytest.approx(abs(sure - 1) / 2)
+        assert float(found.front_logits) == pytest.approx(abs(front_logit - 1) / 2)
 
 
 @given(seed=seeds, passes=st.integers(1, 3))
 def test_some_boxes_are_the_mean_of_first_and_last_and_others_the_last(seed, passes):
-    answers = some_answers(seed, passes, 6)
+    refined = random_passes(seed, passes, 6)
     is_mean = torch.tensor([True, False, True, False, False, True])
-    found = answer_of_passes(answers, is_mean)
-    mean = mean_answer(answers[0], answers[-1])
-    for values, last, means in zip(found, answers[-1], mean, strict=True):
+    found = combine_passes(refined, is_mean)
+    mean = mean_refined(refined[0], refined[-1])
+    for values, last, means in zip(found, refined[-1], mean, strict=True):
         assert torch.equal(values[~is_mean], last[~is_mean])
         assert torch.equal(values[is_mean], means[is_mean])
 
 
 class _Moves(torch.nn.Module):
-    """Moves a box of 4 m by 0.6 m ahead, and is the less sure the more often it is asked."""
+    """Moves a box of 4 m by 0.6 m ahead; its logits fall with each call."""
 
     def __init__(self):
         super().__init__()
-        self.asked = 0
+        self.num_calls = 0
 
     def forward(self, points, context):
         del points
         values = context.new_zeros(len(context), 8)
         values[:, 0] = 1.0
-        self.asked += 1
+        self.num_calls += 1
         front = context.new_ones(len(context))
-        return RegionOutput(values, front, front / self.asked)
+        return RegionOutput(values, front, front / self.num_calls)
 
 
 def moved(axes=None, **regions):
@@ -115,22 +115,22 @@ def moved(axes=None, **regions):
     return dict(zip(found.class_names, rows, strict=True))
 
 
-def surest(asked):
-    """The score of a certain proposal that the stage was asked about so often."""
-    return math.sqrt(1 / (1 + math.exp(-1 / asked)))
+def expected_score(num_calls):
+    """Score of a proposal with score 1 after the given number of calls."""
+    return math.sqrt(1 / (1 + math.exp(-1 / num_calls)))
 
 
 def test_the_named_classes_have_the_mean_and_others_the_last_pass():
     found = moved(passes=3, mean_with_first=("Cyclist",))
-    assert found["Car"] == pytest.approx((11.8, surest(3)))
-    assert found["Cyclist"] == pytest.approx((21.2, (surest(1) + surest(3)) / 2))
+    assert found["Car"] == pytest.approx((11.8, expected_score(3)))
+    assert found["Cyclist"] == pytest.approx((21.2, (expected_score(1) + expected_score(3)) / 2))
 
 
 def test_the_mean_is_of_the_passes_from_the_axis_that_was_taken():
     axes = HeadingHypothesesConfig(class_names=("Car",), passes=1, least_gain=0.5)
     found = moved(axes, passes=2, mean_with_first=("Car",))
-    assert found["Car"] == pytest.approx((10.9, (surest(1) + surest(2)) / 2))
-    assert found["Cyclist"] == pytest.approx((21.2, surest(2)))
+    assert found["Car"] == pytest.approx((10.9, (expected_score(1) + expected_score(2)) / 2))
+    assert found["Cyclist"] == pytest.approx((21.2, expected_score(2)))
 
 
 def test_nothing_proposed_has_no_mean():

@@ -89,17 +89,17 @@ def test_points_that_are_not_finite_and_absent_sweeps_are_refused(predictor, sam
 
 
 def test_boxes_come_back_in_the_sweeps_own_height(tmp_path, sample):
-    """Raising the sweep and telling of it gives the same answer, that much lower."""
+    """A raised sweep with the matching height offset gives the same boxes, lower by the offset."""
     offset = 0.5
     write_network(tmp_path / "plain.safetensors")
-    told = replace(TINY, input=replace(SWEEP, height_offset_m=offset, in_view=False))
-    write_network(tmp_path / "told.safetensors", told)
+    raised = replace(TINY, input=replace(SWEEP, height_offset_m=offset, in_view=False))
+    write_network(tmp_path / "raised.safetensors", raised)
     write_network(
         tmp_path / "plain.safetensors", replace(TINY, input=replace(SWEEP, in_view=False))
     )
     lowered = sample.points - sample.points.new_tensor([0, 0, offset, 0])
     plain, mounted = (
-        Detection3DPredictor.load(tmp_path / f"{name}.safetensors") for name in ("plain", "told")
+        Detection3DPredictor.load(tmp_path / f"{name}.safetensors") for name in ("plain", "raised")
     )
     expected = plain(replace(sample, points=lowered + lowered.new_tensor([0, 0, offset, 0])))
     found = mounted(replace(sample, points=lowered))
@@ -165,8 +165,8 @@ def test_a_lidar_that_is_tilted_or_turned_gets_the_same_boxes_in_its_own_frame(
         atol=1e-3,
         rtol=0,
     )
-    for name, each, answer in (("level", exact, expected), ("own", mounted, found)):
-        write_results(tmp_path / f"{name}.txt", each, answer)
+    for name, each, detections in (("level", exact, expected), ("own", mounted, found)):
+        write_results(tmp_path / f"{name}.txt", each, detections)
     level, own = (read_results(tmp_path / f"{name}.txt") for name in ("level", "own"))
     assert own.class_names == level.class_names
     np.testing.assert_allclose(own.locations, level.locations, atol=0.02)

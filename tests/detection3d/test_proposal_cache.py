@@ -1,4 +1,4 @@
-"""What a first stage gives, kept on disk: the same as running it, and refused where it is not."""
+"""Stored first-stage outputs: equal to the stage's own, and refused where they are not."""
 
 import json
 import shutil
@@ -9,6 +9,8 @@ import pytest
 import torch
 
 from sightline.cli.main import main
+from sightline.data.kitti_conversion import kitti_from_detections
+from sightline.data.kitti_labels import read_results
 from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
 from sightline.detection3d.points.config import ProposalConfig, ProposalSamplingConfig
@@ -29,9 +31,9 @@ def weights(tmp_path_factory):
     return path
 
 
-def run(weights, out, *, data=PACKAGED_FRAMES):
+def run(weights, out, *more, data=PACKAGED_FRAMES):
     command = ["proposals", str(data), str(out), "--weights", str(weights)]
-    return main([*command, "--workers", "1"])
+    return main([*command, "--workers", "1", *more])
 
 
 @pytest.fixture(scope="module")
@@ -63,15 +65,44 @@ def test_a_frames_file_holds_what_the_first_stage_gives(weights, cache, frames):
     assert len(record.boxes) <= TINY.proposals.num_proposals < len(more.boxes)
 
 
+def test_result_files_hold_every_proposal_in_the_image(weights, frames, tmp_path, capsys):
+    assert run(weights, tmp_path / "found", "--as-results") == 0
+    predictor = Detection3DPredictor.load(weights)
+    for sample in frames:
+        proposed, refined = predictor.both_stages(sample)
+        expected = kitti_from_detections(proposed, sample.calibration, sample.image_size)
+        content = read_results(tmp_path / "found" / f"{sample.sample_id}.txt")
+        assert content.class_names == expected.class_names
+        np.testing.assert_allclose(content.scores, expected.scores, atol=1e-4)
+        np.testing.assert_allclose(content.locations, expected.locations, atol=0.01)
+        assert len(content) != len(refined.scores)
+    labels = PACKAGED_FRAMES / "training" / "label_2"
+    assert main(["evaluate", "proposals", str(tmp_path / "found"), str(labels)]) == 0
+    main(
+        [
+            "predict",
+            "detection3d",
+            str(PACKAGED_FRAMES),
+            str(tmp_path / "found"),
+            "--weights",
+            str(weights),
+            "--engine",
+            "torch",
+            "--overwrite",
+        ]
+    )
+    assert "stage" in capsys.readouterr().err
+
+
 def test_scores_by_the_cache_are_those_by_the_first_stage_itself(weights, cache, frames):
     task = Detection3D(TINY, stages="second", initial_weights=weights)
     task.network.eval()
     predictor = Detection3DPredictor.load(weights)
     with torch.inference_mode():
-        answers = task.score(example(frames[0], cache, training=False))
+        detections = task.score(example(frames[0], cache, training=False))
     expected = predictor(frames[0])
-    assert len(answers[0].scores) == pytest.approx(len(expected.scores), abs=1)
-    torch.testing.assert_close(answers[0].scores[0], expected.scores[0], atol=1e-3, rtol=0)
+    assert len(detections[0].scores) == pytest.approx(len(expected.scores), abs=1)
+    torch.testing.assert_close(detections[0].scores[0], expected.scores[0], atol=1e-3, rtol=0)
 
 
 def test_a_second_stage_trains_on_it(weights, cache, frames):
@@ -156,6 +187,6 @@ def test_the_identity_hangs_on_weights_and_on_settings_of_the_first_stage_alone(
 
 
 def test_the_manifest_says_what_made_it(cache):
-    told = json.loads((cache / "sightline.json").read_text())
-    assert told["output"] == "proposal cache"
-    assert told["format"] == 1
+    manifest = json.loads((cache / "sightline.json").read_text())
+    assert manifest["output"] == "proposal cache"
+    assert manifest["format"] == 1

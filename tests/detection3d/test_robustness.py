@@ -12,12 +12,12 @@ def prediction(case_name):
     sample = open_dataset(PACKAGED_FRAMES)[0]
     (case,) = find_suite("dgfn7").select([case_name])
     labels = sample.objects.select(sample.objects.has_box3d)
-    answer = Detections3D(
+    result = Detections3D(
         class_names=labels.class_names,
         boxes=labels.boxes3d,
         scores=torch.full((len(labels),), 0.9),
     )
-    return BenchPrediction(BenchFrame(sample, None), case.corrupt(sample), answer)
+    return BenchPrediction(BenchFrame(sample, None), case.corrupt(sample), result)
 
 
 def test_an_answer_is_drawn_on_the_image_and_from_above():

@@ -1,4 +1,4 @@
-"""Which refined boxes are answered."""
+"""Selection of the refined boxes that stay."""
 
 import math
 

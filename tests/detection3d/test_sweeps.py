@@ -24,24 +24,26 @@ def row_of(near, far):
 @given(
     near=st.integers(0, 30),
     far=st.integers(0, 30),
-    wanted=st.integers(1, 40),
+    num_points=st.integers(1, 40),
     seed=st.integers(0, 5),
 )
-def test_exactly_so_many_points_are_drawn_and_far_ones_before_near_ones(near, far, wanted, seed):
+def test_exactly_so_many_points_are_drawn_and_far_ones_before_near_ones(
+    near, far, num_points, seed
+):
     points = row_of(near, far)
-    config = SweepConfig(num_points=wanted)
+    config = SweepConfig(num_points=num_points)
     numbers = draw_points(points, config, np.random.default_rng(seed))[:, 3].long().tolist()
     count = near + far
     if count == 0:
         assert numbers == []
         return
-    assert len(numbers) == wanted
-    if count <= wanted:
+    assert len(numbers) == num_points
+    if count <= num_points:
         assert set(numbers) == set(range(count))
         return
-    assert len(set(numbers)) == wanted
+    assert len(set(numbers)) == num_points
     num_far = sum(number >= near for number in numbers)
-    if far < wanted:
+    if far < num_points:
         assert num_far == far
 
 
@@ -67,9 +69,9 @@ def test_what_is_out_of_range_is_left_out_by_its_height_above_our_road():
 
 def test_points_beside_the_image_are_cut_off_where_asked_for():
     sample = simulated_frames()[0]
-    shown = points_in_view(sample)
-    sample = replace(sample, points=torch.cat((sample.points[shown], -sample.points[:10])))
-    assert len(cut_to_view(sample, SweepConfig()).points) == int(shown.sum())
+    is_in_view = points_in_view(sample)
+    sample = replace(sample, points=torch.cat((sample.points[is_in_view], -sample.points[:10])))
+    assert len(cut_to_view(sample, SweepConfig()).points) == int(is_in_view.sum())
     assert cut_to_view(sample, SweepConfig(in_view=False)) is sample
 
 
@@ -84,13 +86,13 @@ def test_points_that_are_not_finite_are_refused_in_one_line():
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "message"),
     [
         ({"num_points": 0}, "num_points must be from 1"),
         ({"lowest_m": (0.0, 40.0, -3.0)}, "lowest_m must be below highest_m"),
         ({"far_m": torch.inf}, "must be within 100000"),
     ],
 )
-def test_settings_out_of_range_are_refused(settings, told):
-    with pytest.raises(ValueError, match=told):
+def test_settings_out_of_range_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         SweepConfig(**settings)

@@ -1,4 +1,4 @@
-"""What labels ask for in a sweep."""
+"""Ground truth of a sweep from labels."""
 
 import pytest
 import torch

@@ -94,8 +94,8 @@ def test_the_first_stage_alone_answers_by_its_proposals(batch, scored):
     torch.testing.assert_close(losses.total, losses.terms["first/total"])
     task.network.eval()
     with torch.inference_mode():
-        answers = task.score(scored)
-    assert all(0 < len(each.scores) <= TINY.proposals.num_proposals for each in answers)
+        detections = task.score(scored)
+    assert all(0 < len(each.scores) <= TINY.proposals.num_proposals for each in detections)
     scores = task.scores()
     assert len(scores) == 2 * 2 * 18 + 4  # R40 and all points
     assert {"Car/3d/moderate", "loose/Car/bev/easy", "recall/0.7"} <= set(scores)
@@ -157,7 +157,7 @@ class Gallery(lightning.pytorch.loggers.CSVLogger):
     """Takes pictures as Weights & Biases does."""
 
     def log_image(self, key, images, step=None):
-        self.shown = (key, len(images), images[0].dtype, step)
+        self.image = (key, len(images), images[0].dtype, step)
 
 
 def test_every_logger_gets_losses_scores_and_pictures(batch, scored, tmp_path):
@@ -183,7 +183,7 @@ def test_every_logger_gets_losses_scores_and_pictures(batch, scored, tmp_path):
         num_sanity_val_steps=0,
     )
     trainer.fit(task, *loaders)
-    assert gallery.shown == ("validation/0", 1, np.uint8, 1)
+    assert gallery.image == ("validation/0", 1, np.uint8, 1)
     (picture,) = (tmp_path / "csv").rglob("*.png")
     assert picture.relative_to(tmp_path / "csv").as_posix() == "pictures/validation/0/0000001.png"
     assert read_rgb(picture).std() > 5
@@ -201,7 +201,7 @@ def test_a_validation_loss_is_that_of_all_proposals_with_points_and_their_object
     task = Detection3D(TINY, loss=LOSS).eval()
     task.score(scored)
     losses = validation_losses(task.network, scored, task._proposed, LOSS)
-    boxes, logits, wanted, ious = [], [], [], []
+    boxes, logits, targets, ious = [], [], [], []
     for sweep, proposed, truth in zip(scored.points, task._proposed, scored.truths, strict=True):
         regions = task.network.second.regions(sweep, proposed, seed=0)
         output = task.network.second(**regions.inputs)
@@ -209,12 +209,12 @@ def test_a_validation_loss_is_that_of_all_proposals_with_points_and_their_object
             overlaps = pairwise_iou_3d(proposed.boxes[place][None].double(), truth.boxes)[0]
             boxes.append(box)
             logits.append(logit)
-            wanted.append(truth.boxes[int(overlaps.argmax())].float())
+            targets.append(truth.boxes[int(overlaps.argmax())].float())
             ious.append(overlaps.max())
-    told = torch.stack(boxes), torch.stack(wanted), torch.stack(ious)
+    samples = torch.stack(boxes), torch.stack(targets), torch.stack(ious)
     assert len(ious) > 10
-    box_term = box_loss(*told, LOSS.refinement).total
-    confidence = confidence_loss(torch.stack(logits), told[2], LOSS.refinement)
+    box_term = box_loss(*samples, LOSS.refinement).total
+    confidence = confidence_loss(torch.stack(logits), samples[2], LOSS.refinement)
     torch.testing.assert_close(losses.confidence, confidence)
     torch.testing.assert_close(losses.total, box_term + confidence)
     assert validation_losses(Detection3D(COMPACT).network, scored, task._proposed, LOSS) is None
@@ -236,8 +236,8 @@ def test_the_picture_tells_right_from_wrong():
     assert in_3d.shape[0] > 200
     for color in (RIGHT, WRONG, LABELLED):  # lines are blended with the ground
         assert np.abs(in_3d.astype(int) - np.array(color)).max(axis=2).min() < 10
-    unsure = replace(found, scores=torch.tensor([0.9, 0.1]))
-    assert not has(training_picture(nothing, unsure, truths), WRONG)
+    low_scored = replace(found, scores=torch.tensor([0.9, 0.1]))
+    assert not has(training_picture(nothing, low_scored, truths), WRONG)
     assert not has(training_picture(nothing, found, truths[:0]), RIGHT)
 
 

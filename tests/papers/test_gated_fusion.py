@@ -66,17 +66,17 @@ def files_of(folder):
 
 
 def test_published_figures_are_quoted_and_open_cells_say_what_they_need(run):
-    said = text(run[0])
+    printed = text(run[0])
     for levels in (
         TABLE_1["late"]["lidar_occlusion"],
         TABLE_1["ones"][FULL],
         (94.49, 89.65, 80.97),
     ):
-        assert " ".join(f"{value:6.2f}" for value in levels) in said
-    assert said.count("needs --early WEIGHTS") == said.count("needs --late WEIGHTS") == 8
-    assert said.count("needs --lidar WEIGHTS") == 1
-    assert "recipe detection2d-dgfn-kitti), without --gated --ones --early" in said
-    assert "does not compare with the published figures" in said
+        assert " ".join(f"{value:6.2f}" for value in levels) in printed
+    assert printed.count("needs --early WEIGHTS") == printed.count("needs --late WEIGHTS") == 8
+    assert printed.count("needs --lidar WEIGHTS") == 1
+    assert "recipe detection2d-dgfn-kitti), without --gated --ones --early" in printed
+    assert "does not compare with the published figures" in printed
 
 
 def test_a_row_of_the_paper_is_filled_by_its_own_network_alone(run):
@@ -84,26 +84,26 @@ def test_a_row_of_the_paper_is_filled_by_its_own_network_alone(run):
     gated = report.systems["gated"]
     figures = " ".join(f"{value:6.2f}" for value in gated.cases["lidar_blank"].max_recall)
     published = " ".join(f"{value:6.2f}" for value in TABLE_1["gated"]["lidar_blank"])
-    said = text(report)
-    row = next(line for line in said.splitlines() if published in line)
+    printed = text(report)
+    row = next(line for line in printed.splitlines() if published in line)
     assert "needs --gated WEIGHTS" in row
     assert figures not in row
-    assert said.count("not the paper's: gated: DGFN, width 0.03,") == 9  # Table I and II
-    assert "Not the paper's network: gated (width 0.03" in said
+    assert printed.count("not the paper's: gated: DGFN, width 0.03,") == 9  # Table I and II
+    assert "Not the paper's network: gated (width 0.03" in printed
     as_papers = replace(gated.network, departures=())
-    said = text(replace(report, systems={"gated": replace(gated, network=as_papers)}))
-    row = next(line for line in said.splitlines() if published in line)
+    printed = text(replace(report, systems={"gated": replace(gated, network=as_papers)}))
+    row = next(line for line in printed.splitlines() if published in line)
     assert "gated: DGFN, width 0.03, steps unknown" in row
     assert figures in row
-    assert "needs --gated" not in said
+    assert "needs --gated" not in printed
 
 
 def test_without_data_the_published_figures_stand_alone():
     report = reproduce_gated_fusion()
     assert isinstance(report, GatedFusionReport)
-    said = text(report)
-    assert "98.69  90.31  82.16" in said
-    assert said.rstrip().splitlines()[-1] == (
+    printed = text(report)
+    assert "98.69  90.31  82.16" in printed
+    assert printed.rstrip().splitlines()[-1] == (
         "Not measured: ours, without --data KITTI and weights."
     )
     assert report.to_json()["networks"] == {}
@@ -247,10 +247,10 @@ def test_the_gates_of_every_case_are_told(run):
 
 
 def test_published_figures_stand_only_beside_what_they_measure(run):
-    said = text(replace(run[0], class_name="Pedestrian", iou=0.5))
-    assert "nothing was published for these" in said
+    printed = text(replace(run[0], class_name="Pedestrian", iou=0.5))
+    assert "nothing was published for these" in printed
     for levels in (TABLE_1["ones"][FULL], (94.49, 89.65, 80.97)):
-        assert " ".join(f"{value:6.2f}" for value in levels) not in said
+        assert " ".join(f"{value:6.2f}" for value in levels) not in printed
 
 
 def test_the_figures_show_every_case(run):
@@ -288,14 +288,14 @@ def test_only_the_val_split_of_kitti_compares_with_the_published_figures(run, mo
 def test_what_makes_no_sense_is_refused_before_anything_is_done(weights, tmp_path):
     out = tmp_path / "out"
     ones = {"ones": weights["ones"]}
-    for given, settings, said in (
+    for given, settings, printed in (
         ({"gated": weights["ones"]}, {}, "ones is a network of fusion ones, expected gated; give"),
         (ones, {"figure_frame": "000009"}, "frame 000009 to draw is not among the 2 frames"),
         (ones, {"suite": "dgfn8"}, "perhaps dgfn7"),
         (ones, {"workers": 0}, "workers must be at least 1"),
         (ones, {"seed": -1}, "seed must not be negative"),
     ):
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=printed):
             reproduce_gated_fusion(PACKAGED_FRAMES, given, out, **settings)
     assert not out.exists()
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.suites import find_suite
-from sightline.detection2d.predictor import DetectorAnswer
+from sightline.detection2d.predictor import DetectionResult
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.projection import sparse_depth_map
 from sightline.papers.gates import (
@@ -31,8 +31,8 @@ NOTHING = Detections2D(class_names=(), boxes=Boxes2D(torch.zeros(0, 4)), scores=
 SOUND = painted_frame(0, SIZE, rows=[])
 
 
-def answer(camera, lidar):
-    return DetectorAnswer(detections=NOTHING, camera_gate=camera, lidar_gate=lidar)
+def make_result(camera, lidar):
+    return DetectionResult(detections=NOTHING, camera_gate=camera, lidar_gate=lidar)
 
 
 def corrupted(camera_mask, lidar_mask, sample=SOUND):
@@ -41,7 +41,7 @@ def corrupted(camera_mask, lidar_mask, sample=SOUND):
 
 
 def record_of(camera, lidar, camera_mask, lidar_mask):
-    return measure_gates(answer(camera, lidar), SOUND, corrupted(camera_mask, lidar_mask))
+    return measure_gates(make_result(camera, lidar), SOUND, corrupted(camera_mask, lidar_mask))
 
 
 def level(gate):
@@ -165,9 +165,9 @@ def test_a_blank_sensor_has_no_other_cells_and_is_compared_with_clean_frames():
     (case,) = find_suite("dgfn7").select(["lidar_blank"])
     dead = case.corrupt(SOUND)
     gate = torch.full((3, 4), 0.25)
-    record = measure_gates(answer(1 - gate, gate), SOUND, dead)
+    record = measure_gates(make_result(1 - gate, gate), SOUND, dead)
     clean = measure_gates(
-        answer(1 - gate, 1 - gate), SOUND, replace(dead, lidar_mask=~dead.lidar_mask)
+        make_result(1 - gate, 1 - gate), SOUND, replace(dead, lidar_mask=~dead.lidar_mask)
     )
     scored = score_gates("lidar_blank", pool_gates([record]), pool_gates([clean])).scores["lidar"]
     assert scored.auroc_cells is scored.clear_mean is None

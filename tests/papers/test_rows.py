@@ -14,7 +14,7 @@ from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.network_task import NETWORK_TASK as IN_SPACE
 from sightline.files.settings import parse_settings
 from sightline.inference.network import load_network
-from sightline.papers.gated_fusion_cases import READINGS
+from sightline.papers.gated_fusion_cases import INTERPRETATIONS
 from sightline.papers.rows import describe, find_departures, open_labelled
 from sightline.papers.two_stage import COURSE
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -49,7 +49,7 @@ def test_the_recipes_of_the_papers_build_the_papers_networks():
     ],
 )
 def test_readings_of_a_paper_make_no_other_network_but_widths_and_inputs_do(settings, expected):
-    assert find_departures(settings, PAPER, besides=READINGS) == expected
+    assert find_departures(settings, PAPER, besides=INTERPRETATIONS) == expected
 
 
 @pytest.mark.parametrize(

@@ -62,9 +62,9 @@ def as_papers(measured):
 
 
 def test_published_figures_are_quoted(selection):
-    said = text(reproduce_shift_conv(selection))
+    printed = text(reproduce_shift_conv(selection))
     for figure in ("6.52%", "1,019.64", "1,109.04", "1,206.66", "1,102.11", "1,206.93"):
-        assert figure in said
+        assert figure in printed
 
 
 def test_sparsity_is_the_mean_number_of_measured_pixels(selection):
@@ -104,19 +104,19 @@ def test_the_official_frames_give_the_benchmarks_figure(selection, weights, weig
         assert measured.rmse_mm == pytest.approx(statistics.fmean(errors_mm))
         assert measured.seconds > 0
     figure = f"{report.with_shift_conv.rmse_mm:,.2f}"
-    of_papers, of_other = rows(report, "with, ours")
-    assert "needs --weights" in of_papers
-    assert figure not in of_papers
-    assert "not the paper's: spread: with Shift-Conv" in of_other
-    assert figure in of_other
+    papers_row, other_row = rows(report, "with, ours")
+    assert "needs --weights" in papers_row
+    assert figure not in papers_row
+    assert "not the paper's: spread: with Shift-Conv" in other_row
+    assert figure in other_row
     assert "Not the paper's network: spread (shift_conv.channels 9, " in text(report)
     report = replace(
         report,
         with_shift_conv=as_papers(report.with_shift_conv),
         without_shift_conv=as_papers(report.without_shift_conv),
     )
-    (of_papers,) = rows(report, "with, ours")
-    assert figure in of_papers
+    (papers_row,) = rows(report, "with, ours")
+    assert figure in papers_row
     assert "needs" not in text(report)
 
 

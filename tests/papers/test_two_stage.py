@@ -10,9 +10,9 @@ from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
 from sightline.data.open import open_dataset
 from sightline.detection3d.detector import propose
-from sightline.detection3d.files import read_answer
+from sightline.detection3d.files import read_detections
 from sightline.detection3d.suppression import suppress_boxes
-from sightline.detection3d.sweeps import at_kitti_height, network_sweep
+from sightline.detection3d.sweeps import network_sweep, to_kitti_frame
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import LOOSE
 from sightline.papers import two_stage as module
@@ -90,10 +90,10 @@ def test_the_first_stage_alone_is_its_proposals_without_overlaps(weights, tmp_pa
     network = module._load("first", weights).network
     assert network.second is None
     boxes, classes, scores, _ = propose(
-        network, network_sweep(at_kitti_height(sample), network.config.input)
+        network, network_sweep(to_kitti_frame(sample), network.config.input)
     )[0]
     kept = suppress_boxes(boxes, scores, network.config.suppression, labels=classes)
-    found = read_answer(out / "first" / f"{sample.sample_id}.txt", sample)
+    found = read_detections(out / "first" / f"{sample.sample_id}.txt", sample)
     assert len(found.scores) == len(kept) > 0
     torch.testing.assert_close(found.scores.float(), scores[kept], atol=1e-3, rtol=0)
     assert "tiny, first stage alone: points, " in text(report).replace("\n", " ")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import torch
 
-from sightline.detection2d.predictor import DetectorAnswer
+from sightline.detection2d.predictor import DetectionResult
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.projection import sparse_depth_map
 from sightline.perception.perceiver import MultiTaskPredictor
@@ -37,7 +37,7 @@ def one_box(sample):
     score = 0.4 * sum(part is not None for part in (sample.image, sample.points))
     boxes = Boxes2D(torch.tensor([[1.0, 2.0, 1.0 + width, 12.0]]))
     found = Detections2D(class_names=("Car",), boxes=boxes, scores=torch.tensor([score]))
-    return DetectorAnswer(detections=found)
+    return DetectionResult(detections=found)
 
 
 def perceiver(depth=sparse_depth, boxes=one_box, *, depth_name="sparse"):

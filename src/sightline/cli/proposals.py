@@ -1,6 +1,7 @@
-"""`sightline proposals`: stores outputs of a first stage, for the training of the second."""
+"""`sightline proposals`: writes outputs of a first stage, to train the second or to be scored."""
 
 from pathlib import Path
+from typing import Any
 
 from sightline.cli.output import say
 from sightline.cli.parser import Device
@@ -14,6 +15,7 @@ def proposals(
     out: Path,
     *,
     weights: str,
+    as_results: bool = False,
     device: Device = "cpu",
     sample_list: str | None = None,
     velodyne: Velodyne | None = None,
@@ -22,16 +24,20 @@ def proposals(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
-    """Stores the first stage's points, features and proposals for training the second stage.
+    """Writes the first stage's proposals: a cache for training the second stage, or result files.
 
-    `sightline fit` reads the folder of --data.init_args.preparation.init_args.cache. Files are
-    written atomically; to resume an interrupted run, run it again.
+    `sightline fit` reads the cache, which also holds points and their features, from the folder of
+    --data.init_args.preparation.init_args.cache; `sightline evaluate proposals` scores result
+    files. Files are written atomically; to resume an interrupted run, run it again.
 
     Args:
         data: A KITTI object tree.
-        out: Folder for the cache: one file per frame, 4 to 8 MB at 16,384 points.
+        out: Folder for the cache, with one file per frame of 4 to 8 MB at 16,384 points, or for the
+            result files.
         weights: Weights of a 3D detector, whose first stage is run: name of weights in Sightline or
             a file (.safetensors, .ckpt).
+        as_results: Writes KITTI's result files instead of the cache: the proposals for inference
+            that lie in the image, without refinement or suppression.
         device: Device of the network in PyTorch.
         sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or
             a text file with one name per line. Default: all.
@@ -43,18 +49,23 @@ def proposals(
     """
     only_read = [data, named_file(weights), named_file(sample_list)]
     check_outputs({"OUT": out}, data=only_read)
-    from sightline.detection3d.proposal_cache import cache_proposals
+    settings: dict[str, Any] = {
+        "sample_list": sample_list,
+        "velodyne": velodyne,
+        "workers": workers,
+        "overwrite": overwrite,
+        "shard_index": shard_index,
+        "num_shards": num_shards,
+    }
+    if as_results:
+        from sightline.detection3d.predictor import ProposalPredictor
+        from sightline.detection3d.registration import TASK
+        from sightline.inference.predict import predict
 
-    result = cache_proposals(
-        data,
-        out,
-        weights=weights,
-        device=device,
-        sample_list=sample_list,
-        velodyne=velodyne,
-        workers=workers,
-        overwrite=overwrite,
-        shard_index=shard_index,
-        num_shards=num_shards,
-    )
+        predictor = ProposalPredictor.load(weights, device=device, threads=1)
+        result = predict(TASK, predictor, data, out, **settings)
+    else:
+        from sightline.detection3d.proposal_cache import cache_proposals
+
+        result = cache_proposals(data, out, weights=weights, device=device, **settings)
     say(f"{out}: proposals of frames: {result}")

@@ -95,7 +95,7 @@ def reproduce_gated_fusion(
     from sightline.papers.gated_fusion_cases import reproduce_gated_fusion as reproduce
     from sightline.papers.gates import GATE_MAPS, GATE_MEANS
 
-    asked: Mapping[Fusion, str | None] = {
+    options: Mapping[Fusion, str | None] = {
         "gated": gated,
         "ones": ones,
         "early": early,
@@ -103,7 +103,7 @@ def reproduce_gated_fusion(
         "camera": camera,
         "lidar": lidar,
     }
-    weights = {fusion: each for fusion, each in asked.items() if each is not None}
+    weights = {fusion: each for fusion, each in options.items() if each is not None}
     report = reproduce(
         data,
         weights,
@@ -168,8 +168,8 @@ def reproduce_two_stage(
         workers: Number of processes with one thread each.
         json: File for the whole report.
     """
-    asked: Mapping[Row, str | None] = {"first": first, "baseline": baseline, "improved": improved}
-    given = {row: each for row, each in asked.items() if each is not None}
+    options: Mapping[Row, str | None] = {"first": first, "baseline": baseline, "improved": improved}
+    given = {row: each for row, each in options.items() if each is not None}
     folders = [Path(each) for each in given.values() if Path(each).is_dir()]
     files = [named_file(each) for each in (*given.values(), sample_list)]
     places = {"--json": json, "--out": out, "--figures": figures}

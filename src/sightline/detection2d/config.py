@@ -21,10 +21,10 @@ LidarPooling = Literal[1, 2, 4]
 
 _LARGEST_WIDTH = 8.0
 _LARGEST_PX = 8192
-_MOST_PX = 2**23  # about a 4K picture
+_MAX_PX = 2**23  # about a 4K picture
 _SMALLEST_PRIOR_PX = 0.1
 _LARGEST_RATIO = 100.0
-_MOST_DETECTIONS = 10_000
+_MAX_DETECTIONS = 10_000
 
 
 def check_range(
@@ -73,8 +73,8 @@ class InputConfig:
         """Checks the ranges."""
         if self.size is not None and not all(0 < side <= _LARGEST_PX for side in self.size):
             raise ValueError(f"input.size must be from 1 to {_LARGEST_PX} px, got {self.size}")
-        if self.size is not None and math.prod(self.size) > _MOST_PX:
-            raise ValueError(f"input.size must have up to {_MOST_PX} pixels, got {self.size}")
+        if self.size is not None and math.prod(self.size) > _MAX_PX:
+            raise ValueError(f"input.size must have up to {_MAX_PX} pixels, got {self.size}")
         check_range("input.scale", self.scale, 0.01, 4)
         check_range("input.longest_focal_px", self.longest_focal_px, 1, 1e6)
         check_range("input.height_offset_m", self.height_offset_m, -100, 100)
@@ -185,7 +185,7 @@ class PostprocessConfig:
         """Checks the ranges."""
         check_range("postprocess.min_score", self.min_score, 0, 1)
         check_range("postprocess.nms_iou", self.nms_iou, 0, 1)
-        check_range("postprocess.max_detections", self.max_detections, 1, _MOST_DETECTIONS)
+        check_range("postprocess.max_detections", self.max_detections, 1, _MAX_DETECTIONS)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,15 +8,15 @@ import numpy as np
 from sightline.corruptions.suites import CLEAN, find_suite
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.detection2d.answers import DRAWN_SCORE, answer_row
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection2d.results import DRAWN_SCORE, prediction_row
 from sightline.inference.demo import DemoPart, Headline
 from sightline.inference.predict import predict
 from sightline.inference.predictor import PredictingTask
 from sightline.robustness.page import plain_table
 from sightline.robustness.texts import TextTable
 
-_SHOWN = {  # cases of the suite, with their names in the report
+_CASE_NAMES = {  # cases of the suite, with their names in the report
     CLEAN: "both sensors",
     "camera_blank": "the camera dead",
     "lidar_blank": "the LiDAR dead",
@@ -46,18 +46,18 @@ def run_detection_demo(
     predict(task, predictor, frames, detections, workers=1)
     sample = open_dataset(frames)[0]
     rows, counts = [], {}
-    for case in find_suite("dgfn7").select(_SHOWN):
+    for case in find_suite("dgfn7").select(_CASE_NAMES):
         corrupted = case.corrupt(sample).sample
-        answer = predictor(corrupted)
-        said = _SHOWN[case.name]
-        rows.append(answer_row(said, corrupted, answer))
-        counts[said] = len(answer.detections.filter_by_score(DRAWN_SCORE).scores)
+        result = predictor(corrupted)
+        name = _CASE_NAMES[case.name]
+        rows.append(prediction_row(name, corrupted, result))
+        counts[name] = len(result.detections.filter_by_score(DRAWN_SCORE).scores)
     write_rgb(picture, np.concatenate(rows))
-    found = ", ".join(f"{count} with {said}" for said, count in counts.items())
+    found = ", ".join(f"{count} with {name}" for name, count in counts.items())
     table = TextTable(
         title="",
         header=(f"frame {sample.sample_id}", "objects found"),
-        rows=tuple((f"with {said}", str(count)) for said, count in counts.items()),
+        rows=tuple((f"with {name}", str(count)) for name, count in counts.items()),
     )
     return DemoPart(
         title="2D detection",

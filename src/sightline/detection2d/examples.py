@@ -117,14 +117,14 @@ def scaled_crop(
     """
     scale *= math.exp(rng.uniform(math.log(config.scales[0]), math.log(config.scales[1])))
     height, width = (
-        min(side, max(round(wanted / scale), 1))
-        for side, wanted in zip(sample.image_size, size, strict=True)
+        min(side, max(round(target / scale), 1))
+        for side, target in zip(sample.image_size, size, strict=True)
     )
     top, left = _corner(sample, height, width, config, rng)
     part = crop(sample, top, left, height, width)
     new_size = tuple(
-        min(max(round(side * scale), 1), wanted)
-        for side, wanted in zip((height, width), size, strict=True)
+        min(max(round(side * scale), 1), target)
+        for side, target in zip((height, width), size, strict=True)
     )
     return part if new_size == part.image_size else resize(part, *new_size)
 
@@ -235,7 +235,7 @@ class DetectionExamples(SamplePreparation):
         return DetectionExamples(replace(self.settings, input=config.input), self.faults)
 
     def for_update(self, rng: np.random.Generator) -> "DetectionExamples":
-        """Draw one case for all samples of a batch, if the settings ask for it."""
+        """Draw one case for all samples of a batch, if the settings require it."""
         cases = self.settings.cases
         if cases is None or cases.per == "image":
             return self

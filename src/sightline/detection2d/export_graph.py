@@ -7,7 +7,7 @@ from torch import Tensor
 
 from sightline.detection2d.config import CLASSES
 from sightline.detection2d.model import Detector
-from sightline.detection2d.placement import MOST_CANDIDATES
+from sightline.detection2d.placement import MAX_CANDIDATES
 from sightline.export.graph import Cases, ExportGraph
 from sightline.export.metadata import ExportMetadata
 from sightline.geometry.projection import DHI_HEIGHT_M, DHI_RANGE_M, DHI_REFLECTANCE
@@ -39,7 +39,7 @@ def processing(network: Detector) -> dict[str, object]:
             "kind": "greedy, within a class; a box goes if its IoU with a surer one is above iou",
             "iou": config.postprocess.nms_iou,
             "score_above": config.postprocess.min_score,
-            "max_candidates": MOST_CANDIDATES,
+            "max_candidates": MAX_CANDIDATES,
             "max_detections": config.postprocess.max_detections,
         },
     }
@@ -141,11 +141,14 @@ def _cases(names: tuple[str, ...]) -> Cases:
     cases = {}
     for size in _CASE_SIZES:
         inputs = _random_inputs(names, size, generator)
-        told = f"{size[0]}x{size[1]}"
-        cases[told] = inputs
+        size_name = f"{size[0]}x{size[1]}"
+        cases[size_name] = inputs
         for name, sensor in (("image", "camera"), ("lidar", "LiDAR")):
             if name in inputs and len(inputs) > 1:
-                cases[f"{told}, no {sensor}"] = {**inputs, name: torch.zeros_like(inputs[name])}
+                cases[f"{size_name}, no {sensor}"] = {
+                    **inputs,
+                    name: torch.zeros_like(inputs[name]),
+                }
     return cases
 
 

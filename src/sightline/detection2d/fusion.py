@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 
-class HeadReading(NamedTuple):
+class HeadOutput(NamedTuple):
     """Output of one head for all places of all its maps."""
 
     class_logits: Float[Tensor, "batch places values"]
@@ -17,21 +17,21 @@ class HeadReading(NamedTuple):
     """Centre x, y, width and height [px] of each place: a prior, or a cell of a map."""
 
 
-class GateReading(NamedTuple):
+class GateOutput(NamedTuple):
     """Logits of the gates for each sensor's features at one map."""
 
     camera_logits: Float[Tensor, "batch groups rows columns"]
     lidar_logits: Float[Tensor, "batch groups rows columns"]
 
 
-class HeadOutputs(NamedTuple):
+class RawOutputs(NamedTuple):
     """Outputs of a detector's heads and gates."""
 
-    heads: tuple[HeadReading, ...]
+    heads: tuple[HeadOutput, ...]
     """One head; in late fusion one for the camera and one for the LiDAR."""
-    gates: tuple[GateReading, ...]
+    gates: tuple[GateOutput, ...]
     """Gates of each map, the finest first; empty without gates."""
-    auxiliary: dict[str, HeadReading]
+    auxiliary: dict[str, HeadOutput]
     """Outputs of the single streams' heads, by sensor."""
 
 
@@ -92,12 +92,12 @@ class GatedFusion(nn.Module):
         self,
         camera: Float[Tensor, "batch camera_channels rows columns"],
         lidar: Float[Tensor, "batch lidar_channels rows columns"],
-    ) -> tuple[Float[Tensor, "batch out_channels rows columns"], GateReading | None]:
+    ) -> tuple[Float[Tensor, "batch out_channels rows columns"], GateOutput | None]:
         """Compute the joint map and the gates."""
         both = torch.cat((lidar, camera), dim=1)
         if self.camera_gate is None or self.lidar_gate is None:
             return self.mix(both), None
-        gates = GateReading(self.camera_gate(both), self.lidar_gate(both))
+        gates = GateOutput(self.camera_gate(both), self.lidar_gate(both))
         weighted = (_weighted(lidar, gates.lidar_logits), _weighted(camera, gates.camera_logits))
         return self.mix(torch.cat(weighted, dim=1)), gates
 
@@ -111,12 +111,12 @@ def _weighted(
     return maps * logits.sigmoid().repeat_interleave(each, dim=1)
 
 
-_LEAST_GATE = 1e-3  # so that two closed gates have equal weights, free of rounding errors
+_MIN_GATE = 1e-3  # so that two closed gates have equal weights, free of rounding errors
 
 
 def mix_heads(
-    joint: HeadReading, camera: HeadReading, lidar: HeadReading, gates: Sequence[GateReading]
-) -> HeadReading:
+    joint: HeadOutput, camera: HeadOutput, lidar: HeadOutput, gates: Sequence[GateOutput]
+) -> HeadOutput:
     """Average the sensors' own heads, weighted by their gates, and add the joint head.
 
     If one gate is closed, the other sensor's head has the full weight: a detector that has lost a
@@ -131,7 +131,7 @@ def mix_heads(
     """
     if gates:
         weights = [
-            torch.cat([_per_place(logits) for logits in each], dim=1).clamp(min=_LEAST_GATE)
+            torch.cat([_mean_gates(logits) for logits in each], dim=1).clamp(min=_MIN_GATE)
             for each in zip(*gates, strict=True)
         ]
         camera_share = weights[0] / (weights[0] + weights[1])
@@ -139,12 +139,12 @@ def mix_heads(
         camera_share = camera.class_logits.new_full(camera.class_logits.shape[:2], 0.5)
     share = camera_share[:, :, None]
     classes, boxes = (
-        own + share * of_camera + (1 - share) * of_lidar
-        for own, of_camera, of_lidar in zip(joint[:2], camera[:2], lidar[:2], strict=True)
+        own + share * camera_part + (1 - share) * lidar_part
+        for own, camera_part, lidar_part in zip(joint[:2], camera[:2], lidar[:2], strict=True)
     )
-    return HeadReading(class_logits=classes, box_logits=boxes, places=joint.places)
+    return HeadOutput(class_logits=classes, box_logits=boxes, places=joint.places)
 
 
-def _per_place(logits: Tensor) -> Tensor:
+def _mean_gates(logits: Tensor) -> Tensor:
     """Compute the mean gate of each of a map's places, row by row."""
     return logits.float().sigmoid().mean(dim=1).flatten(1)

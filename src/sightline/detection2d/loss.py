@@ -17,7 +17,7 @@ from sightline.detection2d.compact.loss import (
 )
 from sightline.detection2d.config import check_range
 from sightline.detection2d.dgfn.loss import SsdLossConfig, multibox_loss
-from sightline.detection2d.fusion import GateReading, HeadOutputs
+from sightline.detection2d.fusion import GateOutput, RawOutputs
 from sightline.detection2d.placement import padded
 from sightline.detection2d.targets import DetectionBatch
 
@@ -48,16 +48,16 @@ def health(
 
 
 def known_by_points(
-    of_cells: Float32[Tensor, "1 rows columns"], lidar: Float32[Tensor, "3 height width"]
+    cell_health: Float32[Tensor, "1 rows columns"], lidar: Float32[Tensor, "3 height width"]
 ) -> Float32[Tensor, "1 rows columns"]:
     """Set a LiDAR's health to unknown in cells without points, which look the same if it fails.
 
     Args:
-        of_cells: Health.
+        cell_health: Health.
         lidar: The intact LiDAR's image.
     """
     has_point = F.max_pool2d((lidar > 0).float(), CELL_PX, ceil_mode=True).amax(0, keepdim=True)
-    return of_cells.where(has_point > 0, torch.nan)
+    return cell_health.where(has_point > 0, torch.nan)
 
 
 def pooled_health(
@@ -72,7 +72,7 @@ def pooled_health(
 
 
 def gate_loss(
-    gates: Sequence[GateReading],
+    gates: Sequence[GateOutput],
     camera_health: Float[Tensor, "batch 1 rows columns"],
     lidar_health: Float[Tensor, "batch 1 rows columns"],
 ) -> Float[Tensor, ""]:
@@ -96,10 +96,10 @@ def _cost(
     health: Float[Tensor, "batch 1 fine_rows fine_columns"],
 ) -> Float[Tensor, ""]:
     rows, columns = logits.shape[-2:]
-    wanted = pooled_health(health, rows, columns).expand_as(logits)
-    is_known = ~wanted.isnan()
+    target = pooled_health(health, rows, columns).expand_as(logits)
+    is_known = ~target.isnan()
     entropy = F.binary_cross_entropy_with_logits(
-        logits.float(), wanted.nan_to_num(), reduction="none"
+        logits.float(), target.nan_to_num(), reduction="none"
     )
     return (entropy * is_known).sum() / is_known.sum().clamp(min=1)
 
@@ -135,7 +135,7 @@ class DetectionLosses(NamedTuple):
 
 
 def detection_loss(
-    readings: HeadOutputs, batch: DetectionBatch, config: DetectionLossConfig, *, compact: bool
+    outputs: RawOutputs, batch: DetectionBatch, config: DetectionLossConfig, *, compact: bool
 ) -> DetectionLosses:
     """Compute the loss of all heads; in late fusion, each detector has to find all objects.
 
@@ -145,22 +145,22 @@ def detection_loss(
     Raises:
         ValueError: The gate loss needs health maps that the examples lack.
     """
-    nothing = readings.heads[0].class_logits.new_zeros(())
+    nothing = outputs.heads[0].class_logits.new_zeros(())
     auxiliary = nothing
     if compact:
-        terms, auxiliary = _compact_terms(readings, batch, config)
+        terms, auxiliary = _compact_terms(outputs, batch, config)
     else:
-        found = [multibox_loss(reading, batch.targets, config.ssd) for reading in readings.heads]
+        found = [multibox_loss(output, batch.targets, config.ssd) for output in outputs.heads]
         terms = [AlignedLosses(each.classification, each.boxes, nothing) for each in found]
     gates = nothing
-    if config.gate_weight and readings.gates:
+    if config.gate_weight and outputs.gates:
         if batch.camera_health is None or batch.lidar_health is None:
             raise ValueError(
-                "gates are to be told which parts of the sensors' images are missing, but the "
-                "examples do not say; set health to true in the examples' settings"
+                "the gate loss (gate_weight above 0) needs health maps, which the examples lack; "
+                "set health to true in the examples' settings, or gate_weight to 0"
             )
         gates = config.gate_weight * gate_loss(
-            readings.gates, batch.camera_health, batch.lidar_health
+            outputs.gates, batch.camera_health, batch.lidar_health
         )
     sums = [torch.stack(list(each)).sum() for each in zip(*terms, strict=True)]
     total = torch.stack([*sums, auxiliary, gates]).sum()
@@ -168,29 +168,27 @@ def detection_loss(
 
 
 def _compact_terms(
-    readings: HeadOutputs, batch: DetectionBatch, config: DetectionLossConfig
+    outputs: RawOutputs, batch: DetectionBatch, config: DetectionLossConfig
 ) -> tuple[list[AlignedLosses], Float[Tensor, ""]]:
     """Compute the losses of each head, and of all auxiliary heads together."""
     aligned = config.aligned
-    assigned = [
-        assign_batch(reading, batch.targets, aligned.assignment) for reading in readings.heads
-    ]
+    assigned = [assign_batch(output, batch.targets, aligned.assignment) for output in outputs.heads]
     terms = [
-        aligned_loss(reading, batch.targets, assignments, aligned)
-        for reading, assignments in zip(readings.heads, assigned, strict=True)
+        aligned_loss(output, batch.targets, assignments, aligned)
+        for output, assignments in zip(outputs.heads, assigned, strict=True)
     ]
     images = {"camera": batch.image, "lidar": batch.lidar}
     own = [
         torch.stack(
             aligned_loss(
-                reading,
+                output,
                 batch.targets,
                 assigned[0],
                 aligned,
                 image_weights=(images[sensor].amax(dim=(1, 2, 3)) > 0).float(),
             )
         ).sum()
-        for sensor, reading in readings.auxiliary.items()
+        for sensor, output in outputs.auxiliary.items()
     ]
     if not own:
         return terms, terms[0].boxes.new_zeros(())

@@ -12,8 +12,8 @@ from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.dgfn.network import DgfnDesign, SsdHead
 from sightline.detection2d.fusion import (
     DetectorOutput,
-    GateReading,
-    HeadOutputs,
+    GateOutput,
+    RawOutputs,
     mix_heads,
 )
 
@@ -83,12 +83,12 @@ class Detector(nn.Module):
             ValueError: A required image is missing, the images have different sizes, or their size
                 does not suit the network.
         """
-        readings = self.read(image, lidar)
+        outputs = self.run_heads(image, lidar)
         decoded = [
-            cast("SsdHead | AlignedHead", head).decode(reading)
-            for head, reading in zip(self.heads.values(), readings.heads, strict=True)
+            cast("SsdHead | AlignedHead", head).decode(output)
+            for head, output in zip(self.heads.values(), outputs.heads, strict=True)
         ]
-        finest = readings.gates[0] if readings.gates else None
+        finest = outputs.gates[0] if outputs.gates else None
         return DetectorOutput(
             scores=torch.cat([scores for scores, _ in decoded], dim=1),
             boxes=torch.cat([boxes for _, boxes in decoded], dim=1),
@@ -96,9 +96,9 @@ class Detector(nn.Module):
             lidar_gate=None if finest is None else finest.lidar_logits.float().sigmoid(),
         )
 
-    def read(
+    def run_heads(
         self, image: Image | None = None, lidar: Image | None = None, *, auxiliary: bool = False
-    ) -> HeadOutputs:
+    ) -> RawOutputs:
         """Compute the outputs of heads and gates for the losses.
 
         Args:
@@ -112,11 +112,13 @@ class Detector(nn.Module):
         given = {"image": image, "lidar": lidar}
         size = self._checked_size({name: given[name] for name in self.input_names})
         maps = {sensor: self.streams[sensor](each) for sensor, each in self.planes(given).items()}
-        is_asked = auxiliary or self.mixes_heads
+        are_own_run = auxiliary or self.mixes_heads
         own = {
-            sensor: head(maps[sensor], size) for sensor, head in self.auxiliary.items() if is_asked
+            sensor: head(maps[sensor], size)
+            for sensor, head in self.auxiliary.items()
+            if are_own_run
         }
-        gates: list[GateReading] = []
+        gates: list[GateOutput] = []
         if self.fusions is not None:
             joint = []
             for fuse, camera_map, lidar_map in zip(
@@ -129,7 +131,7 @@ class Detector(nn.Module):
         heads = tuple(self.heads[name](seen, size) for name, seen in maps.items())
         if self.mixes_heads:
             heads = (mix_heads(heads[0], own["camera"], own["lidar"], gates),)
-        return HeadOutputs(heads=heads, gates=tuple(gates), auxiliary=own)
+        return RawOutputs(heads=heads, gates=tuple(gates), auxiliary=own)
 
     def _checked_size(self, given: dict[str, Image | None]) -> tuple[int, int]:
         missing = [name for name, planes in given.items() if planes is None]

@@ -86,7 +86,7 @@ def whole_strides(size: tuple[int, int], stride: int) -> tuple[int, int]:
     return height, width
 
 
-MOST_CANDIDATES = 2000  # best-scored boxes of a frame that enter suppression
+MAX_CANDIDATES = 2000  # best-scored boxes of a frame that enter suppression
 
 
 def to_detections(
@@ -107,19 +107,24 @@ def to_detections(
         config: Thresholds.
     """
     rows, columns = (scores > config.min_score).nonzero().unbind(dim=1)
-    sure = scores[rows, columns]
-    if len(sure) > MOST_CANDIDATES:
-        best = sure.argsort(descending=True, stable=True)[:MOST_CANDIDATES]
-        rows, columns, sure = rows[best], columns[best], sure[best]
+    top_scores = scores[rows, columns]
+    if len(top_scores) > MAX_CANDIDATES:
+        best = top_scores.argsort(descending=True, stable=True)[:MAX_CANDIDATES]
+        rows, columns, top_scores = rows[best], columns[best], top_scores[best]
     found = Boxes2D(placement.to_image(boxes[rows].float())).clip(placement.image_size)
-    is_shown = found.area() > 0
-    rows, columns, sure, found = rows[is_shown], columns[is_shown], sure[is_shown], found[is_shown]
+    is_visible = found.area() > 0
+    rows, columns, top_scores, found = (
+        rows[is_visible],
+        columns[is_visible],
+        top_scores[is_visible],
+        found[is_visible],
+    )
     kept = nms2d(
         found.tensor,
-        sure,
+        top_scores,
         config.nms_iou,
         labels=columns,
         max_detections=config.max_detections,
     )
     names = tuple(CLASSES[index] for index in columns[kept].tolist())
-    return Detections2D(class_names=names, boxes=found[kept], scores=sure[kept].float())
+    return Detections2D(class_names=names, boxes=found[kept], scores=top_scores[kept].float())

@@ -1,5 +1,6 @@
 """Predictor for 2D detection."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -33,7 +34,7 @@ from sightline.structures.sweep_checks import check_finite_points
 
 @checked()
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DetectorAnswer:
+class DetectionResult:
     """Detections and gates of a frame."""
 
     detections: Detections2D
@@ -44,7 +45,14 @@ class DetectorAnswer:
     lidar_gate: Float32[Tensor, "rows columns"] | None = None
 
 
-class DetectionPredictor(SamplePredictor[DetectorAnswer]):
+def __getattr__(name: str) -> type[DetectionResult]:
+    if name == "DetectorAnswer":
+        warnings.warn("DetectorAnswer is now DetectionResult", DeprecationWarning, stacklevel=2)
+        return DetectionResult
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+class DetectionPredictor(SamplePredictor[DetectionResult]):
     """Detect cars, pedestrians and cyclists with a trained network.
 
     Examples:
@@ -52,8 +60,8 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
         >>> predictor = sightline.DetectionPredictor.load("detection2d-fast-cpu")
-        >>> answer = predictor(dataclasses.replace(sample, image=None))  # the camera is dead
-        >>> "Car" in answer.detections.class_names, float(answer.camera_gate.max()) < 0.5
+        >>> result = predictor(dataclasses.replace(sample, image=None))  # the camera is dead
+        >>> "Car" in result.detections.class_names, float(result.camera_gate.max()) < 0.5
         (True, True)
 
     Takes images of any size and sweeps with any number of beams. Either sensor may be missing; a
@@ -126,7 +134,7 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
 
     @property
     def gives(self) -> tuple[str, ...]:
-        """Names of the task's outputs that the answers contain."""
+        """Names of the task's outputs that the predictions contain."""
         return ("results", "gates") if self._config.fusion == "gated" else ("results",)
 
     @property
@@ -134,7 +142,7 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
         """Entries of a manifest besides the name."""
         return {"weights_sha256": self.sha256, "engine": self.engine}
 
-    def predict(self, sample: CameraLidarSample) -> DetectorAnswer:
+    def predict(self, sample: CameraLidarSample) -> DetectionResult:
         """Detect in a sample.
 
         Raises:
@@ -163,7 +171,7 @@ class DetectionPredictor(SamplePredictor[DetectorAnswer]):
         found = to_detections(
             on_cpu["scores"], on_cpu["boxes"], placement, self._config.postprocess
         )
-        return DetectorAnswer(detections=found, **gates)
+        return DetectionResult(detections=found, **gates)
 
 
 def _over_frame(

@@ -12,7 +12,7 @@ from sightline.inference.predictor import Output, OutputFilter
 
 if TYPE_CHECKING:
     from sightline.detection2d.model import Detector
-    from sightline.detection2d.predictor import DetectionPredictor, DetectorAnswer
+    from sightline.detection2d.predictor import DetectionPredictor, DetectionResult
     from sightline.export.graph import ExportGraph
     from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
@@ -22,23 +22,25 @@ if TYPE_CHECKING:
     from sightline.structures.sample import CameraLidarSample
 
 
-def _write_results(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswer") -> None:
-    from sightline.detection2d.answers import write_results
+def _write_results(path: Path, sample: "CameraLidarSample", result: "DetectionResult") -> None:
+    from sightline.detection2d.results import write_results
 
-    write_results(path, sample, answer)
+    write_results(path, sample, result)
 
 
-def _read_results(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
-    from sightline.detection2d.answers import read_results
+def _read_results(
+    path: Path, sample: "CameraLidarSample", perception: "Perception"
+) -> "Perception":
+    from sightline.detection2d.results import read_results
 
     del sample
-    return read_results(path, told)
+    return read_results(path, perception)
 
 
-def _write_gates(path: Path, sample: "CameraLidarSample", answer: "DetectorAnswer") -> None:
-    from sightline.detection2d.answers import write_gates
+def _write_gates(path: Path, sample: "CameraLidarSample", result: "DetectionResult") -> None:
+    from sightline.detection2d.results import write_gates
 
-    write_gates(path, sample, answer)
+    write_gates(path, sample, result)
 
 
 class Detection2DTask(DetectionNetworkTask):
@@ -99,7 +101,7 @@ class Detection2DTask(DetectionNetworkTask):
 
         if method is not None:
             raise ValueError(
-                f"detection2d has no method '{shortened(method)}': it answers by a network; leave "
+                f"detection2d has no method '{shortened(method)}': it predicts by a network; leave "
                 "the method out, or name weights instead"
             )
         return DetectionPredictor.load(
@@ -115,7 +117,7 @@ class Detection2DTask(DetectionNetworkTask):
 
         return SCORING
 
-    def perception(self, prediction: "DetectorAnswer") -> "Perception":
+    def perception(self, prediction: "DetectionResult") -> "Perception":
         """Wrap the detections, without the gates."""
         from sightline.structures.predictions import Perception
 

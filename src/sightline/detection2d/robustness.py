@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from sightline.detection2d.answers import answer_panels, read_answer, write_results
+from sightline.detection2d.results import prediction_panels, read_detections, write_results
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import BenchPrediction, Panel
 
@@ -10,7 +10,7 @@ from sightline.robustness.scoring import BenchPrediction, Panel
 def _panels(prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
     corrupted = prediction.corrupted
     masks = (corrupted.camera_mask, corrupted.lidar_mask)
-    panels = answer_panels(corrupted.sample, prediction.output, masks=masks, width_px=width_px)
+    panels = prediction_panels(corrupted.sample, prediction.output, masks=masks, width_px=width_px)
     return tuple(Panel(f"{each.name} {each.note}".strip(), each.picture) for each in panels)
 
 
@@ -22,6 +22,6 @@ SCORING: Final = ObjectScoring(
         Target("Cyclist", "bbox", 0.5),
     ),
     write=write_results,
-    read_file=read_answer,
+    read_file=read_detections,
     panels=_panels,
 )

@@ -72,21 +72,21 @@ def make_targets(objects: ObjectLabels, config: TargetConfig) -> DetectionTarget
     ).tolist()
     found: list[int] = []
     ignored: list[int] = []
-    wanted: list[int] = []
-    of_classes: list[list[bool]] = []
+    class_indices: list[int] = []
+    ignored_classes: list[list[bool]] = []
     for index, name in enumerate(objects.class_names):
         like = LOOK_ALIKES[name] if name in config.ignored_names else name
         if name in CLASSES and is_clear[index]:
             found.append(index)
-            wanted.append(CLASSES.index(name))
+            class_indices.append(CLASSES.index(name))
         elif like in CLASSES or name == "DontCare":
             ignored.append(index)
-            of_classes.append([name == "DontCare" or each == like for each in CLASSES])
+            ignored_classes.append([name == "DontCare" or each == like for each in CLASSES])
     return DetectionTargets(
         boxes=boxes[found],
-        class_indices=torch.tensor(wanted, dtype=torch.int64),
+        class_indices=torch.tensor(class_indices, dtype=torch.int64),
         ignored_boxes=boxes[ignored],
-        ignored_classes=torch.tensor(of_classes, dtype=torch.bool).reshape(-1, len(CLASSES)),
+        ignored_classes=torch.tensor(ignored_classes, dtype=torch.bool).reshape(-1, len(CLASSES)),
     )
 
 

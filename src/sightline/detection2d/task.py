@@ -10,13 +10,13 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from sightline.data.kitti_conversion import kitti_from_detections2d
-from sightline.detection2d.answers import training_picture
 from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.dgfn.weights import fold_batch_norm, load_vgg_weights
 from sightline.detection2d.fusion import DetectorOutput
 from sightline.detection2d.loss import DetectionLossConfig, DetectionLosses, detection_loss
 from sightline.detection2d.model import Detector
 from sightline.detection2d.placement import to_detections
+from sightline.detection2d.results import training_picture
 from sightline.detection2d.targets import DetectionBatch
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.files.weights import Weights, fill_network, read_weights
@@ -149,11 +149,11 @@ class Detection2D(TrainingModule):
 
     def losses(self, batch: DetectionBatch) -> DetectionLosses:
         """Compute the losses of a batch."""
-        readings = self.network.read(
+        outputs = self.network.run_heads(
             **self._inputs(batch), auxiliary=self.loss.auxiliary_weight > 0
         )
         is_compact = self.network.config.compact is not None
-        return detection_loss(readings, batch, self.loss, compact=is_compact)
+        return detection_loss(outputs, batch, self.loss, compact=is_compact)
 
     def score(self, batch: DetectionBatch) -> DetectorOutput:
         """Score a batch."""
@@ -182,10 +182,10 @@ class Detection2D(TrainingModule):
         return self.metric.notes(self.monitored[0])
 
     def picture(
-        self, batch: DetectionBatch, answer: DetectorOutput
+        self, batch: DetectionBatch, output: DetectorOutput
     ) -> UInt8[np.ndarray, "height width 3"]:
         """Draw the first sample of a batch with its boxes, the LiDAR's image and the gates."""
-        return training_picture(batch, answer, self.network.config.postprocess)
+        return training_picture(batch, output, self.network.config.postprocess)
 
     def _inputs(self, batch: DetectionBatch) -> dict[str, Tensor]:
         images = {"image": batch.image, "lidar": batch.lidar}

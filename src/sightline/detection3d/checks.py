@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sized
 from typing import Final, SupportsFloat
 
-MOST_NUMBERS: Final = 2**29
+MAX_NUMBERS: Final = 2**29
 """Largest number of values in a layer's output for one sweep: 2 GB."""
 
 _RULES: Final[Mapping[str, Callable[[float], bool]]] = {

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from sightline.detection3d.checks import MOST_NUMBERS, check_different, check_numbers, check_range
+from sightline.detection3d.checks import MAX_NUMBERS, check_different, check_numbers, check_range
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.pillars.config import (
     PillarDetectionConfig,
@@ -48,7 +48,7 @@ __all__ = [
     "HeadingHypothesesConfig",
 ]
 
-_MOST_AXES = 16
+_MAX_AXES = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,13 +67,13 @@ class HeadingHypothesesConfig:
     def __post_init__(self) -> None:
         """Checks the numbers."""
         check_different("axes.class_names", self.class_names, self.class_names)
-        check_range("axes.number", self.number, 2, _MOST_AXES)
+        check_range("axes.number", self.number, 2, _MAX_AXES)
         check_numbers(self, "at least 1", "passes", within="axes.")
         check_numbers(self, "finite and not negative", "least_gain", within="axes.")
 
 
-_MOST_PROPOSALS = 10_000
-_MOST_DISTANCES = 2**32  # between points and centres: some seconds
+_MAX_PROPOSALS = 10_000
+_MAX_DISTANCES = 2**32  # between points and centres: some seconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +109,7 @@ class Detection3DConfig:
     """Suppression of overlapping boxes before the output."""
     flip_test: bool = field(default=False, metadata=INFERENCE_ONLY)
     """Whether predictors also run the compact first stage on the mirrored sweep, and the second
-    stage on regions turned round; see `answer_of_views`."""
+    stage on regions turned round; see `mean_over_views`."""
     axes: HeadingHypothesesConfig | None = field(default=None, metadata=INFERENCE_ONLY)
     """Proposals that predictors refine from several axes with the compact stage. None: none."""
     alignment: tuple[ClassAlignment, ...] = field(default=(), metadata=INFERENCE_ONLY)
@@ -124,12 +124,12 @@ class Detection3DConfig:
             )
         if self.refinement is not None and self.regions is not None:
             raise ValueError(
-                "a detector has one second stage at most: set refinement or regions to null"
+                "a detector has at most one second stage: set refinement or regions to null"
             )
         proposals = max(self.proposals.num_proposals, self.training_proposals.num_proposals)
-        if max(proposals, self.centers.max_boxes) > _MOST_PROPOSALS:
+        if max(proposals, self.centers.max_boxes) > _MAX_PROPOSALS:
             raise ValueError(
-                f"proposals.num_proposals and centers.max_boxes must be up to {_MOST_PROPOSALS}"
+                f"proposals.num_proposals and centers.max_boxes must be up to {_MAX_PROPOSALS}"
             )
         if self.points is not None:
             self._check_points(self.points)
@@ -153,10 +153,10 @@ class Detection3DConfig:
         if self.input.num_points is None:
             raise ValueError("input.num_points must be a number where points are the first stage")
         centers = points.backbone.levels[0].num_centers
-        if self.input.num_points * centers > _MOST_DISTANCES:
+        if self.input.num_points * centers > _MAX_DISTANCES:
             raise ValueError(
                 "input.num_points times num_centers of the first of points.backbone.levels must "
-                f"be up to {_MOST_DISTANCES}, got {self.input.num_points} times {centers}"
+                f"be up to {_MAX_DISTANCES}, got {self.input.num_points} times {centers}"
             )
         extra = points.backbone.in_channels
         if extra != self.input.reflectance:
@@ -167,10 +167,10 @@ class Detection3DConfig:
 
     def _check_second(self) -> None:
         """Check the second stage's inputs and its work for all proposals together."""
-        name, most = "centers.max_boxes", self.centers.max_boxes
+        name, max_boxes = "centers.max_boxes", self.centers.max_boxes
         given = 0
         if self.points is not None:
-            name, most = "proposals.num_proposals", self.proposals.num_proposals
+            name, max_boxes = "proposals.num_proposals", self.proposals.num_proposals
             given = self.points.backbone.out_channels
         if self.refinement is not None:
             stage, numbers = "refinement", self.refinement.numbers(self.pooling.num_points)
@@ -184,10 +184,10 @@ class Detection3DConfig:
                 "regions",
                 self.regions.numbers * (self.axes.number if self.axes else 1),
             )
-            told = given if self.points is not None else int(self.input.reflectance)
-            if self.regions.in_channels != told:
+            expected = given if self.points is not None else int(self.input.reflectance)
+            if self.regions.in_channels != expected:
                 raise ValueError(
-                    f"regions.in_channels is {self.regions.in_channels}, expected {told}: the "
+                    f"regions.in_channels is {self.regions.in_channels}, expected {expected}: the "
                     "features that the first stage gives each point, else 1 with "
                     "input.reflectance and 0 without"
                 )
@@ -198,10 +198,10 @@ class Detection3DConfig:
                 )
         else:
             return
-        if most * numbers > MOST_NUMBERS:
+        if max_boxes * numbers > MAX_NUMBERS:
             raise ValueError(
                 f"{stage} makes layers of {numbers} numbers of a proposal, of which {name} allows "
-                f"{most}, expected up to {MOST_NUMBERS} numbers together: lower {name}, or the "
+                f"{max_boxes}, expected up to {MAX_NUMBERS} numbers together: lower {name}, or the "
                 "points of a proposal"
             )
 

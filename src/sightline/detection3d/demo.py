@@ -7,7 +7,7 @@ import numpy as np
 
 from sightline.data.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.detection3d.pictures import DRAWN_SCORE, answer_picture
+from sightline.detection3d.pictures import DRAWN_SCORE, prediction_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.inference.demo import DemoPart
 from sightline.inference.demo_page import picture_html
@@ -45,7 +45,7 @@ def run_detection3d_demo(
     pages, counts = [], []
     for sample in (dataset[index] for index in range(len(dataset))):
         proposed, found = predictor.both_stages(sample)
-        pages.append(answer_picture(f"Frame {sample.sample_id}", sample, proposed, found))
+        pages.append(prediction_picture(f"Frame {sample.sample_id}", sample, proposed, found))
         counts.append(f"{len(found.filter_by_score(DRAWN_SCORE).scores)} in {sample.sample_id}")
     write_rgb(picture, np.concatenate(pages))
     return DemoPart(

@@ -26,8 +26,8 @@ from sightline.detection3d.stages import (
     Run,
     SecondStage,
     Stage,
-    answer_of_views,
     autocast_disabled,
+    mean_over_views,
 )
 from sightline.detection3d.suppression import suppress_boxes
 from sightline.detection3d.sweeps import Sweep
@@ -71,9 +71,9 @@ class Detector3D(nn.Module):
         return None if name is None else cast("SecondStage", self.get_submodule(name))
 
     def runner(self, stage: Stage, run: Run | None, *, in_use: bool) -> Run:
-        """Run a stage by `run` or by PyTorch; in use on both views if the settings ask for it."""
+        """Run a stage by `run` or by PyTorch; in use on both views if the settings require it."""
         views = stage.views if in_use and self.config.flip_test else stage.views[:1]
-        return partial(answer_of_views, run or (lambda inputs: stage(**inputs)), views=views)
+        return partial(mean_over_views, run or (lambda inputs: stage(**inputs)), views=views)
 
     def is_named(
         self, classes: Int64[Tensor, " num_boxes"], names: Sequence[str]
@@ -89,11 +89,11 @@ class Detector3D(nn.Module):
         scores: Float[Tensor, " num_boxes"],
     ) -> Detections3D:
         """Convert boxes from the sweep's frame to the labels' frame."""
-        answered = boxes.detach().cpu().clone()
-        answered[:, 2] -= self.config.input.height_offset_m
+        label_boxes = boxes.detach().cpu().clone()
+        label_boxes[:, 2] -= self.config.input.height_offset_m
         return Detections3D(
             class_names=tuple(self.class_names[index] for index in classes.cpu().tolist()),
-            boxes=Boxes3D(answered),
+            boxes=Boxes3D(label_boxes),
             scores=scores.detach().cpu(),
         )
 
@@ -126,13 +126,13 @@ class RefinementState(NamedTuple):
 
     proposed: Proposed
     """Start of the next pass; the scores are still the first stage's."""
-    answers: tuple[Refined, ...] = ()
+    refined: tuple[Refined, ...] = ()
     """Outputs of the passes so far; their rows match `proposed`."""
 
     def select(self, places: Int64[Tensor, " num_kept"]) -> "RefinementState":
         """Select some of the boxes."""
-        answers = tuple(Refined(*(rows[places] for rows in each)) for each in self.answers)
-        return RefinementState(self.proposed.select(places), answers)
+        refined = tuple(Refined(*(rows[places] for rows in each)) for each in self.refined)
+        return RefinementState(self.proposed.select(places), refined)
 
 
 def refine(
@@ -151,45 +151,45 @@ def refine(
     boxes, classes, scores, _ = proposed
     second, config = detector.second, detector.config
     if second is not None and len(boxes):
-        ask, done = detector.runner(second, run, in_use=in_use), 0
+        run_second, done = detector.runner(second, run, in_use=in_use), 0
         state, axes = RefinementState(proposed), config.axes
         if in_use and axes is not None:
             is_turned, done = detector.is_named(classes, axes.class_names), axes.passes
             turned = turn_to_axes(proposed, is_turned, axes.number)
-            state = run_passes(second, sweep, RefinementState(turned.proposed), ask, done)
-            state = state.select(best_headings(state.answers[-1].scores, turned, axes))
-        state = run_passes(second, sweep, state, ask, second.passes - done)
+            state = run_passes(second, sweep, RefinementState(turned.proposed), run_second, done)
+            state = state.select(best_headings(state.refined[-1].scores, turned, axes))
+        state = run_passes(second, sweep, state, run_second, second.passes - done)
         classes = state.proposed.classes
         is_mean = detector.is_named(classes, second.mean_with_first)
-        boxes, scores, _ = answer_of_passes(state.answers, is_mean)
+        boxes, scores, _ = combine_passes(state.refined, is_mean)
     with autocast_disabled(sweep):
         kept = suppress_boxes(boxes, scores, config.suppression, labels=classes)
     return detector.as_detections(boxes[kept], classes[kept], scores[kept])
 
 
 def run_passes(
-    second: SecondStage, sweep: Sweep, state: RefinementState, ask: Run, number: int
+    second: SecondStage, sweep: Sweep, state: RefinementState, run: Run, number: int
 ) -> RefinementState:
-    """Run `number` further passes by `ask`, each from the output of the one before."""
+    """Run `number` further passes by `run`, each from the output of the one before."""
     for _ in range(number):
         if not len(state.proposed.boxes):
             break
         with autocast_disabled(sweep):
             regions = second.regions(sweep, state.proposed, seed=POINT_SEED)
         state = state.select(regions.places)
-        answer = Refined(regions.boxes, regions.scores, torch.zeros_like(regions.scores))
+        refined = Refined(regions.boxes, regions.scores, torch.zeros_like(regions.scores))
         if len(regions.places):
-            output = ask(regions.inputs)
+            output = run(regions.inputs)
             with autocast_disabled(sweep):
-                answer = second.refine(output, regions)
-        proposed = state.proposed._replace(boxes=answer.boxes)
-        state = RefinementState(proposed, (*state.answers, answer))
+                refined = second.refine(output, regions)
+        proposed = state.proposed._replace(boxes=refined.boxes)
+        state = RefinementState(proposed, (*state.refined, refined))
     return state
 
 
-def answer_of_passes(answers: Sequence[Refined], is_mean: Bool[Tensor, " num_boxes"]) -> Refined:
+def combine_passes(refined: Sequence[Refined], is_mean: Bool[Tensor, " num_boxes"]) -> Refined:
     """Select the last pass's result, or for some boxes the mean of the first and last pass."""
-    last, mean = answers[-1], mean_answer(answers[0], answers[-1])
+    last, mean = refined[-1], mean_refined(refined[0], refined[-1])
     return Refined(
         torch.where(is_mean[:, None], mean.boxes, last.boxes),
         torch.where(is_mean, mean.scores, last.scores),
@@ -197,13 +197,13 @@ def answer_of_passes(answers: Sequence[Refined], is_mean: Bool[Tensor, " num_box
     )
 
 
-def mean_answer(*answers: Refined) -> Refined:
+def mean_refined(*refined: Refined) -> Refined:
     """Average several results for the same boxes.
 
     Centres and scores are arithmetic means, sizes geometric means. The axis is the mean by sine and
     cosine of twice its angle; the front comes from the mean of the log-odds.
     """
-    boxes, scores, front_logits = (torch.stack(each) for each in zip(*answers, strict=True))
+    boxes, scores, front_logits = (torch.stack(each) for each in zip(*refined, strict=True))
     centers, sizes = boxes[..., :3].mean(dim=0), boxes[..., 3:6].log().mean(dim=0).exp()
     yaws = boxes[..., 6]
     axes = torch.atan2((2 * yaws).sin().mean(dim=0), (2 * yaws).cos().mean(dim=0)) / 2
@@ -244,10 +244,10 @@ def best_headings(
 ) -> Int64[Tensor, " num_proposals"]:
     """Return the row of the best-scored refined box for each original proposal."""
     is_own = turned.axes == 0
-    worth = torch.where(is_own, scores, scores / (1 + config.least_gain))
-    table = worth.new_full((int(turned.axes.max()) + 1, int(is_own.sum())), -math.inf)
+    adjusted = torch.where(is_own, scores, scores / (1 + config.least_gain))
+    table = adjusted.new_full((int(turned.axes.max()) + 1, int(is_own.sum())), -math.inf)
     places = torch.zeros_like(table, dtype=torch.int64)
-    table[turned.axes, turned.origins] = worth
+    table[turned.axes, turned.origins] = adjusted
     places[turned.axes, turned.origins] = torch.arange(len(scores), device=scores.device)
     best = table.argmax(dim=0, keepdim=True)
     return places.gather(0, best)[0]

@@ -35,11 +35,11 @@ from sightline.detection3d.sweeps import (
     SweepConfig,
     SweepTruth,
     SweepTruthConfig,
-    at_kitti_height,
     cut_to_view,
     draw_points,
     make_truth,
     points_in_range,
+    to_kitti_frame,
 )
 from sightline.files.settings import NetworkConfig
 from sightline.geometry.calibration import Calibration
@@ -203,7 +203,7 @@ class Detection3DExamples(SamplePreparation):
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
     ) -> "Detection3DExamples":
-        """Collect objects to paste into other sweeps, if the settings ask for pasting."""
+        """Collect objects to paste into other sweeps, if the settings require pasting."""
         changes = self.settings.changes
         if changes is None or changes.objects is None:
             return self
@@ -230,7 +230,7 @@ class Detection3DExamples(SamplePreparation):
         settings = self.settings
         seen = settings.input or SweepConfig()
         level = level_sample(sample)
-        raised = at_kitti_height(level)
+        raised = to_kitti_frame(level)
         assert level.objects is not None, "checked above"
         assert raised.objects is not None, "checked above"
         frame = None
@@ -245,13 +245,13 @@ class Detection3DExamples(SamplePreparation):
             points, record = read_record(self.cache, sample, training=training)
             objects = raised.objects
         else:
-            shown = cut_to_view(replace(raised, image=None, depth=None), seen)
+            visible = cut_to_view(replace(raised, image=None, depth=None), seen)
             if training and settings.changes is not None:
-                shown = change_scene(shown, settings.changes, rng, self._bank)
-            assert shown.points is not None, "checked when it was cut"
-            assert shown.objects is not None, "checked above"
-            within = points_in_range(shown.points, seen)
-            points, objects = draw_points(within, seen, rng), shown.objects
+                visible = change_scene(visible, settings.changes, rng, self._bank)
+            assert visible.points is not None, "checked when it was cut"
+            assert visible.objects is not None, "checked above"
+            within = points_in_range(visible.points, seen)
+            points, objects = draw_points(within, seen, rng), visible.objects
         return Detection3DBatch(
             sample_ids=(sample.sample_id,),
             points=(points,),

@@ -278,8 +278,8 @@ def _pillar_channels(grid: PillarGridConfig) -> list[dict[str, str]]:
         ("offset along y", "mean of -1 to 1 across the pillar", "1"),
         ("reflectance", "mean reflectance", "1"),
     ]
-    told = heights + (rest if grid.reflectance else rest[:-1])
-    return [{"name": name, "formula": formula, "unit": unit} for name, formula, unit in told]
+    values = heights + (rest if grid.reflectance else rest[:-1])
+    return [{"name": name, "formula": formula, "unit": unit} for name, formula, unit in values]
 
 
 def _region_inputs(settings: RegionConfig) -> dict[str, object]:

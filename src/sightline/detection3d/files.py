@@ -10,19 +10,19 @@ from sightline.structures.predictions import Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 
 
-def write_results(path: Path, sample: CameraLidarSample, answer: Detections3D) -> None:
+def write_results(path: Path, sample: CameraLidarSample, detections: Detections3D) -> None:
     """Write KITTI's result file; its 2D boxes are the projections of the 3D boxes."""
     kitti_labels.write_objects(
         path,
         kitti_from_detections(
-            level_detections(answer, sample),
+            level_detections(detections, sample),
             level_calibration(sample.calibration, sample.level_from_lidar),
             sample.image_size,
         ),
     )
 
 
-def read_results(path: Path, sample: CameraLidarSample, told: Perception) -> Perception:
+def read_results(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
     """Add the 3D boxes of KITTI's result file; a file with 2D boxes alone changes nothing.
 
     Raises:
@@ -30,11 +30,11 @@ def read_results(path: Path, sample: CameraLidarSample, told: Perception) -> Per
     """
     objects = kitti_labels.read_results(path)
     found = _detections(objects, sample)
-    is_of_2d_alone = len(objects) > 0 and len(found.scores) == 0
-    return told if is_of_2d_alone else replace(told, detections3d=found)
+    has_only_2d = len(objects) > 0 and len(found.scores) == 0
+    return perception if has_only_2d else replace(perception, detections3d=found)
 
 
-def read_answer(path: Path, sample: CameraLidarSample) -> Detections3D:
+def read_detections(path: Path, sample: CameraLidarSample) -> Detections3D:
     """Read the 3D boxes of KITTI's result file; none if it has 2D boxes alone.
 
     Raises:

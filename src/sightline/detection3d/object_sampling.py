@@ -235,18 +235,18 @@ def _with_label(
     found = Detections3D(
         class_names=(entry.class_name,), boxes=Boxes3D(entry.box[None]), scores=torch.ones(1)
     )
-    shown = kitti_from_detections(found, sample.calibration, sample.image_size)
-    if not shown.class_names:
+    visible = kitti_from_detections(found, sample.calibration, sample.image_size)
+    if not visible.class_names:
         return None
     boxes3d, boxes2d = objects.boxes3d.tensor, objects.boxes2d.tensor
-    box2d = torch.from_numpy(shown.boxes2d).to(boxes2d.dtype)
+    box2d = torch.from_numpy(visible.boxes2d).to(boxes2d.dtype)
     return ObjectLabels(
         class_names=(*objects.class_names, entry.class_name),
         boxes2d=Boxes2D(torch.cat((boxes2d, box2d))),
         boxes3d=Boxes3D(torch.cat((boxes3d, entry.box[None].to(boxes3d.dtype)))),
         truncation=torch.cat((objects.truncation, objects.truncation.new_zeros(1))),
         occlusion=torch.cat((objects.occlusion, objects.occlusion.new_zeros(1))),
-        alpha=torch.cat((objects.alpha, torch.from_numpy(shown.alpha))),
+        alpha=torch.cat((objects.alpha, torch.from_numpy(visible.alpha))),
     )
 
 

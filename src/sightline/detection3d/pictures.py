@@ -36,7 +36,7 @@ MIN_IOU: Final = 0.5
 _FARTHEST_M = 60.0
 
 
-def answer_picture(
+def prediction_picture(
     title: str,
     sample: CameraLidarSample,
     proposed: Detections3D,
@@ -57,7 +57,7 @@ def answer_picture(
         width_px: Width of the image.
     """
     height_px = max(round(sample.image_size[0] * width_px / sample.image_size[1]), 1)
-    proposed, sure = (
+    proposed, detections = (
         level_detections(each.filter_by_score(DRAWN_SCORE), sample) for each in (proposed, found)
     )
     sample = level_sample(resize(sample, height_px, width_px))
@@ -71,11 +71,13 @@ def answer_picture(
         labelled = draw_boxes3d(
             image, known.boxes3d, known.class_names, calibration, color=LABELLED, tags=False
         )
-    second = draw_boxes3d(labelled, sure.boxes, sure.class_names, calibration, scores=sure.scores)
+    second = draw_boxes3d(
+        labelled, detections.boxes, detections.class_names, calibration, scores=detections.scores
+    )
     seen = np.concatenate(
         (
             titled_cell(title, f"{len(proposed.scores)} proposals", first),
-            titled_cell("Detections", f"{len(sure.scores)}; labels are white", second),
+            titled_cell("Detections", f"{len(detections.scores)}; labels are white", second),
         )
     )
     above_px = seen.shape[0] - TITLE_PX - GAP_PX
@@ -83,7 +85,7 @@ def answer_picture(
     view = replace(view, pixels_per_m=above_px / (view.x_max_m - view.x_min_m))
     above = labels_from_above(sample, view)
     put_boxes_from_above(above, view, proposed.boxes, proposed.class_names, color=PROPOSED)
-    put_boxes_from_above(above, view, sure.boxes, sure.class_names)
+    put_boxes_from_above(above, view, detections.boxes, detections.class_names)
     fitted = cv2.resize(above, (above.shape[1], above_px), interpolation=cv2.INTER_AREA)
     cell = titled_cell("From above", "to 60 m", fitted.astype(np.uint8, copy=False))
     return np.concatenate((seen, cell), axis=1)
@@ -122,18 +124,18 @@ def training_picture(
     behind = _behind_and_above(height, width)
     scene = draw_points(np.zeros((height, width, 3), np.uint8), points, behind)
     groups = [(objects, LABELLED)]
-    sure = found.boxes.tensor[found.scores >= DRAWN_SCORE]
-    is_right = torch.zeros(len(sure), dtype=torch.bool)
-    if len(sure) and len(truths):
-        is_right = pairwise_iou_3d(sure.double(), truths).amax(dim=1) >= MIN_IOU
-    groups += [(Boxes3D(sure[is_right]), RIGHT), (Boxes3D(sure[~is_right]), WRONG)]
+    drawn = found.boxes.tensor[found.scores >= DRAWN_SCORE]
+    is_right = torch.zeros(len(drawn), dtype=torch.bool)
+    if len(drawn) and len(truths):
+        is_right = pairwise_iou_3d(drawn.double(), truths).amax(dim=1) >= MIN_IOU
+    groups += [(Boxes3D(drawn[is_right]), RIGHT), (Boxes3D(drawn[~is_right]), WRONG)]
     for boxes, color in groups:
         names = ("",) * len(boxes)
         scene = draw_boxes3d(scene, boxes, names, behind, color=color, tags=False)
         if color != LABELLED:
             put_boxes_from_above(above, view, boxes, names, color=color)
-    said = f"labels white, right detections green (IoU {MIN_IOU:g}), false orange"
-    return np.concatenate((with_title(above, f"from above: {said}"), with_title(scene, "in 3D")))
+    legend = f"labels white, right detections green (IoU {MIN_IOU:g}), false orange"
+    return np.concatenate((with_title(above, f"from above: {legend}"), with_title(scene, "in 3D")))
 
 
 def _behind_and_above(height: int, width: int) -> Calibration:

@@ -14,7 +14,7 @@ from sightline.detection3d.export_graph import REGIONS_A_RUN, export_graphs, reg
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.stages import Proposed
 from sightline.detection3d.suppression import align
-from sightline.detection3d.sweeps import Sweep, at_kitti_height, in_own_frame, network_sweep
+from sightline.detection3d.sweeps import Sweep, from_kitti_frame, network_sweep, to_kitti_frame
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.wrong_types import named_arguments
@@ -166,11 +166,41 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
         Raises:
             ValueError: See `predict`.
         """
-        sweep = network_sweep(at_kitti_height(sample), self._config.input)
+        sweep = self._sweep(sample)
         proposed = self._stages.propose(sweep)
-        unrefined = self._stages.detector.as_detections(*proposed[:3])
-        answers = unrefined, self._stages.refine(sweep, proposed)
-        first, second = (
-            in_own_frame(align(each, self._config.alignment), sample) for each in answers
-        )
-        return first, second
+        refined = self._stages.refine(sweep, proposed)
+        return self._unrefined(proposed, sample), self._align(refined, sample)
+
+    def propose(self, sample: CameraLidarSample) -> Detections3D:
+        """Compute the first stage's proposals of a sample, without refinement or suppression.
+
+        Raises:
+            ValueError: See `predict`.
+        """
+        return self._unrefined(self._stages.propose(self._sweep(sample)), sample)
+
+    def _sweep(self, sample: CameraLidarSample) -> Sweep:
+        return network_sweep(to_kitti_frame(sample), self._config.input)
+
+    def _unrefined(self, proposed: Proposed, sample: CameraLidarSample) -> Detections3D:
+        return self._align(self._stages.detector.as_detections(*proposed[:3]), sample)
+
+    def _align(self, detections: Detections3D, sample: CameraLidarSample) -> Detections3D:
+        return from_kitti_frame(align(detections, self._config.alignment), sample)
+
+
+class ProposalPredictor(Detection3DPredictor):
+    """Predictor of the first stage's proposals; see `Detection3DPredictor.propose`."""
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """Entries of a manifest besides the name."""
+        return super().made_by | {"stage": "first"}
+
+    def predict(self, sample: CameraLidarSample) -> Detections3D:
+        """Compute the proposals of a sample.
+
+        Raises:
+            ValueError: See `Detection3DPredictor.predict`.
+        """
+        return self.propose(sample)

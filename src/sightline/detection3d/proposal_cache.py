@@ -32,7 +32,7 @@ from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.predictor import StageRunners
 from sightline.detection3d.stages import Proposed
-from sightline.detection3d.sweeps import Sweep, at_kitti_height, network_sweep
+from sightline.detection3d.sweeps import Sweep, network_sweep, to_kitti_frame
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
@@ -203,7 +203,7 @@ class _ProposalWork:
 
     def run(self) -> None:
         sample = self.dataset[self.index]
-        points = network_sweep(at_kitti_height(sample), self.stages.detector.config.input)
+        points = network_sweep(to_kitti_frame(sample), self.stages.detector.config.input)
         proposed, training_proposed = self.stages.propose_both(points)
         features = proposed.features
         if features is None:  # a sweep without points, or a stage without features

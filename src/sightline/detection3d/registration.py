@@ -21,16 +21,18 @@ if TYPE_CHECKING:
     from sightline.structures.sample import CameraLidarSample
 
 
-def _write_results(path: Path, sample: "CameraLidarSample", answer: "Detections3D") -> None:
+def _write_results(path: Path, sample: "CameraLidarSample", detections: "Detections3D") -> None:
     from sightline.detection3d.files import write_results
 
-    write_results(path, sample, answer)
+    write_results(path, sample, detections)
 
 
-def _read_results(path: Path, sample: "CameraLidarSample", told: "Perception") -> "Perception":
+def _read_results(
+    path: Path, sample: "CameraLidarSample", perception: "Perception"
+) -> "Perception":
     from sightline.detection3d.files import read_results
 
-    return read_results(path, sample, told)
+    return read_results(path, sample, perception)
 
 
 class Detection3DTask(Detection3DNetworkTask):
@@ -85,7 +87,7 @@ class Detection3DTask(Detection3DNetworkTask):
 
         if method is not None:
             raise ValueError(
-                f"detection3d has no method '{shortened(method)}': it answers by a network; leave "
+                f"detection3d has no method '{shortened(method)}': it predicts by a network; leave "
                 "the method out, or name weights instead"
             )
         return Detection3DPredictor.load(

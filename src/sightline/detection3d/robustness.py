@@ -2,7 +2,7 @@
 
 from typing import Final, Literal
 
-from sightline.detection3d.files import read_answer, write_results
+from sightline.detection3d.files import read_detections, write_results
 from sightline.detection3d.pictures import DRAWN_SCORE, labels_from_above
 from sightline.robustness.object_scoring import ObjectScoring, Target
 from sightline.robustness.scoring import BenchPrediction, Panel
@@ -36,6 +36,6 @@ SCORING: Final = ObjectScoring(
         *(Target(name, view, 0.5) for name in ("Pedestrian", "Cyclist") for view in _VIEWS),
     ),
     write=write_results,
-    read_file=read_answer,
+    read_file=read_detections,
     panels=_panels,
 )

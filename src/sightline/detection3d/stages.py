@@ -41,19 +41,19 @@ def _same(given: Any) -> Any:  # noqa: ANN401 - inputs or an output
     return given
 
 
-AS_IT_IS: Final = StageView(_same, _same)
+UNCHANGED: Final = StageView(_same, _same)
 
 
-def answer_of_views(run: Run, inputs: Mapping[str, Tensor], views: Sequence[StageView]) -> Any:  # noqa: ANN401 - the stage's NamedTuple
+def mean_over_views(run: Run, inputs: Mapping[str, Tensor], views: Sequence[StageView]) -> Any:  # noqa: ANN401 - the stage's NamedTuple
     """Run a stage on one or more views, and average the outputs, each transformed back.
 
     The output of a single view is returned unchanged.
     """
-    answers = [view.change_back(run(view.change(inputs))) for view in views]
-    if len(answers) == 1:
-        return answers[0]
-    means = (torch.stack(values).mean(dim=0) for values in zip(*answers, strict=True))
-    return type(answers[0])(*means)
+    outputs = [view.change_back(run(view.change(inputs))) for view in views]
+    if len(outputs) == 1:
+        return outputs[0]
+    means = (torch.stack(values).mean(dim=0) for values in zip(*outputs, strict=True))
+    return type(outputs[0])(*means)
 
 
 class Proposed(NamedTuple):
@@ -102,7 +102,7 @@ class Stage(nn.Module, ABC):
 
     output_type: Callable[..., tuple[Any, ...]]
     """NamedTuple of the output."""
-    views: tuple[StageView, ...] = (AS_IT_IS,)
+    views: tuple[StageView, ...] = (UNCHANGED,)
     """Views of the flip test; the first is the unchanged input."""
     network: nn.Module
 
@@ -183,7 +183,7 @@ class SecondStage(Stage):
         self,
         output: Any,  # noqa: ANN401 - of `output_type`
         regions: Regions,
-        wanted: Any,  # noqa: ANN401 - as `examples` gives it
+        targets: Any,  # noqa: ANN401 - as `examples` gives it
         config: Detection3DLossConfig,
     ) -> Losses:
         """Compute the training losses."""

@@ -44,15 +44,15 @@ def suppress_boxes(
     Raises:
         ValueError: A score is NaN, or a box is not finite or has a negative size.
     """
-    is_unsure = scores < config.min_score  # False for NaN, which `nms_bev` refuses
-    sure = (~is_unsure).nonzero()[:, 0]
+    is_below = scores < config.min_score  # False for NaN, which `nms_bev` refuses
+    candidates = (~is_below).nonzero()[:, 0]
     kept = nms_bev(
-        Boxes3D(boxes[sure]).bev,
-        scores[sure],
+        Boxes3D(boxes[candidates]).bev,
+        scores[candidates],
         math.nextafter(config.iou, 0.0),  # `nms_bev` keeps an equal IoU
-        labels=None if labels is None else labels[sure],
+        labels=None if labels is None else labels[candidates],
     )
-    return sure[kept]
+    return candidates[kept]
 
 
 _LONGEST_M, _SHORTEST_BOX_M = 10.0, 0.1

@@ -25,8 +25,8 @@ Sweep = Float32[Tensor, "_ 4"]
 """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
 
 _FARTHEST_M = 1e5
-_MOST_POINTS = 2**22
-_MANY_POINTS, _LEAST_SHARE = 1000, 0.01  # of many points, the least share in range
+_MAX_POINTS = 2**22
+_MANY_POINTS, _MIN_SHARE = 1000, 0.01  # of many points, the least share in range
 _SEED: Final = 0  # for drawing points: results are reproducible
 
 
@@ -56,7 +56,7 @@ class SweepConfig:
     def __post_init__(self) -> None:
         """Checks the numbers."""
         if self.num_points is not None:
-            check_range("input.num_points", self.num_points, 1, _MOST_POINTS)
+            check_range("input.num_points", self.num_points, 1, _MAX_POINTS)
         numbers = (*self.lowest_m, *self.highest_m, self.far_m, self.height_offset_m)
         if not all(abs(number) <= _FARTHEST_M for number in numbers):
             raise ValueError(f"lengths of the input must be within {_FARTHEST_M:g}, got {numbers}")
@@ -68,7 +68,7 @@ class SweepConfig:
 
 
 def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSample:
-    """Keep the points inside the camera image, if the settings ask for it.
+    """Keep the points inside the camera image, if the settings require it.
 
     Raises:
         ValueError: The sample has no sweep, or a point of it is not finite.
@@ -83,10 +83,10 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
     return replace(sample, points=points[points_in_view(sample)]) if config.in_view else sample
 
 
-def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
+def to_kitti_frame(sample: CameraLidarSample) -> CameraLidarSample:
     """Transform a sample to a LiDAR frame like KITTI's: level, x ahead, at the same height.
 
-    `in_own_frame` is the inverse for detections.
+    `from_kitti_frame` is the inverse for detections.
     """
     sample = level_sample(sample)
     rise_m = sample.higher_than_kitti_m
@@ -109,8 +109,8 @@ def at_kitti_height(sample: CameraLidarSample) -> CameraLidarSample:
     )
 
 
-def in_own_frame(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
-    """Transform detections in `at_kitti_height(sample)` to the sample's own LiDAR frame."""
+def from_kitti_frame(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
+    """Transform detections in `to_kitti_frame(sample)` to the sample's own LiDAR frame."""
     down = found.boxes.tensor.new_tensor([0, 0, sample.higher_than_kitti_m, 0, 0, 0, 0])
     lowered = replace(found, boxes=Boxes3D(found.boxes.tensor - down))
     return mounted_detections(lowered, sample)
@@ -138,20 +138,20 @@ def draw_points(
     """
     if config.num_points is None:
         return points
-    count, wanted = len(points), config.num_points
-    everything = np.arange(count)
+    count, num_points = len(points), config.num_points
+    indices = np.arange(count)
     is_far = (points[:, 0] >= config.far_m).numpy()
-    far, near = everything[is_far], everything[~is_far]
-    if 0 < count <= wanted:
-        repeated = rng.integers(count, size=wanted - count)
-        chosen = rng.permutation(np.concatenate((everything, repeated)))
-    elif len(far) >= wanted:
-        chosen = rng.permutation(everything)[:wanted]
+    far, near = indices[is_far], indices[~is_far]
+    if 0 < count <= num_points:
+        repeated = rng.integers(count, size=num_points - count)
+        chosen = rng.permutation(np.concatenate((indices, repeated)))
+    elif len(far) >= num_points:
+        chosen = rng.permutation(indices)[:num_points]
     elif count:
-        near = rng.permutation(near)[: wanted - len(far)]
+        near = rng.permutation(near)[: num_points - len(far)]
         chosen = rng.permutation(np.concatenate((far, near)))
     else:
-        chosen = everything
+        chosen = indices
     return points[torch.from_numpy(chosen)]
 
 
@@ -161,15 +161,15 @@ def network_sweep(sample: CameraLidarSample, settings: SweepConfig) -> Sweep:
     Raises:
         ValueError: See `predict`.
     """
-    shown = cut_to_view(sample, settings).points
-    assert shown is not None, "checked when it was cut"
+    visible = cut_to_view(sample, settings).points
+    assert visible is not None, "checked when it was cut"
     assert sample.points is not None, "likewise"
-    seen = points_in_range(shown, settings)
-    if len(sample.points) >= _MANY_POINTS and len(seen) < _LEAST_SHARE * len(sample.points):
+    seen = points_in_range(visible, settings)
+    if len(sample.points) >= _MANY_POINTS and len(seen) < _MIN_SHARE * len(sample.points):
         warnings.warn(
             f"of the {len(sample.points)} points of sample {sample.sample_id} only {len(seen)} lie "
-            "where the network looks: are its axes x forward, y left, z up, in metres from the "
-            "LiDAR?",
+            "in the network's range; check that its axes are x forward, y left, z up, in metres "
+            "from the LiDAR",
             stacklevel=2,
         )
     return draw_points(seen, settings, np.random.default_rng(_SEED))
@@ -240,7 +240,7 @@ def make_truth(
     is_clear = (is_seen & (inside >= config.min_points)).tolist()
     found: list[int] = []
     ignored: list[int] = []
-    of_classes: list[list[bool]] = []
+    ignored_classes: list[list[bool]] = []
     for index in objects.has_box3d.nonzero()[:, 0].tolist():
         name = objects.class_names[index]
         like = LOOK_ALIKES[name] if name in config.ignored_names else name
@@ -248,11 +248,13 @@ def make_truth(
             found.append(index)
         elif like in class_names or name == "DontCare":
             ignored.append(index)
-            of_classes.append([name == "DontCare" or each == like for each in class_names])
+            ignored_classes.append([name == "DontCare" or each == like for each in class_names])
     classes = [class_names.index(objects.class_names[index]) for index in found]
     return SweepTruth(
         boxes=boxes[found],
         classes=torch.tensor(classes, dtype=torch.int64),
         ignored_boxes=boxes[ignored],
-        ignored_classes=torch.tensor(of_classes, dtype=torch.bool).reshape(-1, len(class_names)),
+        ignored_classes=torch.tensor(ignored_classes, dtype=torch.bool).reshape(
+            -1, len(class_names)
+        ),
     )

@@ -141,17 +141,17 @@ class Detection3D(TrainingModule):
         """Score a batch."""
         assert batch.frames is not None, "examples to score hold the frames' truth"
         self._check_records(batch)
-        answers, self._proposed = [], []
+        detections, self._proposed = [], []
         for number, points in enumerate(batch.points):
             if batch.records is not None:
                 proposed = batch.records[number].proposed
             else:
                 proposed = propose(self.network, points, in_use=False)[0]
             self._proposed.append(proposed)
-            answers.append(refine(self.network, points, proposed, in_use=False))
+            detections.append(refine(self.network, points, proposed, in_use=False))
         results = [
             kitti_from_detections(found, frame.calibration.to("cpu"), frame.image_size)
-            for found, frame in zip(answers, batch.frames, strict=True)
+            for found, frame in zip(detections, batch.frames, strict=True)
         ]
         labels = [frame.objects for frame in batch.frames]
         self.metric.update(results, labels)
@@ -159,7 +159,7 @@ class Detection3D(TrainingModule):
         self.recall_metric.update(
             [each.boxes for each in self._proposed], [truth.boxes for truth in batch.truths]
         )
-        return answers
+        return detections
 
     def validation_step(self, batch: Batch | None, batch_idx: int) -> None:
         """Score a batch, and log the plain second stage's losses over all its proposals."""
@@ -175,8 +175,10 @@ class Detection3D(TrainingModule):
         """Compute 3D and BEV AP by class and difficulty at both overlaps, and recall."""
         strict: Mapping[str, Tensor] = super().scores()
         loose = {f"loose/{name}": value for name, value in self.loose_metric.compute().items()}
-        shown = {name: value for name, value in {**strict, **loose}.items() if "/bbox/" not in name}
-        return {**shown, **self.recall_metric.compute()}
+        scores_3d = {
+            name: value for name, value in {**strict, **loose}.items() if "/bbox/" not in name
+        }
+        return {**scores_3d, **self.recall_metric.compute()}
 
     def on_validation_epoch_end(self) -> None:
         """Log the scores."""
@@ -194,14 +196,14 @@ class Detection3D(TrainingModule):
         return self.metric.notes(self.monitored[0])
 
     def picture(
-        self, batch: Detection3DBatch, answer: list[Detections3D]
+        self, batch: Detection3DBatch, output: list[Detections3D]
     ) -> UInt8[np.ndarray, "height width 3"]:
         """Draw the first sweep of a batch from above, with detections and ground truth."""
         truth, points = batch.truths[0], batch.points[0]
         boxes, offset_m = truth.boxes, self.network.config.input.height_offset_m
         return training_picture(
             (points - points.new_tensor([0, 0, offset_m, 0])).cpu(),
-            answer[0],
+            output[0],
             (boxes - boxes.new_tensor([0, 0, offset_m, 0, 0, 0, 0])).float().cpu(),
         )
 

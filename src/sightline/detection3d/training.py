@@ -85,10 +85,10 @@ def _second_losses(
     config: Detection3DLossConfig,
 ) -> Losses | None:
     """Loss over the regions of all sweeps together; None if there are no regions."""
-    held = [(regions, wanted) for regions, wanted in examples if len(regions.places)]
+    held = [(regions, targets) for regions, targets in examples if len(regions.places)]
     if not held:
         return None
-    all_regions, all_wanted = zip(*held, strict=True)
+    all_regions, all_targets = zip(*held, strict=True)
     places, boxes, scores = (
         torch.cat([each[column] for each in all_regions]) for column in range(3)
     )
@@ -96,10 +96,12 @@ def _second_losses(
         name: torch.cat([each.inputs[name] for each in all_regions])
         for name in all_regions[0].inputs
     }
-    wanted = type(all_wanted[0])(*(torch.cat(values) for values in zip(*all_wanted, strict=True)))
+    targets = type(all_targets[0])(
+        *(torch.cat(values) for values in zip(*all_targets, strict=True))
+    )
     output = second(**inputs)
     with autocast_disabled(boxes):
-        return second.losses(output, Regions(places, boxes, scores, inputs), wanted, config)
+        return second.losses(output, Regions(places, boxes, scores, inputs), targets, config)
 
 
 def validation_losses(
@@ -174,19 +176,22 @@ class ProposalRecallMetric(Metric):
         self, proposals: Sequence[Float[Tensor, "_ 7"]], truths: Sequence[Float[Tensor, "_ 7"]]
     ) -> None:
         """Add frames: boxes x, y, z, length, width, height, yaw of each."""
-        for proposed, wanted in zip(proposals, truths, strict=True):
-            counts = [find_recalled(proposed, wanted, min_iou=iou).sum() for iou in _IOUS]
+        for proposed, truth in zip(proposals, truths, strict=True):
+            counts = [find_recalled(proposed, truth, min_iou=iou).sum() for iou in _IOUS]
             found = torch.stack(counts).to(self.num_found)
             self.num_found += found
-            self.num_truths += len(wanted)
-            self.recalls += found / max(len(wanted), 1)
+            self.num_truths += len(truth)
+            self.recalls += found / max(len(truth), 1)
             self.num_frames += 1
 
     def compute(self) -> dict[str, Tensor]:
         """Compute recall/0.5 and the like, and their means over frames: recall/0.5_frames."""
         scores: dict[str, Tensor] = {}
         for column, iou in enumerate(_IOUS):
-            of_objects = self.num_found[column] / self.num_truths[0].clamp(min=1)
-            of_frames = self.recalls[column] / self.num_frames[0].clamp(min=1)
-            scores |= {f"recall/{iou}": 100 * of_objects, f"recall/{iou}_frames": 100 * of_frames}
+            object_recall = self.num_found[column] / self.num_truths[0].clamp(min=1)
+            frame_recall = self.recalls[column] / self.num_frames[0].clamp(min=1)
+            scores |= {
+                f"recall/{iou}": 100 * object_recall,
+                f"recall/{iou}_frames": 100 * frame_recall,
+            }
         return scores

@@ -20,9 +20,9 @@ from sightline.papers.rows import (
     Levels,
     add_rows,
     levels_text,
+    missing_note,
     networks_note,
     new_table,
-    undone_note,
 )
 from sightline.structures.sample import Sensor
 
@@ -127,8 +127,8 @@ class SystemScores:
             ),
         )
 
-    def _mean(self, figures: Callable[[ClassScores], Levels]) -> Levels:
-        by_level = zip(*map(figures, self.cases.values()), strict=True)
+    def _mean(self, levels: Callable[[ClassScores], Levels]) -> Levels:
+        by_level = zip(*map(levels, self.cases.values()), strict=True)
         easy, moderate, hard = map(statistics.fmean, by_level)
         return easy, moderate, hard
 
@@ -214,7 +214,7 @@ class GatedFusionReport:
         if self.gates:
             parts.append(self._gates_table())
         networks = [each.network for each in self.systems.values()]
-        notes = (networks_note(networks), undone_note(self._missing()))
+        notes = (networks_note(networks), missing_note(self._missing()))
         return Group(*parts, *filter(None, notes))
 
     def _missing(self) -> list[str]:
@@ -236,8 +236,8 @@ class GatedFusionReport:
             if number:
                 table.add_section()
             for fusion, published in TABLE_1.items():
-                said = title if fusion == "gated" else ""
-                self._add_rows(table, fusion, case, (said, NAMES[fusion]), published[case])
+                label = title if fusion == "gated" else ""
+                self._add_rows(table, fusion, case, (label, NAMES[fusion]), published[case])
         return table
 
     def _peers_table(self) -> "Table":
@@ -276,21 +276,21 @@ class GatedFusionReport:
         titles = {case.name: case.title for case in self.suite.cases}
         for case in self.gates:
             for sensor, score in case.scores.items():
-                said = titles[case.case] if sensor == "camera" else ""
-                table.add_row(said, _SENSORS[sensor], *_gate_cells(score))
+                label = titles[case.case] if sensor == "camera" else ""
+                table.add_row(label, _SENSORS[sensor], *_gate_cells(score))
         return table
 
     def _setting(self) -> str:
-        ours = f"{self.class_name}, IoU {self.iou:g}, {self._where()}"
+        setting = f"{self.class_name}, IoU {self.iou:g}, {self._where()}"
         if not self._is_published_measure:
             return (
-                f"AP, easy / moderate / hard, percent. {ours}: nothing was published for these; "
+                f"AP, easy / moderate / hard, percent. {setting}: nothing was published for these; "
                 "published are Car at IoU 0.7 on KITTI val"
             )
         compares = "" if self.is_comparable else ": does not compare with the published figures"
         return (
             f"AP, easy / moderate / hard, percent. Published: Car, IoU 0.7, KITTI val, 3,769 "
-            f"frames. Ours: {'none' if self.data is None else ours + compares}"
+            f"frames. Ours: {'none' if self.data is None else setting + compares}"
         )
 
     def _where(self) -> str:

@@ -12,10 +12,10 @@ from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_trees import Velodyne
-from sightline.detection2d.answers import write_results
 from sightline.detection2d.config import PAPER, Fusion
 from sightline.detection2d.network_task import NETWORK_TASK
 from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection2d.results import write_results
 from sightline.evaluation.kitti_object_rules import (
     STRICT,
     ClassName,
@@ -57,7 +57,7 @@ from sightline.robustness.predictions import MethodRun, check_numbers, predict_i
 from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.structures.sample import CameraLidarSample
 
-READINGS: Final = ("fusion", "postprocess", "input.height_offset_m")
+INTERPRETATIONS: Final = ("fusion", "postprocess", "input.height_offset_m")
 """Settings with which a network is still the paper's: of the compared systems, of boxes' selection,
 and the letter of Eq. 3 beside our reading."""
 
@@ -104,7 +104,7 @@ def detect_in_cases(
         workers: Number of processes; 1 is this process alone.
 
     Returns:
-        Answers written and skipped.
+        Numbers of predictions written and skipped.
 
     Raises:
         ValueError: A frame cannot be read, or a folder holds other results or cannot be written to.
@@ -112,17 +112,17 @@ def detect_in_cases(
     """
     check_numbers(seed, workers)
     check_links(out)
-    asked = []
+    runs = []
     for system in systems:
         made_by = {"method": system.predictor.name, **system.predictor.made_by}
         folder = out / system.fusion
         acquire_output_dir(
             folder, case_settings(dataset, suite, seed) | made_by, results=("*/*.txt",)
         )
-        asked.append(MethodRun(predictor=system.predictor, cases=system.cases, folder=folder))
+        runs.append(MethodRun(predictor=system.predictor, cases=system.cases, folder=folder))
     return predict_in_cases(
         dataset,
-        asked,
+        runs,
         _ResultsAndGates(),
         seed=seed,
         workers=workers,
@@ -141,11 +141,11 @@ class _ResultsAndGates:
 
     def store(self, path: Path, prediction: BenchPrediction) -> None:
         """Write the gates first: a frame with a result file is complete."""
-        sample, answer = prediction.frame.sample, prediction.output
-        if answer.camera_gate is not None:
-            record = measure_gates(answer, sample, prediction.corrupted)
+        sample, result = prediction.frame.sample, prediction.output
+        if result.camera_gate is not None:
+            record = measure_gates(result, sample, prediction.corrupted)
             write_gate_record(_gates_file(path.parent, path.stem), record)
-        write_results(path, sample, answer)
+        write_results(path, sample, result)
 
 
 ONE_SENSOR: Final[tuple[Fusion, ...]] = ("camera", "lidar")
@@ -205,18 +205,18 @@ def reproduce_gated_fusion(
     if weights and data is None:
         raise ValueError("weights are measured on data; name KITTI's object tree with --data")
     if data is None or not weights:
-        bbox = _overlaps_of(overlaps, class_name).bbox
+        bbox = _class_overlaps(overlaps, class_name).bbox
         return GatedFusionReport(suite=chosen, class_name=class_name, iou=bbox)
     systems = _load(weights, chosen, engine, device)
     dataset = open_labelled(data, sample_list, velodyne)
-    shown = find_frame(dataset, figure_frame)
+    frame_index = find_frame(dataset, figure_frame)
     detect_in_cases(dataset, systems, out, suite=chosen, seed=seed, workers=workers)
     scores = _score(dataset, systems, out, class_name, overlaps, bootstrap)
     gates = _gates(dataset, chosen, out) if "gated" in weights else ()
     if figures is not None and gates:
         gated = next(system.predictor for system in systems if system.fusion == "gated")
         write_gate_means(figures / GATE_MEANS, gates, chosen)
-        write_gate_maps(figures / GATE_MAPS, dataset[shown], gated, chosen, seed)
+        write_gate_maps(figures / GATE_MAPS, dataset[frame_index], gated, chosen, seed)
     return GatedFusionReport(
         data=str(data),
         frames=len(dataset),
@@ -224,7 +224,7 @@ def reproduce_gated_fusion(
         suite=chosen,
         seed=seed,
         class_name=class_name,
-        iou=_overlaps_of(overlaps, class_name).bbox,
+        iou=_class_overlaps(overlaps, class_name).bbox,
         systems=scores,
         gates=gates,
     )
@@ -233,13 +233,13 @@ def reproduce_gated_fusion(
 def _overlaps(class_name: ClassName, iou: float | None) -> MinimumOverlaps:
     if iou is None:
         return STRICT
-    chosen = replace(_overlaps_of(STRICT, class_name), bbox=iou)
+    chosen = replace(_class_overlaps(STRICT, class_name), bbox=iou)
     return replace(STRICT, **{class_name.lower(): chosen})
 
 
-def _overlaps_of(overlaps: MinimumOverlaps, class_name: ClassName) -> ClassOverlaps:
-    of_class: ClassOverlaps = getattr(overlaps, class_name.lower())
-    return of_class
+def _class_overlaps(overlaps: MinimumOverlaps, class_name: ClassName) -> ClassOverlaps:
+    class_overlaps: ClassOverlaps = getattr(overlaps, class_name.lower())
+    return class_overlaps
 
 
 def _load(
@@ -260,7 +260,7 @@ def _load(
         network = describe(
             loaded,
             "compact" if config.dgfn is None else "DGFN",
-            find_departures(config, PAPER, besides=READINGS),
+            find_departures(config, PAPER, besides=INTERPRETATIONS),
             size=f"width {config.width:g}",
         )
         cases = suite.select([CLEAN]) if fusion in ONE_SENSOR else suite.cases

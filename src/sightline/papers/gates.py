@@ -18,8 +18,8 @@ from torch import Tensor
 from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.suites import Case, Suite
 from sightline.data.image_file import write_rgb
-from sightline.detection2d.answers import CAMERA_COLOR, LIDAR_COLOR, answer_row
-from sightline.detection2d.predictor import DetectionPredictor, DetectorAnswer
+from sightline.detection2d.predictor import DetectionPredictor, DetectionResult
+from sightline.detection2d.results import CAMERA_COLOR, LIDAR_COLOR, prediction_row
 from sightline.evaluation.auroc import auroc, auroc_of_values
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
@@ -31,7 +31,7 @@ from sightline.visualization.shares import ShareSeries, draw_histogram
 
 NUM_LEVELS = 1024
 _LEVELS_A_LOGIT = 32  # for log odds from -16 to 16
-_MOST_CELLS = 2**31  # in a map
+_MAX_CELLS = 2**31  # in a map
 _SENSORS: Final[tuple[Sensor, ...]] = ("camera", "lidar")
 _REMEDY = "remove it and run the same command again"
 
@@ -43,7 +43,7 @@ class GateCells:
     total: float
     """Sum of the gate values."""
     counts: Int64[np.ndarray, "1024"]
-    """Number of cells for each gate level, the most closed first. Levels are equal steps of log
+    """Number of cells for each gate level, the maximum closed first. Levels are equal steps of log
     odds, which separate gates near 0 and near 1, too."""
 
     @property
@@ -76,24 +76,24 @@ Gates = Mapping[Sensor, SensorGate]
 """Both sensors' gates at the network's finest map."""
 
 
-def measure_gates(answer: DetectorAnswer, sound: CameraLidarSample, corrupted: Corrupted) -> Gates:
+def measure_gates(result: DetectionResult, sound: CameraLidarSample, corrupted: Corrupted) -> Gates:
     """Measure a frame's gates over changed and unchanged cells.
 
     Cells where the intact sweep has no point are left out of the LiDAR's masked and clear cells:
     they lost nothing.
 
     Args:
-        answer: Output for the corrupted sample.
+        result: Output for the corrupted sample.
         sound: The sample before the corruption.
         corrupted: The sample after the corruption.
 
     Raises:
-        ValueError: The answer has no gates.
+        ValueError: The result has no gates.
     """
-    if answer.camera_gate is None or answer.lidar_gate is None:
+    if result.camera_gate is None or result.lidar_gate is None:
         raise ValueError(
-            f"the network that answered to sample {sound.sample_id} has no gates to measure; name "
-            "weights of a gated one"
+            f"the network has no gates to measure in sample {sound.sample_id}; name weights of a "
+            "gated one"
         )
     size = sound.image_size
     everywhere = torch.ones(size, dtype=torch.bool)
@@ -101,19 +101,19 @@ def measure_gates(answer: DetectorAnswer, sound: CameraLidarSample, corrupted: C
     if sound.points is not None:
         has_point = sparse_depth_map(sound.points, sound.calibration, size) > 0
     return {
-        "camera": _sensor_gate(answer.camera_gate, corrupted.camera_mask, everywhere),
-        "lidar": _sensor_gate(answer.lidar_gate, corrupted.lidar_mask, has_point),
+        "camera": _sensor_gate(result.camera_gate, corrupted.camera_mask, everywhere),
+        "lidar": _sensor_gate(result.lidar_gate, corrupted.lidar_mask, has_point),
     }
 
 
 def _sensor_gate(
     gate: Float32[Tensor, "rows columns"],
     mask: Bool[Tensor, "height width"],
-    could_be_seen: Bool[Tensor, "height width"],
+    is_measurable: Bool[Tensor, "height width"],
 ) -> SensorGate:
     cells = (gate.shape[0], gate.shape[1])
     masked_share = F.adaptive_avg_pool2d(mask.float()[None], cells)[0]
-    is_known = F.adaptive_max_pool2d(could_be_seen.float()[None], cells)[0] > 0
+    is_known = F.adaptive_max_pool2d(is_measurable.float()[None], cells)[0] > 0
     return SensorGate(
         means=np.array([float(gate.double().mean())]),
         masked=_cells(gate[is_known & (masked_share > 0.5)]),
@@ -174,14 +174,14 @@ def _cells_from_plain(plain: Mapping[str, Any]) -> GateCells:
     counts = np.zeros(NUM_LEVELS, dtype=np.int64)
     for level, count in plain["counts"]:
         is_whole = isinstance(level, int) and isinstance(count, int)
-        if not (is_whole and 0 <= level < NUM_LEVELS and 0 <= count < _MOST_CELLS):
+        if not (is_whole and 0 <= level < NUM_LEVELS and 0 <= count < _MAX_CELLS):
             raise ValueError(f"no {count} cells can be at level {level}")
         counts[level] = count
-    return GateCells(total=_number(plain["total"], _MOST_CELLS), counts=counts)
+    return GateCells(total=_number(plain["total"], _MAX_CELLS), counts=counts)
 
 
-def _number(value: object, most: int) -> float:
-    if not isinstance(value, int | float) or not 0 <= value <= most:
+def _number(value: object, maximum: int) -> float:
+    if not isinstance(value, int | float) or not 0 <= value <= maximum:
         raise ValueError(f"no {value} can be a mean or a sum of gates")
     return float(value)
 
@@ -255,7 +255,7 @@ def _score(pooled: SensorGate, clean: SensorGate) -> SensorGateScore:
         mean=float(pooled.means.mean()),
         masked_mean=masked.mean,
         clear_mean=pooled.clear.mean,
-        # Counts start at the most open level: closed gates are the positives.
+        # Counts start at the maximum open level: closed gates are the positives.
         auroc_cells=auroc(masked.counts[::-1], pooled.clear.counts[::-1]),
         auroc_clean_cells=auroc(masked.counts[::-1], clean.clear.counts[::-1]),
         auroc_frames=auroc_of_values(-pooled.means, -clean.means) if is_changed else None,
@@ -310,9 +310,9 @@ def _row(
     case: Case, sample: CameraLidarSample, predictor: DetectionPredictor, seed: int
 ) -> UInt8[np.ndarray, "height width 3"]:
     corrupted = case.corrupt(sample, seed)
-    answer = predictor(corrupted.sample)
+    result = predictor(corrupted.sample)
     masks = (corrupted.camera_mask, corrupted.lidar_mask)
-    return answer_row(case.title, corrupted.sample, answer, masks=masks)
+    return prediction_row(case.title, corrupted.sample, result, masks=masks)
 
 
 def _framed(

@@ -29,7 +29,7 @@ Levels = tuple[float, float, float]
 
 _PUBLISHED_SPLIT = "kitti-object-val"
 _LONGEST_VALUE = 30  # characters of a setting
-_NAMED = 4  # departures named in a table
+_NUM_NAMED = 4  # departures named in a table
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,8 +60,8 @@ class GivenNetwork:
     @property
     def difference(self) -> str:
         """Settings other than the paper's, the first few."""
-        more = len(self.departures) - _NAMED
-        named = ", ".join(self.departures[:_NAMED])
+        more = len(self.departures) - _NUM_NAMED
+        named = ", ".join(self.departures[:_NUM_NAMED])
         return f"{named} and {more} more" if more > 0 else named
 
 
@@ -94,15 +94,15 @@ def find_departures(
     found: list[str] = []
     assert is_dataclass(paper), "settings are dataclasses"
     for name in (each.name for each in fields(paper)):
-        ours, papers = getattr(settings, name), getattr(paper, name)
-        if within + name in besides or ours == papers:
+        value, paper_value = getattr(settings, name), getattr(paper, name)
+        if within + name in besides or value == paper_value:
             continue
-        if is_dataclass(ours) and is_dataclass(papers):
-            found += find_departures(ours, papers, besides=besides, within=f"{within}{name}.")
-        elif ours is None or papers is None:
-            found.insert(0, f"{'without' if ours is None else 'with'} {within}{name}")
+        if is_dataclass(value) and is_dataclass(paper_value):
+            found += find_departures(value, paper_value, besides=besides, within=f"{within}{name}.")
+        elif value is None or paper_value is None:
+            found.insert(0, f"{'without' if value is None else 'with'} {within}{name}")
         else:
-            found.append(f"{within}{name} {shortened(str(ours), _LONGEST_VALUE)}")
+            found.append(f"{within}{name} {shortened(str(value), _LONGEST_VALUE)}")
     return tuple(found)
 
 
@@ -195,9 +195,9 @@ def class_scores(
 ) -> ClassScores:
     """Summarise the entries of a class; all 0 if nothing was found."""
 
-    def levels(figure: Callable[[ObjectEntry], float]) -> Levels:
+    def levels(measure: Callable[[ObjectEntry], float]) -> Levels:
         easy, moderate, hard = (
-            figure(entries[each]) if each in entries else 0.0 for each in DIFFICULTIES
+            measure(entries[each]) if each in entries else 0.0 for each in DIFFICULTIES
         )
         return easy, moderate, hard
 
@@ -258,16 +258,16 @@ def add_rows(
     table.add_row(*names, f"needs {option} WEIGHTS", *published)
     if network is not None:
         blank = ("",) * (len(names) - 1)
-        said = f"not the paper's: {network.title}"
-        table.add_row(*blank, names[-1], said, *("-" for _ in published), *ours)
+        description = f"not the paper's: {network.title}"
+        table.add_row(*blank, names[-1], description, *("-" for _ in published), *ours)
 
 
 def networks_note(networks: Sequence[GivenNetwork]) -> str:
-    """Say of each network that is not the paper's what it differs in; empty: there is none."""
+    """List the networks other than the paper's, with their differences; empty: none."""
     others = [f"{each.name} ({each.difference})" for each in networks if not each.is_papers]
     return f"Not the paper's network: {'; '.join(others)}." if others else ""
 
 
-def undone_note(missing: Sequence[str]) -> str:
-    """Say in one line what was not measured; empty: nothing is missing."""
+def missing_note(missing: Sequence[str]) -> str:
+    """List the missing measurements in one line; empty: none."""
     return f"Not measured: {'; '.join(missing)}." if missing else ""

@@ -36,9 +36,9 @@ from sightline.papers.rows import (
     describe,
     find_departures,
     find_frame,
+    missing_note,
     networks_note,
     new_table,
-    undone_note,
 )
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.depth import colorize_depth
@@ -134,7 +134,7 @@ class ShiftConvReport:
     def to_json(self) -> dict[str, object]:
         """Contents of the report file; a figure that was not measured is None."""
         whole, crop = (None, None) if self.sparsity is None else self.sparsity
-        ours = {name: None if row is None else row.to_json() for name, row in self._ours.items()}
+        results = {name: None if row is None else row.to_json() for name, row in self._results.items()}
         return {
             "data": self.data,
             "frames": self.frames,
@@ -151,11 +151,11 @@ class ShiftConvReport:
                     for name, rmse_mm, seconds in PUBLISHED_BENCHMARK
                 ],
                 "classical": self.classical and self.classical.to_json(),
-                "shift_conv": ours["with"],
+                "shift_conv": results["with"],
             },
             "table_3": {
                 "published": {f"{name}_mm": value for name, value in PUBLISHED_ABLATION.items()},
-                **ours,
+                **results,
             },
             "not_measured": self._missing(),
         }
@@ -164,20 +164,20 @@ class ShiftConvReport:
         """Make the tables, one below the other, and a line on what was not measured."""
         from rich.console import Group
 
-        rows = [row.network for row in self._ours.values() if row is not None]
-        notes = (networks_note(rows), undone_note(self._missing()))
+        rows = [row.network for row in self._results.values() if row is not None]
+        notes = (networks_note(rows), missing_note(self._missing()))
         tables = self._sparsity_table(), self._benchmark_table(), self._ablation_table()
         return Group(*tables, *filter(None, notes))
 
     @property
-    def _ours(self) -> dict[str, Measured | None]:
+    def _results(self) -> dict[str, Measured | None]:
         return {"with": self.with_shift_conv, "without": self.without_shift_conv}
 
     def _missing(self) -> list[str]:
         if self.data is None:
             return ["ours, without --data and weights"]
-        there = [name for name, row in self._ours.items() if row and row.network.is_papers]
-        absent = " ".join(option for name, option in _OPTIONS.items() if name not in there)
+        measured = [name for name, row in self._results.items() if row and row.network.is_papers]
+        absent = " ".join(option for name, option in _OPTIONS.items() if name not in measured)
         recipe = "the paper's networks (recipe depth-shiftconv-kitti)"
         benchmark = [] if self.protocol == "benchmark" else [f"the benchmark, {_NEEDS_FRAMES}"]
         return [*benchmark, *([f"{recipe}, without {absent}"] if absent else [])]
@@ -190,8 +190,8 @@ class ShiftConvReport:
         )
         names = ("published", "ours, whole images", "ours, 1216x256")
         for name, each in zip(names, (PUBLISHED_SPARSITY, *(self.sparsity or ())), strict=False):
-            figures = f"{each.measured_pixels:,.1f}", f"{each.empty_pixels:,.1f}"
-            table.add_row(name, *figures, f"{each.measured_share:.2%}")
+            counts = f"{each.measured_pixels:,.1f}", f"{each.empty_pixels:,.1f}"
+            table.add_row(name, *counts, f"{each.measured_share:.2%}")
         return table
 
     def _benchmark_table(self) -> "Table":
@@ -216,7 +216,7 @@ class ShiftConvReport:
         return table
 
     def _add_rows(self, table: "Table", title: str, name: str, *, with_time: bool) -> None:
-        row = self._ours[name]
+        row = self._results[name]
         cells = () if row is None else self._our_cells(row, with_time=with_time)
         network = None if row is None else row.network
         add_rows(table, (f"{title}, ours",), _OPTIONS[name], network, cells)
@@ -279,7 +279,7 @@ def reproduce_shift_conv(
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=("image", "points")
     )
-    shown = find_frame(dataset, figure_frame)
+    frame_index = find_frame(dataset, figure_frame)
     protocol = _protocol(dataset)
 
     def measure(loaded: LoadedNetwork[DepthCompletionNet] | None) -> Measured | None:
@@ -305,7 +305,7 @@ def reproduce_shift_conv(
         without_shift_conv=measure(without),
     )
     if figures is not None:
-        write_frame(figures / FIGURES, dataset[shown], with_)
+        write_frame(figures / FIGURES, dataset[frame_index], with_)
     return report
 
 
@@ -316,10 +316,10 @@ def _load(
         return None
     loaded = load_network(NETWORK_TASK, weights)
     if (loaded.network.shift_branch is not None) != has_shift_conv:
-        given, wanted = ("without", "with") if has_shift_conv else ("with", "without")
+        actual, expected = ("without", "with") if has_shift_conv else ("with", "without")
         raise ValueError(
-            f"{loaded.name} is a network {given} Shift-Conv, expected one {wanted}; give --weights "
-            "the one and --weights-without the other"
+            f"{loaded.name} is a network {actual} Shift-Conv, expected one {expected}; give "
+            "--weights the one and --weights-without the other"
         )
     return loaded
 
@@ -329,7 +329,7 @@ def write_frame(
 ) -> None:
     """Draw the paper's crop of a frame, one map below the other: Fig. 4, 5, 7 and 10.
 
-    From the top: image; projected sweep; ground truth and the expanded one, if there is any;
+    From the top: image; projected sweep; ground truth and the expanded one, if measured is any;
     E-Point and completed depth, if a network with Shift-Conv is given.
 
     Raises:
@@ -355,7 +355,7 @@ def write_frame(
         depth_m = DepthPredictor(loaded).complete(sparse, sample.image).depth_m
         maps += [(f"Fig. 10: completed depth, {loaded.name}", depth_m, 1)]
     parts = [with_title(camera_picture(sample), f"Frame {sample.sample_id}: image")]
-    parts += [with_title(colorize_depth(map_, point_size_px=px), said) for said, map_, px in maps]
+    parts += [with_title(colorize_depth(map_, point_size_px=px), title) for title, map_, px in maps]
     write_rgb(path, np.concatenate(parts))
 
 

@@ -18,9 +18,9 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_trees import Velodyne
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.detector import Detector3D
-from sightline.detection3d.files import read_answer
+from sightline.detection3d.files import read_detections
 from sightline.detection3d.network_task import NETWORK_TASK
-from sightline.detection3d.pictures import answer_picture
+from sightline.detection3d.pictures import prediction_picture
 from sightline.detection3d.points.config import ProposalNetworkConfig, RefinementConfig
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.registration import TASK
@@ -44,10 +44,10 @@ from sightline.papers.rows import (
     find_frame,
     is_published_split,
     levels_text,
+    missing_note,
     networks_note,
     new_table,
     open_labelled,
-    undone_note,
 )
 from sightline.visualization.precision_recall import draw_precision_recall
 
@@ -137,7 +137,7 @@ class TwoStageReport:
         from rich.console import Group
 
         networks = [each.network for each in self.rows.values()]
-        notes = (networks_note(networks), undone_note(self._missing()))
+        notes = (networks_note(networks), missing_note(self._missing()))
         return Group(self._scores_table(), *filter(None, notes))
 
     def _scores_table(self) -> "Table":
@@ -161,8 +161,8 @@ class TwoStageReport:
     def _missing(self) -> list[str]:
         if self.data is None:
             return ["ours, without --data KITTI and weights"]
-        there = [row for row, each in self.rows.items() if each.network.is_papers]
-        absent = " ".join(f"--{row}" for row in _NAMES if row not in there)
+        measured = [row for row, each in self.rows.items() if each.network.is_papers]
+        absent = " ".join(f"--{row}" for row in _NAMES if row not in measured)
         recipes = "recipes detection3d-rpn-kitti, detection3d-baseline-kitti"
         return [f"the course's networks ({recipes}), without {absent}"] if absent else []
 
@@ -209,7 +209,7 @@ def reproduce_two_stage(
     folders = {row: Path(each) for row, each in given.items() if Path(each).is_dir()}
     loaded = {row: _load(row, given[row]) for row in given if row not in folders}
     dataset = open_labelled(data, sample_list, velodyne)
-    shown = find_frame(dataset, figure_frame)
+    frame_index = find_frame(dataset, figure_frame)
     rows: dict[Row, StageScores] = {}
     for row in (each for each in get_args(Row) if each in given):
         folder = folders.get(row)
@@ -228,7 +228,7 @@ def reproduce_two_stage(
             )
         rows[row] = _score(network, folder, dataset)
     if figures is not None and rows:
-        _draw(figures, rows, dataset, shown)
+        _draw(figures, rows, dataset, frame_index)
     return TwoStageReport(
         data=str(data),
         frames=len(dataset),
@@ -289,7 +289,7 @@ def _score(network: GivenNetwork, folder: Path, dataset: KittiObjectDataset) -> 
 
 
 def _draw(
-    folder: Path, rows: Mapping[Row, StageScores], dataset: KittiObjectDataset, shown: int
+    folder: Path, rows: Mapping[Row, StageScores], dataset: KittiObjectDataset, frame_index: int
 ) -> None:
     """Draw precision over recall of moderate cars at both IoUs, and one frame's boxes."""
     for iou, name in CURVES.items():
@@ -300,13 +300,13 @@ def _draw(
         }
         title = f"Cars, 3D IoU {iou:g}, moderate"
         write_rgb(folder / name, draw_precision_recall(title, curves))
-    sample = dataset[shown]
-    answers = {
-        row: read_answer(each.folder / f"{sample.sample_id}.txt", sample)
+    sample = dataset[frame_index]
+    detections = {
+        row: read_detections(each.folder / f"{sample.sample_id}.txt", sample)
         for row, each in rows.items()
     }
     pictures = [
-        answer_picture(rows[row].network.name, sample, answers.get("first", found), found)
-        for row, found in answers.items()
+        prediction_picture(rows[row].network.name, sample, detections.get("first", found), found)
+        for row, found in detections.items()
     ]
     write_rgb(folder / FRAME, np.concatenate(pictures))

@@ -19,7 +19,7 @@ from sightline.detection2d.config import (
     StreamConfig,
 )
 from sightline.detection2d.examples import DetectionExamples, ExampleConfig
-from sightline.detection2d.fusion import GatedFusion, GateReading
+from sightline.detection2d.fusion import GatedFusion, GateOutput
 from sightline.detection2d.loss import DetectionLossConfig, detection_loss, gate_loss
 from sightline.detection2d.model import Detector
 from sightline.detection2d.predictor import DetectionPredictor
@@ -130,12 +130,12 @@ def test_groups_of_channels_have_gates_of_their_own():
 
 def test_gates_are_told_the_share_that_is_left_where_it_is_known():
     logits = torch.tensor([[[[0.5, -2.0]], [[3.0, 1.0]]]])
-    gates = (GateReading(logits, -logits),)
+    gates = (GateOutput(logits, -logits),)
     camera = torch.tensor([[[[1.0, 0.5, torch.nan, torch.nan]]]])
     lidar = torch.full((1, 1, 1, 4), torch.nan)
-    wanted = 0.75
+    target = 0.75
     chances = [torch.tensor(value).sigmoid() for value in (0.5, 3.0)]
-    costs = [-(wanted * p.log() + (1 - wanted) * (1 - p).log()) for p in chances]
+    costs = [-(target * p.log() + (1 - target) * (1 - p).log()) for p in chances]
     assert float(gate_loss(gates, camera, lidar)) == pytest.approx(float(sum(costs)) / 4, rel=1e-5)
 
 
@@ -150,8 +150,8 @@ def test_a_stream_without_its_sensor_is_told_nothing():
     batch = type(targets)(
         sample_ids=targets.sample_ids, image=image, lidar=lidar, targets=targets.targets
     )
-    readings = network.read(image, lidar, auxiliary=True)
-    losses = detection_loss(readings, batch, DetectionLossConfig(), compact=True)
+    outputs = network.run_heads(image, lidar, auxiliary=True)
+    losses = detection_loss(outputs, batch, DetectionLossConfig(), compact=True)
     losses.auxiliary.backward()
     assert not any(p.grad.any() for p in network.auxiliary["camera"].parameters())
     assert any(p.grad.any() for p in network.auxiliary["lidar"].parameters())
@@ -162,9 +162,9 @@ def test_a_stream_without_its_sensor_is_told_nothing():
 
 def test_gates_cannot_be_told_what_examples_do_not_hold(frames):
     network, batch = detector(), batch_of(frames[:1])
-    readings = network.read(batch.image, batch.lidar)
+    outputs = network.run_heads(batch.image, batch.lidar)
     with pytest.raises(ValueError, match="set health to true in the examples' settings"):
-        detection_loss(readings, batch, DetectionLossConfig(gate_weight=1.0), compact=True)
+        detection_loss(outputs, batch, DetectionLossConfig(gate_weight=1.0), compact=True)
 
 
 def test_it_learns_the_packaged_frames_by_heart(frames):
@@ -205,8 +205,8 @@ def test_frames_are_padded_to_the_stride_and_boxes_stay_where_they_were(tmp_path
     network = write_network(tmp_path / "w.safetensors", config())
     predictor = DetectionPredictor.load(tmp_path / "w.safetensors")
     sample = painted_frame(0, (90, 131), rows=[("Car", 20, 20, 70, 60)])
-    answer = predictor(sample)
-    assert answer.camera_gate.shape == (11, 16)
+    result = predictor(sample)
+    assert result.camera_gate.shape == (11, 16)
     padded = torch.zeros(1, 3, 96, 160)
     padded[0, :, :90, :131] = sample.image / 255
     with pytest.raises(ValueError, match="must be multiples of 32, got 90 x 131"):
@@ -214,26 +214,26 @@ def test_frames_are_padded_to_the_stride_and_boxes_stay_where_they_were(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"compact": None}, "set one of them, and the other to null"),
         ({"dgfn": DgfnConfig()}, "set one of them, and the other to null"),
         ({"width": 0.0}, r"width must be in \(0, 8.0\], got 0.0"),
     ],
 )
-def test_settings_that_make_no_network_are_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_settings_that_make_no_network_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         Detection2DConfig(**settings)
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("made", "message"),
     [
         ("Detection2DConfig(fusion='gate')", "fusion must be one of gated, ones, early"),
         ("CompactConfig(lidar_pooling=3)", "compact.lidar_pooling must be one of 1, 2, 4, got 3"),
     ],
 )
-def test_choices_that_there_are_not_are_refused_without_the_tests_type_checks(made, said):
+def test_choices_that_there_are_not_are_refused_without_the_tests_type_checks(made, message):
     code = f"from sightline.detection2d.config import *; {made}"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert f"ValueError: {said}" in ran.stderr
+    assert f"ValueError: {message}" in ran.stderr

@@ -10,7 +10,7 @@ from sightline.detection2d.dgfn.loss import (
     multibox_loss,
 )
 from sightline.detection2d.dgfn.network import corners_of
-from sightline.detection2d.fusion import HeadReading
+from sightline.detection2d.fusion import HeadOutput
 from tests.detection2d.frames import targets
 from tests.reference import ssd as reference
 
@@ -26,12 +26,12 @@ def as_places(corners):
     return torch.cat(((rows[:, :2] + rows[:, 2:]) / 2, rows[:, 2:] - rows[:, :2]), dim=1)
 
 
-@given(priors=places, objects=st.lists(box, max_size=4), least=st.sampled_from([0.25, 0.5, 0.7]))
-def test_priors_are_matched_as_plain_loops_say_even_at_ties(priors, objects, least):
+@given(priors=places, objects=st.lists(box, max_size=4), min_iou=st.sampled_from([0.25, 0.5, 0.7]))
+def test_priors_are_matched_as_plain_loops_say_even_at_ties(priors, objects, min_iou):
     found = match_priors(
-        as_places(priors), torch.tensor(objects, dtype=torch.float32).reshape(-1, 4), least
+        as_places(priors), torch.tensor(objects, dtype=torch.float32).reshape(-1, 4), min_iou
     )
-    expected = reference.match(priors, objects, least)
+    expected = reference.match(priors, objects, min_iou)
     assert found.tolist() == [-1 if each is None else each for each in expected]
 
 
@@ -50,7 +50,7 @@ def test_the_loss_is_that_of_plain_loops(priors, frames, seed, per_positive):
         for objects, ignored in frames
     ]
     found = multibox_loss(
-        HeadReading(logits, offsets, as_places(priors)),
+        HeadOutput(logits, offsets, as_places(priors)),
         [targets(*each) for each in truth],
         SsdLossConfig(negatives_per_positive=per_positive),
     )
@@ -59,7 +59,7 @@ def test_the_loss_is_that_of_plain_loops(priors, frames, seed, per_positive):
         offsets.tolist(),
         priors,
         truth,
-        least=0.5,
+        min_iou=0.5,
         per_positive=per_positive,
         ignored_share=0.5,
     )
@@ -77,8 +77,8 @@ def test_only_the_hardest_negatives_count():
 def test_a_batch_without_objects_has_a_gradient_of_zero():
     logits = torch.randn(1, 3, 4, requires_grad=True)
     offsets = torch.randn(1, 3, 4, requires_grad=True)
-    reading = HeadReading(logits, offsets, as_places([(0, 0, 4, 4)] * 3))
-    sum(multibox_loss(reading, [targets()], SsdLossConfig())).backward()
+    output = HeadOutput(logits, offsets, as_places([(0, 0, 4, 4)] * 3))
+    sum(multibox_loss(output, [targets()], SsdLossConfig())).backward()
     assert not logits.grad.any()
     assert not offsets.grad.any()
 
@@ -111,13 +111,13 @@ def test_matching_and_loss_are_those_of_torchvision(seed):
         matches,
     )
 
-    ours = as_places(priors.tolist())
-    torch.testing.assert_close(corners_of(ours), priors)
+    priors_tensor = as_places(priors.tolist())
+    torch.testing.assert_close(corners_of(priors_tensor), priors)
     for boxes, expected in zip(truth, matches, strict=True):
-        found = match_priors(ours, boxes, 0.5)
+        found = match_priors(priors_tensor, boxes, 0.5)
         assert found.clamp(min=-1).tolist() == expected.clamp(min=-1).tolist()
     found = multibox_loss(
-        HeadReading(logits, offsets, ours),
+        HeadOutput(logits, offsets, priors_tensor),
         [targets(b.tolist(), c.tolist()) for b, c in zip(truth, classes, strict=True)],
         SsdLossConfig(),
     )

@@ -60,8 +60,8 @@ def test_all_convolutions_of_the_streams_may_be_normalised(papers):
 def test_it_has_the_papers_parameters_operations_and_priors(papers):
     image = torch.zeros(1, 3, *PAPER_SIZE, device="meta")
     with FlopCounterMode(display=False) as counter:
-        readings = papers.read(image, image)
-    assert readings.heads[0].class_logits.shape == (1, 44504, 4)
+        outputs = papers.run_heads(image, image)
+    assert outputs.heads[0].class_logits.shape == (1, 44504, 4)
     assert counter.get_total_flops() / 2e9 == pytest.approx(321, abs=0.5)
     numbers = {
         name: sum(parameter.numel() for parameter in part.parameters())
@@ -165,13 +165,13 @@ def test_an_image_must_leave_something_of_the_last_map():
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"prior_sizes_px": (1.0, 2.0)}, "expected 7 prior_sizes_px and 6 prior_ratios, got 2"),
         ({"prior_sizes_px": (1e9,) * 7}, "prior_sizes_px must be from 0.1 to 8192, got 1000000000"),
         ({"prior_ratios": ((-2.0,),) * 6}, "prior_ratios must be from 0.01 to 100.0, got -2.0"),
     ],
 )
-def test_priors_that_make_no_sense_are_refused(settings, said):
-    with pytest.raises(ValueError, match=said):
+def test_priors_that_make_no_sense_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
         DgfnConfig(**settings)

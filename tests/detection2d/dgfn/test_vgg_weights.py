@@ -118,7 +118,7 @@ def broken(tensors, path, how):
 
 
 @pytest.mark.parametrize(
-    ("how", "said"),
+    ("how", "message"),
     [
         ("absent", "cannot be read as VGG16's weights"),
         ("text", "damaged|cannot be read"),
@@ -128,11 +128,11 @@ def broken(tensors, path, how):
         ("nan", r"NaN or infinite values in features\.28\.bias"),
     ],
 )
-def test_a_file_of_something_else_is_refused_with_what_to_do(tensors, tmp_path, how, said):
+def test_a_file_of_something_else_is_refused_with_what_to_do(tensors, tmp_path, how, message):
     path = broken(tensors, tmp_path / "w.pth", how)
     with torch.device("meta"):
         network = Detector(PAPER)
-    with pytest.raises(ValueError, match=said) as refused:
+    with pytest.raises(ValueError, match=message) as refused:
         load_vgg_weights(network, str(path))
     assert "--model.init_args.vgg_weights null" in str(refused.value)
     assert "\n" not in str(refused.value)

@@ -1,4 +1,4 @@
-"""Boxes told by cells: against plain numbers, and there and back."""
+"""Boxes encoded by cells: against plain numbers, and there and back."""
 
 import math
 
@@ -43,9 +43,9 @@ def test_a_cell_tells_the_numbers_of_the_box_and_they_give_the_box_back(box, x, 
 def test_an_unsure_front_costs_nothing_of_the_axis(yaw, doubt):
     mean, middles, box = exact([MEAN]), exact([[0, 0]]), exact([[0, 0, 0, 4, 2, 1.5, yaw]])
     values = torch.cat((encode_centers(box, middles, mean), torch.zeros(1, 1)), dim=1)
-    values[:, FRONT] *= doubt  # unsure or too sure: the same end
-    told = decode_centers(values, middles, mean)[0, 6].item()
-    assert math.cos(told - yaw) == pytest.approx(1)
+    values[:, FRONT] *= doubt  # low or high confidence: the same end
+    decoded = decode_centers(values, middles, mean)[0, 6].item()
+    assert math.cos(decoded - yaw) == pytest.approx(1)
     values[:, FRONT] *= -1
     backwards = decode_centers(values, middles, mean)[0, 6].item()
     assert math.cos(backwards - yaw) == pytest.approx(-1)

@@ -157,9 +157,9 @@ def test_points_that_are_not_canonical_are_told_where_they_are(frames):
     points = batch_of(frames[:1]).points[0]
     proposed = Proposed(torch.tensor([[8.0, 0, -1, 4, 2, 2, 0.3]]), torch.tensor([0]),
                         torch.ones(1))  # fmt: skip
-    told = task.network.regions.regions(points, proposed, seed=0).inputs["points"]
-    assert told.shape == (1, 48, 3)
-    assert (torch.cdist(told[0], points[:, :3]).amin(dim=1) < 1e-3).all()
+    region_points = task.network.regions.regions(points, proposed, seed=0).inputs["points"]
+    assert region_points.shape == (1, 48, 3)
+    assert (torch.cdist(region_points[0], points[:, :3]).amin(dim=1) < 1e-3).all()
 
 
 @pytest.mark.parametrize(

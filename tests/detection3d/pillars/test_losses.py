@@ -39,8 +39,8 @@ box = st.tuples(number, number, number, size, size, size, number)
 )
 def test_heat_counts_as_the_focal_loss_says_where_it_is_known(cells):
     logits, heat, counts = ([cell[k] for cell in cells] for k in range(3))
-    given, wanted = (torch.tensor(each, dtype=torch.float64) for each in (logits, heat))
-    loss = heat_loss(given, wanted, torch.tensor(counts))
+    given, target = (torch.tensor(each, dtype=torch.float64) for each in (logits, heat))
+    loss = heat_loss(given, target, torch.tensor(counts))
     assert loss.item() == pytest.approx(reference.heat_loss(logits, heat, counts), abs=1e-9)
 
 
@@ -79,15 +79,15 @@ def test_told_boxes_cost_by_their_cells_and_objects_count_alike(seed):
     boxes, weights = [car, car, walker], [0.5, 0.5, 1.0]
     output = random_output(seed)
     losses = pillar_loss(output, targets_of(cells, boxes, weights), NETWORK, PillarLossConfig())
-    told = front = 0.0
-    for (_, of_class, row, column), wanted, weight in zip(cells, boxes, weights, strict=True):
+    box_loss = front = 0.0
+    for (_, of_class, row, column), target, weight in zip(cells, boxes, weights, strict=True):
         values = output.center_values[0, of_class, :, row, column].tolist()
         mean = NETWORK.classes[of_class].mean_size_m
-        code = reference.center_values(wanted, row + 0.5, column + 0.5 - 4, mean)
-        errors = [given - want for given, want in zip(values, code, strict=False)]
-        told += weight / 2 * sum(reference.smooth_l1(error, 0.05) for error in errors[:8])
+        code = reference.center_values(target, row + 0.5, column + 0.5 - 4, mean)
+        errors = [given - expected for given, expected in zip(values, code, strict=False)]
+        box_loss += weight / 2 * sum(reference.smooth_l1(error, 0.05) for error in errors[:8])
         front += weight / 2 * sum(error**2 for error in errors[8:10])
-    assert losses.box.item() == pytest.approx(told, rel=1e-4)
+    assert losses.box.item() == pytest.approx(box_loss, rel=1e-4)
     assert losses.front.item() == pytest.approx(front, rel=1e-4)
     total = losses.heat + losses.box + 2 * losses.corners
     total = total + 2 * losses.front + 0.3 * losses.quality

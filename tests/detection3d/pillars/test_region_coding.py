@@ -1,4 +1,4 @@
-"""Boxes told as changes of a proposal: against plain numbers, and there and back."""
+"""Boxes encoded as changes of a proposal: against plain numbers, and there and back."""
 
 import math
 

@@ -71,7 +71,7 @@ def test_a_change_costs_by_its_code_and_background_by_its_quality_alone(truth, p
     truths = torch.tensor([truth, truth], dtype=torch.float64)
     losses = region_loss(output, proposals, truths, torch.tensor([False, True]), RegionLossConfig())
     code = reference.region_values(truth, proposal)
-    errors = [given - wanted for given, wanted in zip(values[1].tolist(), code, strict=True)]
+    errors = [given - expected for given, expected in zip(values[1].tolist(), code, strict=True)]
     expected = sum(reference.smooth_l1(error, 0.25) for error in errors)
     assert losses.values.item() == pytest.approx(expected, abs=1e-9)
     total = losses.values + 4 * losses.corners + losses.front + 0.5 * losses.quality
@@ -85,14 +85,14 @@ def test_a_change_costs_by_its_code_and_background_by_its_quality_alone(truth, p
 def test_the_quality_is_asked_for_by_the_iou_of_the_changed_box():
     proposal = torch.tensor([[5.0, 1.0, 0.0, 2.0, 1.0, 1.0, 0.3]])
     output = RegionOutput(torch.zeros(1, 8), torch.full((1,), 9.0), torch.zeros(1))
-    for shift, wanted in ((0.0, 1.0), (1 / 3, 0.5), (3.0, 0.0)):  # half: an IoU of a half
+    for shift, expected in ((0.0, 1.0), (1 / 3, 0.5), (3.0, 0.0)):  # half: an IoU of a half
         moved = proposal + torch.tensor([0, 0, shift, 0, 0, 0, 0])
         losses = []
         for logit in (-4.0, 4.0):
             rated = output._replace(quality_logits=torch.tensor([logit]))
             loss = region_loss(rated, proposal, moved, torch.tensor([True]), RegionLossConfig())
             losses.append(loss.quality.item())
-        assert (losses[0] - losses[1]) / 8 == pytest.approx(wanted - 0.5, abs=1e-5)
+        assert (losses[0] - losses[1]) / 8 == pytest.approx(expected - 0.5, abs=1e-5)
 
 
 def test_without_objects_or_regions_nothing_but_quality_costs():
@@ -162,8 +162,8 @@ def test_the_score_is_made_of_the_proposal_s_and_the_quality():
     boxes, scores, _ = stage.refine(stage(**regions.inputs), regions)
     torch.testing.assert_close(boxes, proposed.boxes)  # an untrained one changes nothing
     assert scores.tolist() == pytest.approx([0.2**0.5, 0.45**0.5, 0.25**0.5])
-    told = RegionStage(replace(SMALL, quality_share=1.0))
-    assert told.refine(stage(**regions.inputs), regions).scores.tolist() == [0.5, 0.5, 0.5]
+    by_quality = RegionStage(replace(SMALL, quality_share=1.0))
+    assert by_quality.refine(stage(**regions.inputs), regions).scores.tolist() == [0.5, 0.5, 0.5]
 
 
 def test_settings_out_of_range_are_refused():

@@ -35,8 +35,8 @@ def test_the_first_stage_learns_two_simulated_frames_by_heart_in_channels_last_a
     torch.manual_seed(0)
     frames = KittiObjectDataset(PACKAGED_FRAMES, parts=("points", "objects"))
     names, wide = ("Car", "Pedestrian", "Cyclist"), SweepConfig(highest_m=(200.0, 90.0, 20.0))
-    wanted = SweepTruthConfig(min_points=5)
-    scenes = [make_truth(each.objects, each.points, names, wide, wanted) for each in frames]
+    config = SweepTruthConfig(min_points=5)
+    scenes = [make_truth(each.objects, each.points, names, wide, config) for each in frames]
     features = [pillar_features(frame.points, GRID) for frame in frames]
     pillars = torch.stack(features).contiguous(memory_format=torch.channels_last)
     targets = pillar_targets(scenes, 3, GRID, PillarTargetsConfig())

@@ -1,4 +1,4 @@
-"""Heat and told boxes against a walk over all cells."""
+"""Heat and predicted boxes against a walk over all cells."""
 
 import pytest
 import torch
@@ -33,9 +33,9 @@ def scene(boxes=(), classes=(), ignored=(), ignored_classes=()):
 def test_heat_and_told_boxes_are_what_a_walk_over_all_cells_finds(entries):
     boxes, classes = [entry[0] for entry in entries], [entry[1] for entry in entries]
     targets = pillar_targets([scene(), scene(boxes, classes)], 2, GRID, CONFIG)
-    told = {tuple(cell): k for k, cell in enumerate(targets.cells.tolist())}
+    rows = {tuple(cell): k for k, cell in enumerate(targets.cells.tolist())}
     assert not targets.heat[0].any()
-    assert len(told) == len(targets.cells) == len(targets.boxes) == len(targets.weights)
+    assert len(rows) == len(targets.cells) == len(targets.boxes) == len(targets.weights)
     expected_number = 0
     for index in range(2):
         mine = [entry for entry, of_class in entries if of_class == index]
@@ -47,12 +47,12 @@ def test_heat_and_told_boxes_are_what_a_walk_over_all_cells_finds(entries):
         assert torch.equal(targets.heat[1, index] == 1, expected == 1)
         expected_number += len(owners)
         for cell, owner in owners.items():
-            k = told[1, index, *cell]
+            k = rows[1, index, *cell]
             assert targets.boxes[k].tolist() == pytest.approx(owner)
             same = sum(1 for other in owners.values() if other == owner)
             twins = mine.count(owner)
             assert targets.weights[k].item() == pytest.approx(1 / same) or twins > 1
-    assert expected_number == len(told)
+    assert expected_number == len(rows)
 
 
 @given(ignored=box, of_classes=st.tuples(st.booleans(), st.booleans()), outside=st.booleans())

@@ -69,22 +69,22 @@ def test_what_a_network_is_sure_of_is_told_as_it_was_encoded():
     means = torch.tensor([CAR.mean_size_m, PEDESTRIAN.mean_size_m])
     code = encode_boxes(boxes[0], points[0], means, SMALL.coding)
     values = torch.zeros(2, SMALL.coding.channels)
-    sure = split_prediction(values, SMALL.coding)  # views
+    exact = split_prediction(values, SMALL.coding)  # views
     for scores, residuals, chosen, residual in (
-        (sure.x_bins, sure.x_residuals, code.x_bin, code.x_residual),
-        (sure.y_bins, sure.y_residuals, code.y_bin, code.y_residual),
-        (sure.heading_bins, sure.heading_residuals, code.heading_bin, code.heading_residual),
+        (exact.x_bins, exact.x_residuals, code.x_bin, code.x_residual),
+        (exact.y_bins, exact.y_residuals, code.y_bin, code.y_residual),
+        (exact.heading_bins, exact.heading_residuals, code.heading_bin, code.heading_residual),
     ):
         scores.scatter_(1, chosen[:, None], 99.0)
         residuals.scatter_(1, chosen[:, None], residual[:, None])
-    sure.z_offset[:, 0], sure.size_residual[:] = code.z_offset, code.size_residual
+    exact.z_offset[:, 0], exact.size_residual[:] = code.z_offset, code.size_residual
     logits = torch.tensor([[[3.0, -2.0, 0.0], [-5.0, -1.0, -4.0]]])
     output = ProposalNetworkOutput(torch.zeros(1, 2, 4), logits, values[None])
-    (told,) = decode_points(output, points, SMALL)
-    torch.testing.assert_close(told.boxes, boxes[0])
-    assert told.classes.tolist() == [0, 1]
-    assert told.scores.tolist() == pytest.approx([0.952574, 0.268941], abs=1e-5)
-    loss = proposal_loss(output, points, boxes, told.classes[None], SMALL, ProposalLossConfig())
+    (decoded,) = decode_points(output, points, SMALL)
+    torch.testing.assert_close(decoded.boxes, boxes[0])
+    assert decoded.classes.tolist() == [0, 1]
+    assert decoded.scores.tolist() == pytest.approx([0.952574, 0.268941], abs=1e-5)
+    loss = proposal_loss(output, points, boxes, decoded.classes[None], SMALL, ProposalLossConfig())
     assert loss.center.item() + loss.heading.item() + loss.size.item() == pytest.approx(0, abs=1e-5)
     assert loss.total.item() == pytest.approx(loss.segmentation.item(), abs=1e-5)
     on_each = torch.tensor([[0, 1]])
@@ -128,10 +128,10 @@ def test_a_small_network_learns_the_boxes_of_a_street_by_heart():
         optimizer.step()
         schedule.step()
     output = run(network, points[..., :3], points[..., 3:])
-    (told,) = decode_points(output, points[..., :3], SMALL)
-    boxes_told = told.boxes.detach()
-    chosen = choose_proposals(boxes_told, told.scores.detach(), ProposalConfig())
-    proposals = boxes_told[chosen]
+    (decoded,) = decode_points(output, points[..., :3], SMALL)
+    decoded_boxes = decoded.boxes.detach()
+    chosen = choose_proposals(decoded_boxes, decoded.scores.detach(), ProposalConfig())
+    proposals = decoded_boxes[chosen]
     assert find_recalled(proposals, boxes[0]).all()
 
 
@@ -139,8 +139,8 @@ def frame():
     """Some points of the first packaged street, up to 150 of each road user, and their boxes."""
     sample = KittiObjectDataset(PACKAGED_FRAMES, parts=("points", "objects"))[0]
     names = [entry.name for entry in CLASSES]
-    wanted = torch.tensor([name in names for name in sample.objects.class_names])
-    labels = sample.objects.select(wanted)
+    is_selected = torch.tensor([name in names for name in sample.objects.class_names])
+    labels = sample.objects.select(is_selected)
     classes = torch.tensor([names.index(name) for name in labels.class_names])
     boxes = labels.boxes3d.tensor.float()[None]
     box = first_box_of_points(sample.points[None, :, :3], boxes)[0]

@@ -10,7 +10,7 @@ from tests.detection3d.boxes import car, rows
 from tests.ops.clouds import street
 
 SCENE = street(0, 4000)[0]
-FEATURES = torch.cat((SCENE, torch.arange(4000.0)[:, None]), dim=1)  # each tells its point
+FEATURES = torch.cat((SCENE, torch.arange(4000.0)[:, None]), dim=1)  # the index of each point
 
 
 def pool_rois(points, features, boxes, *, seed):

@@ -11,13 +11,13 @@ from torch import Tensor
 
 from sightline.detection2d.compact.network import decode_distances
 from sightline.detection2d.config import CLASSES, check_choice, check_range
-from sightline.detection2d.fusion import HeadReading
+from sightline.detection2d.fusion import HeadOutput
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 
 _NOTHING = -1
-_LEAST_IOU = 0.05  # added to the IoU, to assign also objects without overlapping boxes
-_LEAST_QUALITY = 0.1  # for an object's best cell, so that it is trained from the first step
+_ADDED_IOU = 0.05  # added to the IoU, to assign also objects without overlapping boxes
+_MIN_BEST_QUALITY = 0.1  # for an object's best cell, so that it is trained from the first step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ def assign_places(
     """Assign each object the best-aligned places among those in its box: section 3.2.
 
     An object that contains no place's centre gets the place nearest to its own centre. If several
-    objects want a place, it goes to the object that its box overlaps most. Qualities are the
+    objects select a place, it goes to the object that its box overlaps most. Qualities are the
     alignments, scaled so that an object's best place has the highest IoU of its places: eq. 8.
     Departures: 0.05 is added to the IoU, and a best place's quality is at least 0.1.
 
@@ -75,17 +75,17 @@ def assign_places(
         )
     iou = pairwise_iou2d(Boxes2D(truth.boxes), Boxes2D(boxes))
     aligned = scores[:, truth.class_indices].T.clamp(min=1e-6) ** config.alpha
-    aligned = aligned * (iou + _LEAST_IOU) ** config.beta
+    aligned = aligned * (iou + _ADDED_IOU) ** config.beta
     aligned = torch.where(_is_candidate(places[:, :2], truth.boxes), aligned, 0.0)
     best = aligned.topk(min(config.cells, count), dim=1)
-    wanted = torch.zeros_like(aligned).scatter(1, best.indices, best.values)
-    owner_iou, objects = torch.where(wanted > 0, iou, -1.0).max(dim=0)
+    selected = torch.zeros_like(aligned).scatter(1, best.indices, best.values)
+    owner_iou, objects = torch.where(selected > 0, iou, -1.0).max(dim=0)
     objects = torch.where(owner_iou >= 0, objects, _NOTHING)
     is_own = objects == torch.arange(len(truth.boxes), device=places.device)[:, None]
     own = torch.where(is_own, aligned, 0.0)
     highest_iou = torch.where(is_own, iou, 0.0).amax(dim=1, keepdim=True)
     qualities = own / own.amax(dim=1, keepdim=True).clamp(min=1e-30)
-    qualities = qualities * highest_iou.clamp(min=_LEAST_QUALITY)
+    qualities = qualities * highest_iou.clamp(min=_MIN_BEST_QUALITY)
     return Assignment(objects, qualities.amax(dim=0))
 
 
@@ -141,19 +141,19 @@ class AlignedLosses(NamedTuple):
 
 
 def assign_batch(
-    reading: HeadReading, targets: Sequence[DetectionTargets], config: AssignmentConfig
+    output: HeadOutput, targets: Sequence[DetectionTargets], config: AssignmentConfig
 ) -> list[Assignment]:
     """Assign targets to each place of each image, given the network's current output."""
     with torch.no_grad():
-        scores, boxes = reading.class_logits.sigmoid(), decode_distances(reading)
+        scores, boxes = output.class_logits.sigmoid(), decode_distances(output)
         return [
-            assign_places(scores[index], boxes[index], reading.places, truth, config)
+            assign_places(scores[index], boxes[index], output.places, truth, config)
             for index, truth in enumerate(targets)
         ]
 
 
 def aligned_loss(
-    reading: HeadReading,
+    output: HeadOutput,
     targets: Sequence[DetectionTargets],
     assignments: Sequence[Assignment],
     config: AlignedLossConfig,
@@ -163,32 +163,30 @@ def aligned_loss(
     """Compute the losses of a head, divided by the sum of the target qualities.
 
     Args:
-        reading: Output of the head.
+        output: Output of the head.
         targets: Ground truth of each image.
         assignments: Assignment of each image, by this head or another one with the same places.
         config: Weights.
         image_weights: Factor on the losses of each image; None: 1.
     """
-    found = decode_distances(reading)
-    weights = (
-        reading.class_logits.new_ones(len(targets)) if image_weights is None else image_weights
-    )
-    wanted = torch.zeros_like(reading.class_logits)
-    counts = torch.ones_like(reading.class_logits)
-    box_loss = distribution_loss = reading.box_logits.sum() * 0  # for a gradient without objects
+    found = decode_distances(output)
+    weights = output.class_logits.new_ones(len(targets)) if image_weights is None else image_weights
+    target_qualities = torch.zeros_like(output.class_logits)
+    counts = torch.ones_like(output.class_logits)
+    box_loss = distribution_loss = output.box_logits.sum() * 0  # for a gradient without objects
     for index, (truth, assignment) in enumerate(zip(targets, assignments, strict=True)):
         places = (assignment.objects >= 0).nonzero()[:, 0]
         objects = assignment.objects[places]
         quality = assignment.qualities[places] * weights[index]
-        wanted[index, places, truth.class_indices[objects]] = assignment.qualities[places]
-        is_ignored = ignored_places(reading.places, found[index].detach(), truth, config)
-        counts[index] = weights[index] * (~is_ignored | (wanted[index] > 0))
+        target_qualities[index, places, truth.class_indices[objects]] = assignment.qualities[places]
+        is_ignored = ignored_places(output.places, found[index].detach(), truth, config)
+        counts[index] = weights[index] * (~is_ignored | (target_qualities[index] > 0))
         boxes = truth.boxes[objects]
         box_loss = box_loss + (quality * (1 - generalized_iou(found[index, places], boxes))).sum()
-        costs = distribution_costs(reading.box_logits[index, places], reading.places[places], boxes)
+        costs = distribution_costs(output.box_logits[index, places], output.places[places], boxes)
         distribution_loss = distribution_loss + (quality * costs).sum()
-    number = (wanted.sum(dim=(1, 2)) * weights).sum().clamp(min=1)
-    costs = class_costs(reading.class_logits, wanted, config.classification)
+    number = (target_qualities.sum(dim=(1, 2)) * weights).sum().clamp(min=1)
+    costs = class_costs(output.class_logits, target_qualities, config.classification)
     return AlignedLosses(
         classification=config.class_weight * (costs * counts).sum() / number,
         boxes=config.box_weight * box_loss / number,
@@ -198,16 +196,18 @@ def aligned_loss(
 
 def class_costs(
     logits: Float[Tensor, "*shape"],
-    wanted: Float[Tensor, "*shape"],
+    target_qualities: Float[Tensor, "*shape"],
     kind: Classification,
 ) -> Float[Tensor, "*shape"]:
-    """Loss of each score against its target quality `wanted`, which is 0 for background."""
-    entropy = F.binary_cross_entropy_with_logits(logits, wanted, reduction="none")
+    """Loss of each score against its target quality, 0 for background."""
+    entropy = F.binary_cross_entropy_with_logits(logits, target_qualities, reduction="none")
     scores = logits.sigmoid()
     if kind == "quality_focal":
-        return entropy * (scores - wanted).abs() ** _FOCUS
-    is_there = wanted > 0
-    return entropy * torch.where(is_there, wanted, _VARIFOCAL_NEGATIVES * scores.detach() ** _FOCUS)
+        return entropy * (scores - target_qualities).abs() ** _FOCUS
+    is_object = target_qualities > 0
+    return entropy * torch.where(
+        is_object, target_qualities, _VARIFOCAL_NEGATIVES * scores.detach() ** _FOCUS
+    )
 
 
 def ignored_places(

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from sightline.detection2d.config import CLASSES, CompactConfig, scaled
-from sightline.detection2d.fusion import GatedFusion, HeadReading
+from sightline.detection2d.fusion import GatedFusion, HeadOutput
 
 
 class CompactInput(nn.Module):
@@ -23,8 +23,8 @@ class CompactInput(nn.Module):
         self, image: Float[Tensor, "batch 3 height width"]
     ) -> Float[Tensor, "batch 3 height width"]:
         """Convert RGB in [0, 1] to planes."""
-        is_there = (image.amax(dim=(1, 2, 3), keepdim=True) > 0).to(image.dtype)
-        return 4 * (image - 0.5) * is_there
+        is_present = (image.amax(dim=(1, 2, 3), keepdim=True) > 0).to(image.dtype)
+        return 4 * (image - 0.5) * is_present
 
     def lidar(
         self, image: Float[Tensor, "batch 3 height width"]
@@ -189,7 +189,7 @@ class AlignedHead(nn.Module):
         self,
         maps: Sequence[Float[Tensor, "batch _channels _rows _columns"]],
         image_size: tuple[int, int],
-    ) -> HeadReading:
+    ) -> HeadOutput:
         """Run the head on maps of strides 8, 16 and 32 of an image of (height, width) [px]."""
         del image_size  # given by the strides
         features = [lateral(each) for lateral, each in zip(self.laterals, maps, strict=True)]
@@ -201,17 +201,17 @@ class AlignedHead(nn.Module):
             classes.append(self.classify(seen).float().flatten(2))
             boxes.append(self.measure(seen).float().flatten(2))
             places.append(cells(seen.shape[2], seen.shape[3], stride, classes[-1]))
-        return HeadReading(
+        return HeadOutput(
             class_logits=torch.cat(classes, dim=2).transpose(1, 2),
             box_logits=torch.cat(boxes, dim=2).transpose(1, 2),
             places=torch.cat(places),
         )
 
     def decode(
-        self, reading: HeadReading
+        self, output: HeadOutput
     ) -> tuple[Float[Tensor, "batch places classes"], Float[Tensor, "batch places 4"]]:
         """Compute class probabilities and boxes (corners, px)."""
-        return reading.class_logits.sigmoid(), decode_distances(reading)
+        return output.class_logits.sigmoid(), decode_distances(output)
 
 
 def cells(rows: int, columns: int, stride: int, like: Tensor) -> Float[Tensor, "cells 4"]:
@@ -223,13 +223,13 @@ def cells(rows: int, columns: int, stride: int, like: Tensor) -> Float[Tensor, "
     return torch.cat((middles, torch.full_like(middles, stride)), dim=1)
 
 
-def decode_distances(reading: HeadReading) -> Float[Tensor, "batch places 4"]:
+def decode_distances(output: HeadOutput) -> Float[Tensor, "batch places 4"]:
     """Compute box corners [px] from the means of the distance distributions."""
-    batch, number, values = reading.box_logits.shape
-    shares = reading.box_logits.reshape(batch, number, 4, values // 4).softmax(dim=3)
+    batch, number, values = output.box_logits.shape
+    shares = output.box_logits.reshape(batch, number, 4, values // 4).softmax(dim=3)
     steps = torch.arange(values // 4, device=shares.device, dtype=shares.dtype)
-    distances = (shares * steps).sum(dim=3) * reading.places[:, 2:].repeat(1, 2)
-    middles = reading.places[:, :2]
+    distances = (shares * steps).sum(dim=3) * output.places[:, 2:].repeat(1, 2)
+    middles = output.places[:, :2]
     return torch.cat((middles - distances[..., :2], middles + distances[..., 2:]), dim=2)
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sightline.detection2d.config import check_range
 from sightline.detection2d.dgfn.network import corners_of, encode_boxes
-from sightline.detection2d.fusion import HeadReading
+from sightline.detection2d.fusion import HeadOutput
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 
@@ -66,7 +66,7 @@ def match_priors(
 
 
 def multibox_loss(
-    reading: HeadReading, targets: Sequence[DetectionTargets], config: SsdLossConfig
+    output: HeadOutput, targets: Sequence[DetectionTargets], config: SsdLossConfig
 ) -> SsdLosses:
     """Cross entropy of the classes, and smooth L1 of the offsets of matched priors.
 
@@ -75,20 +75,20 @@ def multibox_loss(
     without objects has no loss.
     """
     matches = torch.stack(
-        [match_priors(reading.places, truth.boxes, config.match_iou) for truth in targets]
+        [match_priors(output.places, truth.boxes, config.match_iou) for truth in targets]
     )
     is_matched = matches != _NOTHING
     classes = torch.zeros_like(matches)  # background
-    box_loss = reading.box_logits.sum() * 0  # a gradient of zero where there is nothing to find
+    box_loss = output.box_logits.sum() * 0  # a gradient of zero where there is nothing to find
     for index, truth in enumerate(targets):
         found = matches[index][is_matched[index]]
         classes[index, is_matched[index]] = truth.class_indices[found] + 1
-        wanted = encode_boxes(truth.boxes[found], reading.places[is_matched[index]])
-        said = reading.box_logits[index][is_matched[index]]
-        box_loss = box_loss + F.smooth_l1_loss(said, wanted, reduction="sum")
-    costs = F.cross_entropy(reading.class_logits.transpose(1, 2), classes, reduction="none")
+        target = encode_boxes(truth.boxes[found], output.places[is_matched[index]])
+        predicted = output.box_logits[index][is_matched[index]]
+        box_loss = box_loss + F.smooth_l1_loss(predicted, target, reduction="sum")
+    costs = F.cross_entropy(output.class_logits.transpose(1, 2), classes, reduction="none")
     is_ignored = torch.stack(
-        [_is_ignored(reading.places, truth, config.ignored_share) for truth in targets]
+        [_is_ignored(output.places, truth, config.ignored_share) for truth in targets]
     )
     counts = is_matched | hardest_negatives(
         costs.detach(), is_matched, is_ignored, config.negatives_per_positive

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from sightline.detection2d.config import CLASSES, DgfnConfig, scaled
-from sightline.detection2d.fusion import GatedFusion, HeadReading
+from sightline.detection2d.fusion import GatedFusion, HeadOutput
 
 
 def start_small(conv: nn.Conv2d) -> nn.Conv2d:
@@ -111,9 +111,9 @@ class VggStream(nn.Module):
             layers: list[nn.Module] = []
             if stages:
                 layers.append(nn.MaxPool2d(2, ceil_mode=True))
-            for wanted in group:
-                layers += then(nn.Conv2d(channels, scaled(wanted, width), 3, padding=1))
-                channels = scaled(wanted, width)
+            for out_channels in group:
+                layers += then(nn.Conv2d(channels, scaled(out_channels, width), 3, padding=1))
+                channels = scaled(out_channels, width)
             stages.append(nn.Sequential(*layers))
         fc = scaled(_FC_CHANNELS, width)
         self.num_to_conv5_3 = len(stages[4])  # of the layers to fc7
@@ -280,25 +280,27 @@ class SsdHead(nn.Module):
         self,
         maps: Sequence[Float[Tensor, "batch _channels _rows _columns"]],
         image_size: tuple[int, int],
-    ) -> HeadReading:
+    ) -> HeadOutput:
         """Compute the outputs for the maps of an image of (height, width) [px]."""
         values, places = [], []
         for conv, shapes, features in zip(self.convs, self.shapes, maps, strict=True):
             rows, columns = features.shape[-2:]
-            said = conv(features).float().permute(0, 2, 3, 1)
-            values.append(said.reshape(said.shape[0], rows * columns * len(shapes), self.values))
+            predicted = conv(features).float().permute(0, 2, 3, 1)
+            values.append(
+                predicted.reshape(predicted.shape[0], rows * columns * len(shapes), self.values)
+            )
             places.append(make_priors(shapes, rows, columns, image_size, values[-1]))
         class_logits, box_logits = torch.split(
             torch.cat(values, dim=1), [self.values - 4, 4], dim=2
         )
-        return HeadReading(class_logits, box_logits, torch.cat(places))
+        return HeadOutput(class_logits, box_logits, torch.cat(places))
 
     def decode(
-        self, reading: HeadReading
+        self, output: HeadOutput
     ) -> tuple[Float[Tensor, "batch places classes"], Float[Tensor, "batch places 4"]]:
         """Compute class probabilities without the background, and boxes (corners, px)."""
-        scores = reading.class_logits.softmax(dim=2)[..., 1:]
-        return scores, decode_boxes(reading.box_logits, reading.places)
+        scores = output.class_logits.softmax(dim=2)[..., 1:]
+        return scores, decode_boxes(output.box_logits, output.places)
 
 
 @dataclass(frozen=True)

@@ -69,12 +69,12 @@ def load_vgg_weights(network: Detector, source: str) -> None:
     convs = _convolutions(tensors, source)
     for sensor in network.streams:
         stream = _vgg_stream(network, sensor)
-        for ours, (weight, bias) in zip(stream.vgg_convs, convs, strict=True):
-            assert ours.bias is not None, "VGG16's convolutions have one"
-            copies = ours.weight.shape[1] // weight.shape[1]
+        for conv, (weight, bias) in zip(stream.vgg_convs, convs, strict=True):
+            assert conv.bias is not None, "VGG16's convolutions have one"
+            copies = conv.weight.shape[1] // weight.shape[1]
             with torch.no_grad():
-                ours.weight.copy_(weight.repeat(1, copies, 1, 1) / copies)
-                ours.bias.copy_(bias)
+                conv.weight.copy_(weight.repeat(1, copies, 1, 1) / copies)
+                conv.bias.copy_(bias)
     _scale_conv5_3(network, network.config.dgfn.l2_norm_scale)
 
 
@@ -142,9 +142,12 @@ def _convolutions(tensors: object, source: str) -> list[tuple[Tensor, Tensor]]:
     found = []
     place, channels = 0, 3
     for group in VGG_CONVS:
-        for wanted in group:
+        for out_channels in group:
             pair = []
-            for kind, shape in (("weight", (wanted, channels, 3, 3)), ("bias", (wanted,))):
+            for kind, shape in (
+                ("weight", (out_channels, channels, 3, 3)),
+                ("bias", (out_channels,)),
+            ):
                 name = f"features.{place}.{kind}"
                 tensor = tensors.get(name) if isinstance(tensors, Mapping) else None
                 if not isinstance(tensor, Tensor) or tuple(tensor.shape) != shape:
@@ -156,7 +159,7 @@ def _convolutions(tensors: object, source: str) -> list[tuple[Tensor, Tensor]]:
                     raise ValueError(f"{source} holds NaN or infinite values in {name}; {_GO_ON}")
                 pair.append(tensor.float())
             found.append((pair[0], pair[1]))
-            place, channels = place + 2, wanted
+            place, channels = place + 2, out_channels
         place += 1
     return found
 
@@ -180,8 +183,8 @@ def fold_batch_norm(weights: Weights) -> Weights:
     with torch.no_grad():
         for sensor, stream in folded.streams.items():
             convs = [each for each in stream.modules() if isinstance(each, nn.Conv2d)]
-            for ours, pair in zip(convs, _normalised(network.streams[sensor]), strict=True):
-                ours.load_state_dict(fuse_conv_bn_eval(*pair).state_dict())
+            for conv, pair in zip(convs, _normalised(network.streams[sensor]), strict=True):
+                conv.load_state_dict(fuse_conv_bn_eval(*pair).state_dict())
     others = {
         name: tensor
         for name, tensor in network.state_dict().items()

@@ -129,7 +129,7 @@ class RegionOutput(NamedTuple):
     front_logits: Float[Tensor, " num_regions"]
     """Logit that the front stays at the proposal's end."""
     quality_logits: Float[Tensor, " num_regions"]
-    """Logit of the quality of the changed box (`quality_of_iou`)."""
+    """Logit of the quality of the changed box (`quality_from_iou`)."""
 
 
 def encode_regions(
@@ -180,7 +180,7 @@ def decode_regions(
     )
 
 
-def quality_of_iou(iou: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+def quality_from_iou(iou: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """Quality target for a 3D IoU: Shi et al. 2020 (PV-RCNN), section 3.3.
 
     It is 0 up to an IoU of 0.25, 1 from an IoU of 0.75, and linear in between.
@@ -188,7 +188,7 @@ def quality_of_iou(iou: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     return ((iou - WORST_IOU) / (BEST_IOU - WORST_IOU)).clamp(0, 1)
 
 
-def iou_of_quality(quality: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+def iou_from_quality(quality: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """Convert a quality to its IoU, from 0.25 to 0.75."""
     return WORST_IOU + (BEST_IOU - WORST_IOU) * quality
 
@@ -230,7 +230,7 @@ def find_boxes(
     mean_sizes = values.new_tensor([entry.mean_size_m for entry in network.classes])
     middles = cell_middles(cells[:, 1:], network.grid).to(values.dtype)
     boxes = decode_centers(values, middles, mean_sizes[of_class])
-    iou = iou_of_quality(values[:, QUALITY].sigmoid())
+    iou = iou_from_quality(values[:, QUALITY].sigmoid())
     scores = warmth ** (1 - config.quality_share) * iou**config.quality_share
     is_peak = heat == F.max_pool2d(heat[None], 3, stride=1, padding=1)[0]
     peaks = is_peak[of_class, row, column].nonzero()[:, 0]

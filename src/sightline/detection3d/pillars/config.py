@@ -11,9 +11,9 @@ HEAD_STRIDE: Final = 2
 
 
 _COARSEST_STRIDE: Final = 8  # stride of the backbone's last stage
-_MOST_NUMBERS: Final = 2**26  # values in the map: a network then takes 3 GB
+_MAX_NUMBERS: Final = 2**26  # values in the map: a network then takes 3 GB
 _FARTHEST_M: Final = 1e5
-_MOST_PAIRS: Final = 2**25  # pairs of boxes for the IoU: 256 MB for each value per pair
+_MAX_PAIRS: Final = 2**25  # pairs of boxes for the IoU: 256 MB for each value per pair
 _SLACK: Final = 1e-6  # rounding tolerance, in blocks of cells
 
 
@@ -50,10 +50,10 @@ class PillarGridConfig:
                     f"{name} must rise and lie within {_FARTHEST_M:g}, got {low} to {high}"
                 )
         x, y = ((high - low) / self.cell_m for low, high in (self.x_m, self.y_m))
-        if not x * y * self.channels <= _MOST_NUMBERS:
+        if not x * y * self.channels <= _MAX_NUMBERS:
             raise ValueError(
                 f"the grid has {x:.0f} x {y:.0f} cells of {self.channels} numbers, expected up to "
-                f"{_MOST_NUMBERS} numbers together; set a larger cell_m, or less ground"
+                f"{_MAX_NUMBERS} numbers together; set a larger cell_m, or less ground"
             )
         for name in ("x_m", "y_m"):
             low, high = getattr(self, name)
@@ -136,9 +136,9 @@ class PillarDetectionConfig:
         if self.mean_iou is not None and not 0 <= self.mean_iou < 1:
             raise ValueError(f"mean_iou must be None or from 0 to below 1, got {self.mean_iou}")
         check_numbers(self, "at least 1", "max_cells", "max_boxes")
-        if self.max_cells * self.max_boxes > _MOST_PAIRS:
+        if self.max_cells * self.max_boxes > _MAX_PAIRS:
             raise ValueError(
-                f"max_cells times max_boxes must be up to {_MOST_PAIRS}, got {self.max_cells} "
+                f"max_cells times max_boxes must be up to {_MAX_PAIRS}, got {self.max_cells} "
                 f"times {self.max_boxes}"
             )
 

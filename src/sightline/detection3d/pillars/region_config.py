@@ -7,8 +7,8 @@ from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClas
 
 # Bounds on settings that cost time or memory but add no weights: weights files may come from
 # anywhere.
-_MOST_PASSES = 10
-_MOST_POINTS = 2**14
+_MAX_PASSES = 10
+_MAX_POINTS = 2**14
 _LARGEST_MARGIN_M = 100.0
 
 
@@ -36,7 +36,7 @@ class RegionConfig:
     passes: int = 2
     """Number of passes; each pass uses the points around the boxes of the one before."""
     mean_with_first: tuple[str, ...] = ()
-    """Classes for which the result is the mean of the first and last pass (`mean_answer`), because
+    """Classes for which the result is the mean of the first and last pass (`mean_refined`), because
     the first is closer to the first stage's boxes. Other classes use the last pass."""
     quality_share: float = 0.5
     """Exponent of the last quality in the score; the exponent of the proposal's score is 1 less
@@ -47,12 +47,12 @@ class RegionConfig:
         check_different("classes", self.classes, [entry.name for entry in self.classes])
         for margin in self.margin_m:
             check_range("margin_m", margin, 0, _LARGEST_MARGIN_M)
-        check_range("num_points", self.num_points, 1, _MOST_POINTS)
+        check_range("num_points", self.num_points, 1, _MAX_POINTS)
         check_numbers(self, "at least 0", "in_channels")
         check_widths("point_widths", self.point_widths)
         check_widths("head_widths", self.head_widths)
         check_numbers(self, "at least 1", "region_width")
-        check_range("passes", self.passes, 1, _MOST_PASSES)
+        check_range("passes", self.passes, 1, _MAX_PASSES)
         unknown = set(self.mean_with_first) - {entry.name for entry in self.classes}
         if unknown:
             raise ValueError(

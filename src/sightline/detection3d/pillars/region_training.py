@@ -16,7 +16,7 @@ from sightline.detection3d.pillars.boxes import (
     decode_regions,
     encode_regions,
     keeps_front,
-    quality_of_iou,
+    quality_from_iou,
 )
 from sightline.detection3d.pillars.region_config import RegionExamplesConfig, RegionLossConfig
 from sightline.detection3d.stages import Proposed
@@ -171,7 +171,7 @@ def region_loss(
     )
     quality = torch.zeros_like(output.quality_logits)
     with torch.no_grad():
-        quality[is_object] = quality_of_iou(aligned_iou_3d(changed, truth))
+        quality[is_object] = quality_from_iou(aligned_iou_3d(changed, truth))
     rated = F.binary_cross_entropy_with_logits(output.quality_logits, quality, reduction="sum")
     number = max(len(values), 1)
     corners = corner_costs(changed, truth, knee_m=config.corner_knee_m).sum() / number

@@ -24,7 +24,7 @@ from sightline.detection3d.pillars.region_training import (
     region_loss,
 )
 from sightline.detection3d.stages import (
-    AS_IT_IS,
+    UNCHANGED,
     Proposed,
     Refined,
     Regions,
@@ -80,10 +80,10 @@ def cut_regions(
         place = torch.stack((cos * x + sin * y, cos * y - sin * x, z), dim=2)
         half = boxes[:, None, 3:6] / 2
         place = torch.cat((place, half - place, half + place), dim=2)
-    told = torch.cat((place, features[index]), dim=2)
+    described = torch.cat((place, features[index]), dim=2)
     is_empty = (num_inside == 0)[:, None, None]
     return CutRegions(
-        points=torch.where(is_empty, 0.0, told),
+        points=torch.where(is_empty, 0.0, described),
         context=_context(boxes, classes, num_inside, config),
     )
 
@@ -146,8 +146,8 @@ class RegionNetwork(nn.Module):
         own = self.point_layers(points)
         common = self.common_part(own.amax(dim=1, keepdim=True))
         region = self.activate(self.own_part(own) + common).amax(dim=1)
-        answer = self.answer(self.head(torch.cat((region, context), dim=1))).float()
-        values, front, quality = answer.split((REGION_VALUES, 1, 1), dim=1)
+        output = self.answer(self.head(torch.cat((region, context), dim=1))).float()
+        values, front, quality = output.split((REGION_VALUES, 1, 1), dim=1)
         return RegionOutput(values, front[:, 0], quality[:, 0])
 
 
@@ -173,7 +173,7 @@ class RegionStage(SecondStage):
     """
 
     output_type = RegionOutput
-    views = AS_IT_IS, StageView(_turn, _turn_back)
+    views = UNCHANGED, StageView(_turn, _turn_back)
 
     def __init__(self, config: RegionConfig) -> None:
         super().__init__()
@@ -212,11 +212,11 @@ class RegionStage(SecondStage):
             config.region_examples,
             found=found,
         )
-        wanted = RegionExamples(*(values.to(sweep.device) for values in drawn))
-        boxes = wanted.proposals.to(sweep.dtype)
+        examples = RegionExamples(*(values.to(sweep.device) for values in drawn))
+        boxes = examples.proposals.to(sweep.dtype)
         scores = boxes.new_ones(len(boxes))
-        moved = Proposed(boxes, wanted.classes, scores, proposed.features)
-        return self.regions(sweep, moved, seed=seed), wanted
+        moved = Proposed(boxes, examples.classes, scores, proposed.features)
+        return self.regions(sweep, moved, seed=seed), examples
 
     def refine(self, output: RegionOutput, regions: Regions) -> Refined:
         """Decode boxes; scores are products of powers of proposal scores and qualities."""
@@ -229,8 +229,10 @@ class RegionStage(SecondStage):
         self,
         output: RegionOutput,
         regions: Regions,
-        wanted: RegionExamples,
+        examples: RegionExamples,
         config: Detection3DLossConfig,
     ) -> RegionLosses:
         """Compute `region_loss`."""
-        return region_loss(output, regions.boxes, wanted.truths, wanted.is_object, config.regions)
+        return region_loss(
+            output, regions.boxes, examples.truths, examples.is_object, config.regions
+        )

@@ -31,7 +31,7 @@ from sightline.detection3d.pillars.training import (
     pillar_loss,
     pillar_targets,
 )
-from sightline.detection3d.stages import AS_IT_IS, FirstStage, Proposed, StageView
+from sightline.detection3d.stages import UNCHANGED, FirstStage, Proposed, StageView
 from sightline.detection3d.sweeps import Sweep, SweepTruth
 
 PILLAR_COUNT_SCALE = 0.5  # factor on log(1 + number of points)
@@ -217,7 +217,7 @@ class PillarProposals(FirstStage):
         super().__init__()
         self.config = config
         self.centers = centers
-        self.views = AS_IT_IS, StageView(partial(_mirror, grid=config.grid), _mirror_back)
+        self.views = UNCHANGED, StageView(partial(_mirror, grid=config.grid), _mirror_back)
         self.network = PillarNetwork(config)
 
     def inputs(self, sweeps: Sequence[Sweep]) -> dict[str, Tensor]:

@@ -18,7 +18,7 @@ from sightline.detection3d.pillars.boxes import (
     corner_costs,
     decode_centers,
     encode_centers,
-    quality_of_iou,
+    quality_from_iou,
 )
 from sightline.detection3d.pillars.config import (
     PillarGridConfig,
@@ -74,7 +74,7 @@ def pillar_targets(
         _leave_out(counts[sweep], scene, is_inside, grid, config)
         for class_index in range(num_classes):
             mine = scene.boxes[is_inside & (scene.classes == class_index)]
-            row, column, owner = _told_cells(mine, grid, config)
+            row, column, owner = _box_cells(mine, grid, config)
             place = torch.full_like(row, sweep), torch.full_like(row, class_index), row, column
             cells.append(torch.stack(place, dim=1))
             boxes.append(mine[owner].float())
@@ -153,32 +153,32 @@ def _leave_out(
     own_class = torch.arange(len(counts)) == scene.classes[outside, None]
     boxes = torch.cat((scene.ignored_boxes, scene.boxes[outside]))
     classes = torch.cat((scene.ignored_classes, own_class))
-    for box, of_classes in zip(boxes, classes, strict=True):
+    for box, ignored_classes in zip(boxes, classes, strict=True):
         margin_m = config.ignored_margin_m
         window = _window(box, math.hypot(box[3], box[4]) / 2 + 2 * margin_m, grid)
         along, across = _in_box_frame(window, box)
         within = (along <= box[3] / 2 + margin_m) & (across <= box[4] / 2 + margin_m)
-        counts[:, window.rows, window.columns] &= ~(of_classes[:, None, None] & within)
+        counts[:, window.rows, window.columns] &= ~(ignored_classes[:, None, None] & within)
 
 
-def _told_cells(
+def _box_cells(
     boxes: Float64[Tensor, "num_boxes 7"], grid: PillarGridConfig, config: PillarTargetsConfig
-) -> tuple[Int64[Tensor, " told"], Int64[Tensor, " told"], Int64[Tensor, " told"]]:
+) -> tuple[Int64[Tensor, " num_cells"], Int64[Tensor, " num_cells"], Int64[Tensor, " num_cells"]]:
     """Find row, column and box index of the cells that predict a box of one class."""
     nearest = torch.full(grid.head_size, math.inf, dtype=torch.float64)
     owner = torch.full(grid.head_size, -1)
     for index, box in enumerate(boxes):
         window = _window(box, math.hypot(box[3], box[4]) / 2 + grid.head_cell_m, grid)
         along, across = _in_box_frame(window, box)
-        tells = along <= config.told_length_share * box[3] / 2
-        tells &= across <= config.told_width_share * box[4] / 2
+        is_covered = along <= config.told_length_share * box[3] / 2
+        is_covered &= across <= config.told_width_share * box[4] / 2
         row, column = _center_cells(box[None], grid)[0].tolist()
-        tells[row - window.rows.start, column - window.columns.start] = True
+        is_covered[row - window.rows.start, column - window.columns.start] = True
         squared = window.offset_x**2 + window.offset_y**2
         part = nearest[window.rows, window.columns]
-        tells &= squared < part
-        part[tells] = squared[tells]
-        owner[window.rows, window.columns][tells] = index
+        is_covered &= squared < part
+        part[is_covered] = squared[is_covered]
+        owner[window.rows, window.columns][is_covered] = index
     row, column = (owner >= 0).nonzero(as_tuple=True)
     return row, column, owner[row, column]
 
@@ -206,22 +206,22 @@ def pillar_loss(
     the IoU of the current boxes; its loss has no gradient for the boxes.
     """
     heat = heat_loss(output.heat_logits, targets.heat, targets.counts)
-    sweep, of_class, row, column = targets.cells.unbind(dim=1)
-    values = output.center_values[sweep, of_class, :, row, column]
+    sweep, class_index, row, column = targets.cells.unbind(dim=1)
+    values = output.center_values[sweep, class_index, :, row, column]
     middles = cell_middles(targets.cells[:, 2:], network.grid).to(values.dtype)
-    mean_sizes = values.new_tensor([entry.mean_size_m for entry in network.classes])[of_class]
+    mean_sizes = values.new_tensor([entry.mean_size_m for entry in network.classes])[class_index]
     truth = targets.boxes.to(values.dtype)
-    wanted = encode_centers(truth, middles, mean_sizes)
-    told = decode_centers(values, middles, mean_sizes)
+    target = encode_centers(truth, middles, mean_sizes)
+    decoded = decode_centers(values, middles, mean_sizes)
     error = F.smooth_l1_loss(
-        values[:, : AXIS.stop], wanted[:, : AXIS.stop], reduction="none", beta=config.knee
+        values[:, : AXIS.stop], target[:, : AXIS.stop], reduction="none", beta=config.knee
     )
     with torch.no_grad():
-        quality = quality_of_iou(aligned_iou_3d(told, truth))
+        quality = quality_from_iou(aligned_iou_3d(decoded, truth))
     costs = (
         error.sum(dim=1),
-        corner_costs(told, truth, knee_m=2 * config.knee),
-        (values[:, FRONT] - wanted[:, FRONT]).square().sum(dim=1),
+        corner_costs(decoded, truth, knee_m=2 * config.knee),
+        (values[:, FRONT] - target[:, FRONT]).square().sum(dim=1),
         F.binary_cross_entropy_with_logits(values[:, QUALITY], quality, reduction="none"),
     )
     weights = targets.weights.to(values.dtype)

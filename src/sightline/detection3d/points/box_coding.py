@@ -18,7 +18,7 @@ from torch import Tensor
 from sightline.detection3d.points.config import BoxCodingConfig
 from sightline.geometry.transforms import wrap_angle
 
-_LEAST_SIZE = 0.01  # share of the mean size
+_MIN_SIZE = 0.01  # share of the mean size
 
 
 class ProposalNetworkOutput(NamedTuple):
@@ -115,7 +115,7 @@ def decode_boxes(
         )
     )
     yaw = wrap_angle((code.heading_bin + code.heading_residual / 2) * config.heading_bin_rad)
-    sizes = mean_sizes * (1 + code.size_residual).clamp(min=_LEAST_SIZE)
+    sizes = mean_sizes * (1 + code.size_residual).clamp(min=_MIN_SIZE)
     center = torch.stack((x, y, points[:, 2] + code.z_offset), dim=1)
     return torch.cat((center, sizes, yaw[:, None]), dim=1)
 

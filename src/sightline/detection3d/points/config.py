@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from sightline.detection3d.checks import (
-    MOST_NUMBERS,
+    MAX_NUMBERS,
     check_different,
     check_numbers,
     check_range,
@@ -13,9 +13,9 @@ from sightline.detection3d.checks import (
 )
 from sightline.detection3d.classes import CAR, RoadUserClass
 
-_MOST_CENTERS = 2**16
-_MOST_ROI_POINTS = 2**14
-_MOST_PAIRS = 2**25  # pairs of boxes for the IoU, which takes a few seconds
+_MAX_CENTERS = 2**16
+_MAX_ROI_POINTS = 2**14
+_MAX_PAIRS = 2**25  # pairs of boxes for the IoU, which takes a few seconds
 _LARGEST_RADIUS_M = 1000.0
 _LARGEST_MARGIN_M = 100.0
 
@@ -52,13 +52,13 @@ class AbstractionConfig:
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
-        check_range("num_centers", self.num_centers, 1, _MOST_CENTERS)
+        check_range("num_centers", self.num_centers, 1, _MAX_CENTERS)
         if not self.scales:
             raise ValueError("scales must hold one neighbourhood or more, got none")
-        if self.numbers > MOST_NUMBERS:
+        if self.numbers > MAX_NUMBERS:
             raise ValueError(
                 f"num_centers, num_neighbours and widths make a layer of {self.numbers} numbers, "
-                f"expected up to {MOST_NUMBERS}"
+                f"expected up to {MAX_NUMBERS}"
             )
 
     @property
@@ -215,9 +215,9 @@ class ProposalConfig:
                 f"num_proposals must be from 1 to num_candidates {self.num_candidates}, got "
                 f"{self.num_proposals}"
             )
-        if self.num_proposals * self.num_candidates > _MOST_PAIRS:
+        if self.num_proposals * self.num_candidates > _MAX_PAIRS:
             raise ValueError(
-                f"num_proposals times num_candidates must be up to {_MOST_PAIRS}, got "
+                f"num_proposals times num_candidates must be up to {_MAX_PAIRS}, got "
                 f"{self.num_proposals} times {self.num_candidates}"
             )
         check_numbers(self, "from 0 to 1", "iou", "near_share")
@@ -236,7 +236,7 @@ class RoiPoolingConfig:
     def __post_init__(self) -> None:
         """Checks the numbers."""
         check_range("margin_m", self.margin_m, 0, _LARGEST_MARGIN_M)
-        check_range("num_points", self.num_points, 1, _MOST_ROI_POINTS)
+        check_range("num_points", self.num_points, 1, _MAX_ROI_POINTS)
 
 
 @dataclass(frozen=True, kw_only=True)

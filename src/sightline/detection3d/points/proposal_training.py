@@ -121,8 +121,8 @@ def proposal_loss(
         network.coding,
     )
     prediction = split_prediction(output.box_values[sweep, point], network.coding)
-    told = box_code_loss(prediction, code, config)
-    return ProposalLosses(segmentation + told.total, segmentation, *told[1:])
+    code_losses = box_code_loss(prediction, code, config)
+    return ProposalLosses(segmentation + code_losses.total, segmentation, *code_losses[1:])
 
 
 class BoxCodeLosses(NamedTuple):

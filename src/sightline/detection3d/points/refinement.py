@@ -36,7 +36,7 @@ from sightline.ops.roi_points import RoiPoints, roi_points
 from sightline.ops.rotated_iou import pairwise_iou_3d
 
 _BOX_VALUES = 7
-_LEAST_SIZE_M = 0.01
+_MIN_SIZE_M = 0.01
 
 
 class RefinementOutput(NamedTuple):
@@ -143,8 +143,8 @@ class PointRefinement(SecondStage):
         places = drawn.num_inside[0].nonzero()[:, 0]
         boxes = proposed.boxes[places]
         truths = truth.boxes.to(boxes.dtype)
-        wanted = assign_truths(pairwise_iou_3d(boxes.double(), truths.double()), truths)
-        samples = ProposalSamples(places, wanted.boxes, wanted.iou)
+        assigned = assign_truths(pairwise_iou_3d(boxes.double(), truths.double()), truths)
+        samples = ProposalSamples(places, assigned.boxes, assigned.iou)
         return self._regions(sweep, proposed, drawn, places), samples
 
     def _draw(self, sweep: Sweep, proposed: Proposed, seed: int) -> RoiPoints:
@@ -168,21 +168,21 @@ class PointRefinement(SecondStage):
         """Return the predicted boxes, with sizes of at least a centimetre."""
         del regions
         boxes = output.boxes.float()
-        told = (boxes[:, :3], boxes[:, 3:6].clamp(min=_LEAST_SIZE_M), wrap_angle(boxes[:, 6:]))
+        columns = (boxes[:, :3], boxes[:, 3:6].clamp(min=_MIN_SIZE_M), wrap_angle(boxes[:, 6:]))
         scores = output.logits.float().sigmoid()
-        return Refined(torch.cat(told, dim=1), scores, torch.zeros_like(scores))
+        return Refined(torch.cat(columns, dim=1), scores, torch.zeros_like(scores))
 
     def losses(
         self,
         output: RefinementOutput,
         regions: Regions,
-        wanted: ProposalSamples,
+        targets: ProposalSamples,
         config: Detection3DLossConfig,
     ) -> RefinementLosses:
         """Compute `box_loss` and `confidence_loss`."""
         del regions
-        boxes = box_loss(output.boxes.float(), wanted.boxes, wanted.iou, config.refinement).total
-        confidence = confidence_loss(output.logits.float(), wanted.iou, config.refinement)
+        boxes = box_loss(output.boxes.float(), targets.boxes, targets.iou, config.refinement).total
+        confidence = confidence_loss(output.logits.float(), targets.iou, config.refinement)
         return RefinementLosses(boxes + confidence, boxes, confidence)
 
 
@@ -192,8 +192,8 @@ def _is_on_ignored(
     """Mask of the proposals on an ignored object, which are no clear background."""
     if not len(truth.ignored_boxes) or not len(boxes):
         return torch.zeros(len(boxes), dtype=torch.bool, device=boxes.device)
-    most = pairwise_iou_3d(boxes.double(), truth.ignored_boxes).amax(dim=1)
-    own = torch.zeros_like(most)
+    ignored_iou = pairwise_iou_3d(boxes.double(), truth.ignored_boxes).amax(dim=1)
+    own = torch.zeros_like(ignored_iou)
     if len(truth.boxes):
         own = pairwise_iou_3d(boxes.double(), truth.boxes).amax(dim=1)
-    return (most >= config.background_iou) & (most > own)
+    return (ignored_iou >= config.background_iou) & (ignored_iou > own)

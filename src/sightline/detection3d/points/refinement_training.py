@@ -10,7 +10,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, smooth_l1_loss
 from sightline.detection3d.points.config import ProposalSamplingConfig, RefinementLossConfig
 from sightline.ops.rotated_iou import pairwise_iou_3d
 
-_LEAST_IOU = 1e-9  # boxes up to 1.3 m apart have 1e-17 by rounding
+_MIN_IOU = 1e-9  # boxes up to 1.3 m apart have 1e-17 by rounding
 
 NO_TRUTH = -1
 """Object index of proposals in a frame without objects."""
@@ -121,7 +121,7 @@ def _best_proposals(
     """Indices of the best proposal and the object, for each overlapped object."""
     if iou.shape[0] == 0:
         return torch.zeros((0, 2), dtype=torch.int64, device=iou.device)
-    truth = (iou.amax(dim=0) > _LEAST_IOU).nonzero()[:, 0]
+    truth = (iou.amax(dim=0) > _MIN_IOU).nonzero()[:, 0]
     return torch.stack((first_largest(iou.T[truth]), truth), dim=1)
 
 
@@ -174,8 +174,8 @@ def box_loss(
     a full turn count as different. Without foreground, all losses and gradients are 0.
     """
     is_foreground = iou >= config.foreground_iou
-    given, wanted = predicted[is_foreground], target[is_foreground].to(predicted.dtype)
-    error = smooth_l1_loss(given, wanted, reduction="none")
+    predictions, targets = predicted[is_foreground], target[is_foreground].to(predicted.dtype)
+    error = smooth_l1_loss(predictions, targets, reduction="none")
     count = is_foreground.sum().clamp(min=1)
     location, size = error[:, :3].sum() / (3 * count), error[:, 3:6].sum() / (3 * count)
     rotation = error[:, 6].sum() / count
@@ -193,8 +193,8 @@ def confidence_loss(
     """
     is_positive = iou >= config.positive_iou
     counts = is_positive | (iou <= config.negative_iou)
-    given, wanted = logits[counts], is_positive[counts].to(logits.dtype)
-    total = binary_cross_entropy_with_logits(given, wanted, reduction="sum")
+    kept_logits, targets = logits[counts], is_positive[counts].to(logits.dtype)
+    total = binary_cross_entropy_with_logits(kept_logits, targets, reduction="sum")
     return total / torch.clamp(counts.sum(), min=1)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.detection3d.pictures import DRAWN_SCORE, LABELLED, PROPOSED, answer_picture
+from sightline.detection3d.pictures import DRAWN_SCORE, LABELLED, PROPOSED, prediction_picture
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.predictions import Detections3D
@@ -32,23 +32,23 @@ def sample():
 
 def test_proposals_and_detections_are_told_apart_and_both_seen_from_above(sample):
     bare = replace(sample, objects=None, points=None, image=None)
-    empty = answer_picture("frame", bare, NOTHING, NOTHING)
-    proposed = answer_picture("frame", bare, detections(0.9), NOTHING)
-    found = answer_picture("frame", bare, NOTHING, detections(0.9))
+    empty = prediction_picture("frame", bare, NOTHING, NOTHING)
+    proposed = prediction_picture("frame", bare, detections(0.9), NOTHING)
+    found = prediction_picture("frame", bare, NOTHING, detections(0.9))
     seen_px, half = 900, empty.shape[0] // 2
     for part in ((slice(None, half), slice(None, seen_px)), (slice(None), slice(seen_px, None))):
         assert pixels_of(proposed[part], PROPOSED) > pixels_of(empty[part], PROPOSED) + 50
     for part in ((slice(half, None), slice(None, seen_px)), (slice(None), slice(seen_px, None))):
         assert pixels_of(found[part], class_color("Car")) > 50
     assert pixels_of(found[:half, :seen_px], class_color("Car")) == 0
-    assert not np.array_equal(answer_picture("other", bare, NOTHING, NOTHING), empty)
+    assert not np.array_equal(prediction_picture("other", bare, NOTHING, NOTHING), empty)
 
 
 def test_unsure_boxes_are_not_drawn_and_labels_are_white(sample):
-    unsure = answer_picture("frame", sample, detections(0.29), detections(0.29))
-    without = answer_picture("frame", sample, NOTHING, NOTHING)
-    assert np.array_equal(unsure, without)
-    unlabelled = answer_picture("frame", replace(sample, objects=None), NOTHING, NOTHING)
+    low_scored = prediction_picture("frame", sample, detections(0.29), detections(0.29))
+    without = prediction_picture("frame", sample, NOTHING, NOTHING)
+    assert np.array_equal(low_scored, without)
+    unlabelled = prediction_picture("frame", replace(sample, objects=None), NOTHING, NOTHING)
     assert pixels_of(without, LABELLED) > pixels_of(unlabelled, LABELLED) + 50
     assert len(detections(0.3).filter_by_score(DRAWN_SCORE).scores) == 1
 

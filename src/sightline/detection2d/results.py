@@ -1,4 +1,4 @@
-"""Answers of the 2D detectors as files and as pictures."""
+"""Files and pictures of 2D detections and gates."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from sightline.data.kitti_conversion import detections2d_from_kitti, kitti_from_
 from sightline.detection2d.config import CLASSES, PostprocessConfig
 from sightline.detection2d.fusion import DetectorOutput
 from sightline.detection2d.placement import Placement, to_detections
-from sightline.detection2d.predictor import DetectorAnswer
+from sightline.detection2d.predictor import DetectionResult
 from sightline.detection2d.targets import DetectionBatch
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.structures.predictions import Detections2D, Perception
@@ -40,10 +40,10 @@ Masks = tuple[Bool[Tensor, "height width"], Bool[Tensor, "height width"]]
 _OUTLINE: RGB = (240, 60, 70)  # none of a gate's colours
 
 
-def answer_row(
+def prediction_row(
     title: str,
     sample: CameraLidarSample,
-    answer: DetectorAnswer,
+    result: DetectionResult,
     *,
     masks: Masks | None = None,
     width_px: int = 600,
@@ -56,13 +56,13 @@ def answer_row(
     Args:
         title: Title of the row.
         sample: The detector's input.
-        answer: The detector's output.
+        result: The detector's output.
         masks: Pixels that a corruption may have changed; outlined if they form one part of the
             image.
         width_px: Width of each picture.
     """
     cells = []
-    for panel in answer_panels(sample, answer, masks=masks, width_px=width_px):
+    for panel in prediction_panels(sample, result, masks=masks, width_px=width_px):
         is_gate = bool(panel.note)
         cell = titled_cell(panel.name if is_gate else title, panel.note, panel.picture)
         if is_gate:
@@ -71,8 +71,8 @@ def answer_row(
     return np.concatenate(cells, axis=1)
 
 
-class AnswerPanel(NamedTuple):
-    """Picture of an answer."""
+class PredictionPanel(NamedTuple):
+    """Picture of detections or of a gate."""
 
     name: str
     note: str
@@ -80,38 +80,38 @@ class AnswerPanel(NamedTuple):
     picture: UInt8[np.ndarray, "height width 3"]
 
 
-def answer_panels(
+def prediction_panels(
     sample: CameraLidarSample,
-    answer: DetectorAnswer,
+    result: DetectionResult,
     *,
     masks: Masks | None = None,
     width_px: int = 600,
-) -> list[AnswerPanel]:
-    """Draw the single pictures of `answer_row`."""
+) -> list[PredictionPanel]:
+    """Draw the single pictures of `prediction_row`."""
     camera_mask, lidar_mask = masks or (None, None)
     image, sweep = (
         scaled_to_width(each, width_px) for each in (camera_picture(sample), sweep_picture(sample))
     )
-    found = _with_boxes(_outlined(image, camera_mask), sample, answer)
-    panels = [AnswerPanel("detections", "", found)]
+    found = _draw_detections(_draw_outline(image, camera_mask), sample, result)
+    panels = [PredictionPanel("detections", "", found)]
     for name, gate, backdrop, mask in (
-        ("camera gate", answer.camera_gate, image, camera_mask),
-        ("LiDAR gate", answer.lidar_gate, sweep, lidar_mask),
+        ("camera gate", result.camera_gate, image, camera_mask),
+        ("LiDAR gate", result.lidar_gate, sweep, lidar_mask),
     ):
         if gate is not None:
-            laid = _outlined(lay_shares(backdrop, gate.numpy()), mask)
-            panels.append(AnswerPanel(name, f"mean {float(gate.mean()):.2f}", laid))
+            laid = _draw_outline(lay_shares(backdrop, gate.numpy()), mask)
+            panels.append(PredictionPanel(name, f"mean {float(gate.mean()):.2f}", laid))
     return panels
 
 
-def _with_boxes(
-    image: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample, answer: DetectorAnswer
+def _draw_detections(
+    image: UInt8[np.ndarray, "height width 3"], sample: CameraLidarSample, result: DetectionResult
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw boxes at the picture's final size, so that their tags can be read."""
     scale_y, scale_x = (
         new / old for new, old in zip(image.shape[:2], sample.image_size, strict=True)
     )
-    found = answer.detections.filter_by_score(DRAWN_SCORE)
+    found = result.detections.filter_by_score(DRAWN_SCORE)
     if sample.objects is not None:
         labels = sample.objects
         boxes = labels.boxes2d.resize(scale_x, scale_y)
@@ -120,7 +120,7 @@ def _with_boxes(
     return draw_boxes2d(image, boxes, found.class_names, scores=found.scores)
 
 
-def _outlined(
+def _draw_outline(
     picture: UInt8[np.ndarray, "height width 3"],
     mask: Bool[Tensor, "full_height full_width"] | None,
 ) -> UInt8[np.ndarray, "height width 3"]:
@@ -158,18 +158,23 @@ def training_picture(
     size = (batch.image.shape[-2], batch.image.shape[-1])
     seen = Placement(image_size=size, scale_x=1.0, scale_y=1.0)
     found = to_detections(output.scores[0], output.boxes[0], seen, config)
-    sure = found.filter_by_score(DRAWN_SCORE)
+    drawn_detections = found.filter_by_score(DRAWN_SCORE)
     truth = batch.targets[0]
-    drawn = draw_boxes2d(
+    picture = draw_boxes2d(
         _rgb(batch.image[0]),
         Boxes2D(truth.boxes),
         [CLASSES[index] for index in truth.class_indices.tolist()],
         color=LABELLED,
         tags=False,
     )
-    drawn = draw_boxes2d(drawn, sure.boxes, sure.class_names, scores=sure.scores)
+    picture = draw_boxes2d(
+        picture,
+        drawn_detections.boxes,
+        drawn_detections.class_names,
+        scores=drawn_detections.scores,
+    )
     rows = [
-        with_title(drawn, f"image: labels white, detections from {DRAWN_SCORE:g} on in colour"),
+        with_title(picture, f"image: labels white, detections from {DRAWN_SCORE:g} on in colour"),
         with_title(_rgb(batch.lidar[0]), "LiDAR: depth, height, intensity as red, green, blue"),
     ]
     for name, gate in (("camera", output.camera_gate), ("LiDAR", output.lidar_gate)):
@@ -184,44 +189,44 @@ def _rgb(planes: Float[Tensor, "3 height width"]) -> UInt8[np.ndarray, "height w
     return np.ascontiguousarray(levels.permute(1, 2, 0).numpy())
 
 
-def write_results(path: Path, sample: CameraLidarSample, answer: DetectorAnswer) -> None:
+def write_results(path: Path, sample: CameraLidarSample, result: DetectionResult) -> None:
     """Write KITTI's result file."""
-    kitti_labels.write_objects(path, kitti_from_detections2d(answer.detections, sample.image_size))
+    kitti_labels.write_objects(path, kitti_from_detections2d(result.detections, sample.image_size))
 
 
-def read_results(path: Path, told: Perception) -> Perception:
+def read_results(path: Path, perception: Perception) -> Perception:
     """Add the 2D boxes of KITTI's result file.
 
     Raises:
         FileError: The file is damaged.
     """
-    return replace(told, detections2d=_read_detections(path))
+    return replace(perception, detections2d=_load_detections(path))
 
 
-def read_answer(path: Path, sample: CameraLidarSample) -> DetectorAnswer:
-    """Read the 2D boxes of KITTI's result file as a detector's answer, without gates.
+def read_detections(path: Path, sample: CameraLidarSample) -> DetectionResult:
+    """Read the 2D boxes of KITTI's result file as a result without gates.
 
     Raises:
         FileError: The file is damaged.
     """
     del sample
-    return DetectorAnswer(detections=_read_detections(path))
+    return DetectionResult(detections=_load_detections(path))
 
 
-def _read_detections(path: Path) -> Detections2D:
+def _load_detections(path: Path) -> Detections2D:
     return detections2d_from_kitti(kitti_labels.read_results(path))
 
 
-def write_gates(path: Path, sample: CameraLidarSample, answer: DetectorAnswer) -> None:
+def write_gates(path: Path, sample: CameraLidarSample, result: DetectionResult) -> None:
     """Write the gates as a PNG of the image's size: the camera's in red, the LiDAR's in green.
 
     Raises:
         ValueError: The network has no gates.
     """
-    if answer.camera_gate is None or answer.lidar_gate is None:
+    if result.camera_gate is None or result.lidar_gate is None:
         raise ValueError("the network has no gates; leave the gates out")
     camera, lidar = (
         gate_picture(gate[None], sample.image_size)
-        for gate in (answer.camera_gate, answer.lidar_gate)
+        for gate in (result.camera_gate, result.lidar_gate)
     )
     write_rgb(path, np.stack((camera, lidar, np.zeros_like(camera)), axis=2))
