@@ -206,7 +206,7 @@ def test_a_lidar_that_is_mounted_turned_keeps_its_frame_and_its_level_one_looks_
 def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path):
     write_recording(tmp_path, ("a",), cloud=".npy")
     write_cloud_file(tmp_path / "points" / "a.npy", POINTS * np.float32([-1, -1, 1, 1]))
-    with pytest.warns(UserWarning, match=r"lets 0 % of the \d+ points of frame a fall into"):
+    with pytest.warns(UserWarning, match=r"projects only \d+ of the \d+ points of frame a into"):
         open_dataset(tmp_path)
     assert len(list(check_tree(tmp_path))) == 1
 
