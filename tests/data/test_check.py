@@ -86,7 +86,7 @@ def test_a_folder_without_frames_is_one_problem(tmp_path, content):
             (tmp_path / "training" / folder).mkdir(parents=True)
     (line,) = lines(tmp_path)
     assert line.startswith(f"{tmp_path}: is no data set, expected a recording")
-    assert "name the folder" in line
+    assert "give the folder of such a data set" in line
     assert summarize_tree(tmp_path) == ()
 
 
@@ -246,7 +246,9 @@ def test_a_fault_that_no_reader_foresaw_is_told_of_its_frame_and_the_others_are_
     def check(frame):
         if frame.sample_id != "000003":
             raise MemoryError
-        return Findings(doubted=[Problem(path=Path("3"), problem="is faulty", remedy="mend it")])
+        return Findings(
+            implausible=[Problem(path=Path("3"), problem="is faulty", remedy="mend it")]
+        )
 
     monkeypatch.setattr(tree_checks, "examine_object_frame", check)
     assert lines(tree.parent) == [
@@ -296,7 +298,7 @@ def test_a_handful_of_points_in_the_image_is_a_problem_in_trees_drives_and_recor
     cloud = np.concatenate((POINTS[POINTS[:, 0] > 5][:9], behind.numpy()[:200]))
     write_cloud_file(tmp_path / "recording" / "points" / "a.npy", cloud)
     (told,) = lines(tmp_path / "recording")
-    assert "points of frame a fall into the image of 375x1242 (height x width): " in told
+    assert "209 points of frame a into the image of 375x1242 (height x width);" in told
 
 
 def test_it_goes_on_after_every_problem_and_tells_them_in_the_order_of_the_frames(tree):

@@ -92,7 +92,7 @@ def test_labels_of_another_unit_are_a_warning_where_they_are_used(tree):
         path.write_text(LABELS.replace("Car ", "Automobile "))
     (doubt,) = doubts(tree)
     assert "'Automobile', which is no class of KITTI" in doubt
-    assert "write Car (3 like it in 3 frames" in doubt
+    assert "write Car (3 like it in 3 checked frames" in doubt
     assert doubts(tree, parts=("image", "points")) == []
 
 
@@ -102,7 +102,7 @@ def test_images_of_one_colour_and_sweeps_without_points_are_told(tree):
         (tree / "velodyne" / f"00000{number}.bin").write_bytes(b"")
     images, sweeps = doubts(tree)
     assert "all 3 images have a single colour" in images
-    assert "all 3 sweeps have no point" in sweeps
+    assert "all 3 sweeps are empty" in sweeps
 
 
 def test_depth_in_millimetres_is_doubted_by_check_and_on_entry(tmp_path):

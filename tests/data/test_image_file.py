@@ -287,5 +287,5 @@ def test_a_name_without_a_known_end_or_a_picture_without_pixels_is_not_written(t
 def test_pictures_of_other_formats_are_named_by_their_first_bytes(tmp_path, suffix, name):
     _, encoded = cv2.imencode(suffix, np.zeros((4, 6, 3), np.uint8))
     (tmp_path / "a.png").write_bytes(encoded.tobytes())
-    with pytest.raises(FileError, match=f"neither a PNG nor a JPEG picture: it is {name} by"):
+    with pytest.raises(FileError, match=f"neither a PNG nor a JPEG picture: .* {name};"):
         read_rgb(tmp_path / "a.png")

@@ -130,7 +130,9 @@ def test_fields_parted_by_commas_are_told_so():
 def test_a_result_line_without_score_says_so():
     with pytest.raises(ValueError, match=r"line 2 has 15 fields, but a result has 16; add score"):
         results(RESULT + b"\n" + LABEL)
-    with pytest.raises(ValueError, match="17 fields, but a result has 16; remove what follows sc"):
+    with pytest.raises(
+        ValueError, match="17 fields, but a result has 16; remove the fields after sc"
+    ):
         results(RESULT + b" 1")
     with pytest.raises(ValueError, match="score is 'nan', not finite"):
         results(LABEL + b" nan")

@@ -119,7 +119,7 @@ def test_other_changes_that_explain_it_as_well_are_named(tmp_path):
     frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)
     frames = [replace(frame, sample_id=str(number)) for number in range(12)]
     (problem,) = found(frames, change=turn(1.5, "y"))
-    assert "; it may also be off by +0." in problem.remedy
+    assert "; other possible faults: off by +0." in problem.remedy
     assert "m along the LiDAR's z axis (up)" in problem.remedy
 
 

@@ -57,7 +57,9 @@ def test_sizes_in_another_order_are_doubted_once_for_a_file():
 def test_labels_in_other_units_are_doubted():
     assert "up to 390 m in size" in doubts(CAR.replace("1.50 1.60 3.90", "150 160 390"))[0]
     assert "as far away as 12000" in doubts(CAR.replace("12.00", "12000"))[0]
-    assert "shares of the image" in doubts(CAR.replace("100 120 200 180", "0.1 0.2 0.3 0.4"))[0]
+    assert (
+        "relative to the image size" in doubts(CAR.replace("100 120 200 180", "0.1 0.2 0.3 0.4"))[0]
+    )
 
 
 @pytest.mark.parametrize("angles", [("-1.57", "-88"), ("0", "360"), ("270", "-1.53")])

@@ -29,7 +29,7 @@ def test_a_sequence_of_odometry_is_called_so_with_what_to_do(tmp_path):
     line = told(sequence)
     assert "is a sequence of KITTI odometry: one calib.txt, with P2 and Tr" in line
     assert "rename image_2 to images and velodyne to points" in line
-    assert f"{sequence} in it looks like one; name that folder" in told(tmp_path)
+    assert f"{sequence} in it looks like one; give that folder" in told(tmp_path)
 
 
 def test_tracking_is_called_so(tmp_path):
@@ -43,7 +43,7 @@ def test_a_folder_above_a_data_set_names_it(tmp_path):
     write_object_tree(tmp_path / "kitti" / "object", "000000")
     assert f"{tmp_path / 'kitti' / 'object'} in it looks like one" in told(tmp_path)
     write_recording(tmp_path / "other")
-    assert ", and 1 more; name that folder" in told(tmp_path)
+    assert ", and 1 more; give that folder" in told(tmp_path)
 
 
 def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):

@@ -140,18 +140,23 @@ def test_text_in_a_field_that_nobody_needs_costs_nothing(path):
         (ASCII, (), {"POINTS": "9" * 5000}, "expected a whole number"),
         (ASCII, ("WIDTH", "POINTS"), {}, "has neither POINTS nor WIDTH"),
         (ASCII, (), {"DATA": "zipped"}, "holds DATA 'zipped', expected ascii"),
-        (ASCII, (), {"FIELDS": "a b c d"}, "has the fields a, b, c, d, and lacks x, y, z"),
+        (ASCII, (), {"FIELDS": "a b c d"}, "has the fields a, b, c, d, but not x, y, z"),
         (ASCII, (), {"COUNT": "1 1 1 2"}, r"has 4 values in point 0 \(from 0\), but .* defines 5"),
         (ASCII.replace("3.0", "three"), (), {}, "points that are not numbers: .*three"),
         (ASCII[:-8], (), {}, r"has 2 values in point 2 \(from 0\), but its header defines 4"),
         (ASCII.replace("3.0", "3.0 7 7"), (), {}, r"has 6 values in point 1 \(from 0\)"),
         (ASCII, (), {"VIEWPOINT": "0 0 0 1"}, "has VIEWPOINT '0 0 0 1' in its header, expected tx"),
         (ASCII, (), {"VIEWPOINT": "0 0 a 1 0 0 0"}, "has VIEWPOINT '0 0 a 1 0 0 0'"),
-        (ASCII, (), {"POINTS": "5"}, "holds 3 of the 5 points .* it is cut short"),
-        ("", (), {}, "holds 0 of the 3 points .* it is cut short"),
-        (BINARY[:-5], (), {"DATA": "binary"}, "holds 2 of the 3 points .* it is cut short"),
-        (b"\1", (), {"DATA": "binary_compressed"}, "holds 0 of the 3 points"),
-        (struct.pack("<II", 48, 48), (), {"DATA": "binary_compressed"}, "0 of the 48 compressed"),
+        (ASCII, (), {"POINTS": "5"}, "holds 3 of the 5 declared points: it is cut short"),
+        ("", (), {}, "holds 0 of the 3 declared points: it is cut short"),
+        (BINARY[:-5], (), {"DATA": "binary"}, "holds 2 of the 3 declared points: it is cut short"),
+        (b"\1", (), {"DATA": "binary_compressed"}, "holds 0 of the 3 declared points"),
+        (
+            struct.pack("<II", 48, 48),
+            (),
+            {"DATA": "binary_compressed"},
+            "0 of the 48 declared compressed bytes",
+        ),
         (
             struct.pack("<II", 9, 48) + b"\xff" * 9,
             (),
@@ -336,7 +341,7 @@ def test_elements_before_the_vertices_of_a_ply_are_passed_over(tmp_path):
         (
             b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\n"
             b"property float y\nproperty float z\nend_header\n" + bytes(40),
-            "holds 3 of the 9 points",
+            "holds 3 of the 9 declared points",
         ),
     ],
 )
@@ -357,14 +362,16 @@ def test_calibrated_reflectivity_goes_before_photon_counts_and_that_is_said(tmp_
     path, cloud = tmp_path / "cloud.npy", BRIGHT.copy()
     cloud["reflectivity"] = (51, 102, 153, 255)
     np.save(path, cloud)
-    with pytest.warns(UserWarning, match="reflectivity is taken for intensity, not intensity"):
+    with pytest.warns(
+        UserWarning, match="reflectivity is used, not intensity; remove reflectivity"
+    ):
         points = read_cloud(path, 255.0)
     np.testing.assert_allclose(points[:, 3], [0.2, 0.4, 0.6, 1])
 
 
 def test_a_reflectivity_of_zeros_alone_gives_way_to_intensity(tmp_path):
     np.save(tmp_path / "cloud.npy", BRIGHT)
-    with pytest.warns(UserWarning, match="intensity is taken for intensity, not reflectivity"):
+    with pytest.warns(UserWarning, match="intensity is used, not reflectivity; remove intensity"):
         points = read_cloud(tmp_path / "cloud.npy", 6000.0)
     assert points[:, 3].tolist() == [0.5] * 4
 

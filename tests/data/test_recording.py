@@ -107,7 +107,7 @@ def test_frames_of_two_cameras_and_sensors_have_calibrations_of_their_own(tmp_pa
     write_rgb(tmp_path / "images" / "b.png", cv2.resize(IMAGE, (621, 188)))
     write_cloud_file(tmp_path / "points" / "b.npy", POINTS[::7])
     own = calibration_entries(camera_matrix=(np.diag([0.5, 0.5, 1]) @ CAMERA_MATRIX).tolist())
-    with pytest.raises(FileError, match=r"is 188x621 .*, expected 375x1242 as a.jpg"):
+    with pytest.raises(FileError, match=r"is 188x621 .*, expected 375x1242 as in a.jpg"):
         open_dataset(tmp_path)[1]
     assert "is 188x621" in str(next(iter(check_tree(tmp_path))))
     (tmp_path / "calibration").mkdir()
@@ -206,7 +206,7 @@ def test_a_lidar_that_is_mounted_turned_keeps_its_frame_and_its_level_one_looks_
 def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path):
     write_recording(tmp_path, ("a",), cloud=".npy")
     write_cloud_file(tmp_path / "points" / "a.npy", POINTS * np.float32([-1, -1, 1, 1]))
-    with pytest.warns(UserWarning, match=r"lets 0 % of the \d+ points of frame a fall into"):
+    with pytest.warns(UserWarning, match=r"projects only \d+ of the \d+ points of frame a into"):
         open_dataset(tmp_path)
     assert len(list(check_tree(tmp_path))) == 1
 
@@ -262,7 +262,7 @@ def test_points_that_the_image_does_not_show_are_told_with_their_share(tmp_path)
         ({"lens": {"coefficients": ["0.1"] * 4}}, "lens: coefficients holds '0.1', expected"),
         (
             {"lens": {"coefficients": [0.1]}},
-            "expected 4 or 5 finite numbers of the model plumb_bob",
+            "expected 4 or 5 finite numbers for the model plumb_bob",
         ),
         (
             {"lens": {"coefficients": [0.1] * 4, "model": "pinhole"}},
@@ -436,7 +436,7 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
         1.73, abs=0.1
     )
     rewrite_calibration(tmp_path, lidar_height_m=2.31)
-    with pytest.warns(UserWarning, match=r"lidar_height_m is 2.31, by the road .* is 1.7"):
+    with pytest.warns(UserWarning, match=r"lidar_height_m is 2.31, but the road .* gives 1.7"):
         assert open_dataset(tmp_path)[0].lidar_height_m == 2.31
     (summary,) = summarize_tree(tmp_path)
     assert "above it" not in str(summary)
@@ -473,7 +473,7 @@ def test_a_cloud_of_which_nothing_is_left_is_a_problem_of_check(tmp_path):
     with pytest.warns(UserWarning, match="none is left"):
         (problem,) = check_tree(tmp_path)
     assert problem.path.name == "a.npy"
-    assert problem.problem == "holds no point: all 50 are not finite or at 0, 0, 0"
+    assert problem.problem == "holds no point: all 50 rows are not finite or at 0, 0, 0"
 
 
 def write_tilted_recording(folder, tilt, **changes):
@@ -534,7 +534,10 @@ def test_clouds_with_z_down_are_told_to_be_converted_with_their_calibration(tmp_
     both, cloud_alone = tmp_path / "both", tmp_path / "cloud"
     write_recording(both, ("a",), camera_from_lidar=(CAMERA_FROM_LIDAR @ turn).tolist())
     write_recording(cloud_alone, ("a",))
-    for folder, said in ((both, "convert both, points and"), (cloud_alone, "the points alone")):
+    for folder, said in (
+        (both, "convert both, points and"),
+        (cloud_alone, "convert only the points"),
+    ):
         write_cloud_file(folder / "points" / "a.pcd", down)
         with pytest.warns(UserWarning, match=said):
             open_dataset(folder)
@@ -548,7 +551,7 @@ def test_clouds_with_z_down_are_told_to_be_converted_with_their_calibration(tmp_
 def test_a_camera_matrix_of_another_resolution_is_told_once(tmp_path, factor):
     camera = np.diag([factor, factor, 1]) @ CAMERA_MATRIX
     write_recording(tmp_path, camera_matrix=camera.tolist())
-    with pytest.warns(UserWarning, match="probably that of another resolution"):
+    with pytest.warns(UserWarning, match="it is for another resolution"):
         open_dataset(tmp_path)
     (problem,) = check_tree(tmp_path)
     assert problem.path == tmp_path / "calibration.yaml"

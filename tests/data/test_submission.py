@@ -71,7 +71,10 @@ def test_a_list_names_the_frames_and_each_must_be_there(results):
         (CAR.replace(" 0.93", ""), "line 1 has 15 fields, but a result has 16; add score"),
         (CAR + CAR.replace("20.0", "far"), "line 2: z is 'far', not a number"),
         (CAR.replace("0.93", "nan"), "line 1: score is 'nan', not finite"),
-        (CAR + CAR.replace("650.0", "550.0"), "object 2 has the box 600 170 550 210, which ends"),
+        (
+            CAR + CAR.replace("650.0", "550.0"),
+            "object 2 has the box 600 170 550 210, whose maximum",
+        ),
         (CAR.replace("Car", "Banana"), "object 1 is of class 'Banana', which is no class of KITTI"),
     ],
 )
@@ -89,7 +92,7 @@ def test_what_is_no_submission_is_refused_in_one_line(results):
     out = results.parent / "submission.zip"
     with pytest.raises(ValueError, match=r"submission\.tar does not end in \.zip"):
         write_submission(results, out.with_suffix(".tar"))
-    with pytest.raises(ValueError, match="is no folder; give the one that holds the result files"):
+    with pytest.raises(ValueError, match="is no folder; give the folder of the result files"):
         write_submission(results / "nowhere", out)
     (results / "summary.txt").write_text("")
     with pytest.raises(ValueError, match=r"summary\.txt: is not named by six digits"):

@@ -85,7 +85,7 @@ def test_a_lens_that_was_calibrated_has_no_fault(model):
 def test_a_lens_that_folds_or_loses_the_picture_is_refused(model, coefficients, complaint):
     fault = lens_fault(model, tuple(map(float, coefficients)), CAMERA, (240, 320))
     assert re.match(complaint, fault)
-    with pytest.raises(ValueError, match=r"the lens (folds|leaves).*; give the coefficients"):
+    with pytest.raises(ValueError, match=r"the lens (folds|fills).*; give the coefficients"):
         undistort(np.zeros((240, 320, 3), np.uint8), CAMERA, coefficients, model=model)
 
 

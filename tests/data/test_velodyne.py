@@ -53,7 +53,10 @@ def test_non_finite_points_are_refused_with_their_number_and_the_first(tmp_path,
             kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
         assert kept[:, 3].tolist() == [1, 1, 1, 0, 1, 1, 1, 0, 1]
     else:
-        with pytest.warns(UserWarning, match=r"0\.bin: 2 of 9 points, .* left out: 7 are left"):
+        with pytest.warns(
+            UserWarning,
+            match=r"0\.bin: 2 of 9 points with non-finite x, y, z are left out: 7 are left",
+        ):
             kept = read_sweep(tmp_path / "0.bin", drop_non_finite=True)
         assert np.array_equal(kept, np.ones((7, 4), np.float32))
     with pytest.raises(ValueError, match=r"2 points hold NaN or infinite .* first is point 3"):

@@ -165,8 +165,8 @@ def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
     chosen = (non_zero or numeric or names)[0]
     others = ", ".join(name for name in names if name != chosen)
     warnings.warn(  # without the file's name: one warning for all clouds with these fields
-        f"clouds have several intensity fields: {chosen} is used, not {others}; remove it from the "
-        "clouds to use another",
+        f"clouds have several intensity fields: {chosen} is used, not {others}; remove {chosen} "
+        "from the clouds to use another",
         stacklevel=3,
     )
     return [chosen]

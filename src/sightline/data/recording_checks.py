@@ -92,8 +92,8 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     problem = _doubt(calibration, size)
     if problem is None and has_too_few_in_image(num_shown, len(points)):
         problem = (
-            f"projects {100 * share:.2g} % of the {len(points)} points of frame {frame.sample_id} "
-            f"into the image of {size[0]}x{size[1]} (height x width): {num_shown}"
+            f"projects only {num_shown} of the {len(points)} points of frame {frame.sample_id} "
+            f"into the image of {size[0]}x{size[1]} (height x width)"
         )
     return RecordingView(
         sample_id=frame.sample_id,

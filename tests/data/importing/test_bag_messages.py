@@ -149,7 +149,7 @@ def test_a_cloud_is_read_whatever_its_layout(order, height, row_gap):
 def test_a_cloud_without_a_coordinate_names_its_topic_and_its_fields():
     layout = np.dtype([("x", "<f4"), ("y", "<f4"), ("range", "<f4")])
     _, sent = cloud(layout, range(4))
-    with pytest.raises(ValueError, match="topic /points: has the fields x, y, range, and lacks z"):
+    with pytest.raises(ValueError, match="topic /points: has the fields x, y, range, but not z"):
         cloud_from_message(sent, "/points")
     sent.width = 5
     with pytest.raises(ValueError, match="topic /points holds a cloud of 48 bytes, expected 1"):
