@@ -167,7 +167,7 @@ def test_points_that_are_not_canonical_are_told_where_they_are(frames):
     [
         ({"pillars": None}, "needs one first stage: set pillars or points"),
         ({"points": PUBLISHED.points}, "needs one first stage: set pillars or points"),
-        ({"refinement": PUBLISHED.refinement}, "at most one second stage: set refinement or regions to null"),
+        ({"refinement": PUBLISHED.refinement}, "at most one second stage: set refinement or"),
         ({"input": SweepConfig(reflectance=True)}, r"pillars\.grid\.reflectance is False, but"),
         ({"regions": RegionConfig(in_channels=1)}, r"regions\.in_channels is 1, expected 0"),
         ({"regions": RegionConfig(classes=(CAR,))}, r"regions\.classes are Car, expected the"),
