@@ -100,7 +100,7 @@ def test_an_empty_sweep_has_neither_depth_nor_expected_error(data, tmp_path, wei
     write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
     out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
     job = {"uncertainty": uncertainty, "workers": 1, "sample_list": ["000000"]}
-    with pytest.warns(UserWarning, match="all 1 sweeps have no point"):
+    with pytest.warns(UserWarning, match="all 1 sweeps are empty"):
         predict_depth(data, out, weights=weights, **job)
     assert not read_depth_png(out / "000000.png").any()
     assert not read_depth_png(uncertainty / "000000.png").any()

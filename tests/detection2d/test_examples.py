@@ -301,7 +301,7 @@ def test_examples_take_the_network_s_input_and_refuse_another(sample):
     assert taken.for_network(network).settings == taken.settings
     batch = taken.prepare(sample, np.random.default_rng(0), training=False)
     assert batch.image.shape[2:] == (64, 96)
-    with pytest.raises(ValueError, match=r"settings\.input is .*, the network's is .*leave"):
+    with pytest.raises(ValueError, match=r"settings\.input is .*, expected the network's .*leave"):
         taken.for_network(replace(network, input=InputConfig(size=(64, 64))))
     any_size = Detection2DConfig(input=InputConfig(size=None))
     with pytest.raises(ValueError, match="frames of any size make no batches"):

@@ -95,7 +95,7 @@ def test_gates_of_the_quarter_recipe_stay_open_over_the_first_updates(num_update
 
 def test_only_the_images_scores_are_logged(batch):
     scores = scores_of(Detection2D(TINY), batch)
-    assert len(scores) == 2 * 9  # R40 and all points
+    assert len(scores) == 3 * 9  # over 40, 11 and all recall positions
     assert all("/bbox/" in name for name in scores)
 
 

@@ -75,7 +75,7 @@ def test_tiny_sweeps_have_an_answer(predictor, sample, count):
 def test_a_sweep_in_other_axes_warns(predictor, sample):
     x, y, z, reflectance = sample.points.unbind(dim=1)
     as_camera = torch.stack((-y, -z, x, reflectance), dim=1)
-    with pytest.warns(UserWarning, match="are its axes x forward, y left, z up"):
+    with pytest.warns(UserWarning, match="its axes are x forward, y left, z up"):
         predictor(replace(sample, points=as_camera))
 
 

@@ -97,8 +97,8 @@ def test_the_first_stage_alone_answers_by_its_proposals(batch, scored):
         detections = task.score(scored)
     assert all(0 < len(each.scores) <= TINY.proposals.num_proposals for each in detections)
     scores = task.scores()
-    assert len(scores) == 2 * 2 * 18 + 4  # R40 and all points
-    assert {"Car/3d/moderate", "loose/Car/bev/easy", "recall/0.7"} <= set(scores)
+    assert len(scores) == 2 * 3 * 18 + 4  # over 40, 11 and all recall positions
+    assert {"Car/3d/moderate", "loose/Car/bev/easy_R11", "recall/0.7"} <= set(scores)
 
 
 def test_a_first_stage_that_is_held_still_does_not_change(batch):

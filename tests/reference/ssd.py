@@ -49,7 +49,7 @@ def covered(box, region):
     return shared / max(area(box), 1e-9)
 
 
-def match(prior_boxes, truth_boxes, least):
+def match(prior_boxes, truth_boxes, match_iou):
     """The object of each prior, or None."""
     if not truth_boxes:
         return [None] * len(prior_boxes)
@@ -57,20 +57,20 @@ def match(prior_boxes, truth_boxes, least):
     for prior in prior_boxes:
         overlaps = [iou(prior, box) for box in truth_boxes]
         best = max(range(len(overlaps)), key=lambda index: (overlaps[index], -index))
-        matches.append(best if overlaps[best] >= least else None)
+        matches.append(best if overlaps[best] >= match_iou else None)
     for number, box in enumerate(truth_boxes):
         overlaps = [iou(prior, box) for prior in prior_boxes]
         matches[max(range(len(overlaps)), key=lambda index: (overlaps[index], -index))] = number
     return matches
 
 
-def loss(logits, offsets, prior_boxes, frames, *, least, per_positive, ignored_share):
+def loss(logits, offsets, prior_boxes, frames, *, match_iou, per_positive, ignored_share):
     """Classification and box loss of a batch; frames: (boxes, classes, ignored regions)."""
     classification, boxes, positives = 0.0, 0.0, 0
     for frame_logits, frame_offsets, (truth, classes, ignored) in zip(
         logits, offsets, frames, strict=True
     ):
-        matches = match(prior_boxes, truth, least)
+        matches = match(prior_boxes, truth, match_iou)
         negatives = []
         count = sum(each is not None for each in matches)
         positives += count

@@ -26,12 +26,14 @@ def as_places(corners):
     return torch.cat(((rows[:, :2] + rows[:, 2:]) / 2, rows[:, 2:] - rows[:, :2]), dim=1)
 
 
-@given(priors=places, objects=st.lists(box, max_size=4), min_iou=st.sampled_from([0.25, 0.5, 0.7]))
-def test_priors_are_matched_as_plain_loops_say_even_at_ties(priors, objects, min_iou):
+@given(
+    priors=places, objects=st.lists(box, max_size=4), match_iou=st.sampled_from([0.25, 0.5, 0.7])
+)
+def test_priors_are_matched_as_plain_loops_say_even_at_ties(priors, objects, match_iou):
     found = match_priors(
-        as_places(priors), torch.tensor(objects, dtype=torch.float32).reshape(-1, 4), min_iou
+        as_places(priors), torch.tensor(objects, dtype=torch.float32).reshape(-1, 4), match_iou
     )
-    expected = reference.match(priors, objects, min_iou)
+    expected = reference.match(priors, objects, match_iou)
     assert found.tolist() == [-1 if each is None else each for each in expected]
 
 
@@ -59,7 +61,7 @@ def test_the_loss_is_that_of_plain_loops(priors, frames, seed, per_positive):
         offsets.tolist(),
         priors,
         truth,
-        min_iou=0.5,
+        match_iou=0.5,
         per_positive=per_positive,
         ignored_share=0.5,
     )

@@ -167,7 +167,7 @@ def test_points_that_are_not_canonical_are_told_where_they_are(frames):
     [
         ({"pillars": None}, "needs one first stage: set pillars or points"),
         ({"points": PUBLISHED.points}, "needs one first stage: set pillars or points"),
-        ({"refinement": PUBLISHED.refinement}, "one second stage at most"),
+        ({"refinement": PUBLISHED.refinement}, "at most one second stage: set refinement or"),
         ({"input": SweepConfig(reflectance=True)}, r"pillars\.grid\.reflectance is False, but"),
         ({"regions": RegionConfig(in_channels=1)}, r"regions\.in_channels is 1, expected 0"),
         ({"regions": RegionConfig(classes=(CAR,))}, r"regions\.classes are Car, expected the"),
@@ -193,7 +193,7 @@ def test_examples_take_input_and_classes_of_the_network_and_refuse_others():
 
     assert settings_for(replace(SETTINGS, input=None, class_names=None)) == SETTINGS
     assert settings_for(SETTINGS) == SETTINGS
-    with pytest.raises(ValueError, match=r"settings\.input is .*, the network's is"):
+    with pytest.raises(ValueError, match=r"settings\.input is .*, expected the network's"):
         settings_for(replace(SETTINGS, input=SweepConfig()))
-    with pytest.raises(ValueError, match=r"settings\.class_names is \('Car',\), the network's"):
+    with pytest.raises(ValueError, match=r"settings\.class_names is \('Car',\), expected the"):
         settings_for(replace(SETTINGS, class_names=("Car",)))
