@@ -79,7 +79,7 @@ def test_the_kind_of_sensors_can_be_given(tmp_path):
         (["health", str(PACKAGED_FRAMES), "--lidar-beams", "8"], "64, 32, 16 beams, got 8"),
         (
             ["health", str(PACKAGED_FRAMES), "--lidar-beams", "64", "--limits", "l.json"],
-            "leave out",
+            "leave these out",
         ),
         (["health-limits", str(PACKAGED_FRAMES), "limits.json"], "at least 100 clean frames"),
         (

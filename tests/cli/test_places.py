@@ -16,7 +16,8 @@ OUTPUTS = {"out", "out_folder", "json", "csv", "markdown", "plots", "picture", "
            "video", "rerun", *FURTHER}  # fmt: skip
 RESULTS = {"results", "fit_results", "against", "predictions"}
 FILES = {"sample_list", "fit_list", "weights", "weights_without", "baseline", "healthy", "compare",
-         "limits", "calibration", "gated", "ones", "early", "late", "camera", "lidar",
+         "limits", "calibration", "gated", "ones", "early", "late", "camera", "lidar", "first",
+         "improved",
          *TASKS}  # fmt: skip
 NO_FILES = {"method", "task", "suite", "cases", "show", "frames", "overlaps", "figure_frame",
             "camera_topic", "lidar_topic", "info_topic"}  # fmt: skip

@@ -194,7 +194,7 @@ def test_a_list_of_samples_evaluates_the_frames_that_it_names(street, tmp_path):
 
 def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(street, tmp_path):
     results, labels = street
-    with pytest.raises(ValueError, match="nothing is no folder; give the one that holds the res"):
+    with pytest.raises(ValueError, match="nothing is no folder; give the folder of the res"):
         evaluate_objects(tmp_path / "nothing", labels)
     with pytest.raises(ValueError, match="has no label files"):
         evaluate_objects(results, tmp_path / "nothing")

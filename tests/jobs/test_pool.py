@@ -140,8 +140,8 @@ def test_a_result_of_any_length_comes_back():
 
 
 def test_workers_that_hang_end_the_job_with_an_error_that_names_the_pieces(monkeypatch):
-    monkeypatch.setattr(parallel, "_LONGEST_PIECE_S", 0.2)
-    monkeypatch.setattr(parallel, "_LOOK_EVERY_S", 0.1)
+    monkeypatch.setattr(parallel, "_MAX_PIECE_S", 0.2)
+    monkeypatch.setattr(parallel, "_POLL_S", 0.1)
     monkeypatch.setattr(parallel, "_PATIENCE_S", 0.1)
     with pytest.raises(ChildProcessError, match=r"no worker .*at pieces 0, 1\); use 1 worker"):
         list(run_pieces(hangs, 4, 2))
