@@ -128,7 +128,7 @@ def test_a_record_of_gates_that_no_map_can_have_is_refused(tmp_path, place, forg
 
 def test_an_answer_without_gates_is_refused():
     mask = torch.zeros(SIZE, dtype=torch.bool)
-    with pytest.raises(ValueError, match="000000 has no gates to measure"):
+    with pytest.raises(ValueError, match="no gates to measure in sample 000000; name"):
         record_of(None, None, mask, mask)
 
 
