@@ -102,9 +102,7 @@ def test_a_tilt_and_a_height_that_are_given_are_taken_as_they_are():
         )
     torch.testing.assert_close(level_sample(made).points, SAMPLE.points, rtol=0, atol=1e-4)
     assert made.higher_than_kitti_m == pytest.approx(-1.73)
-    with pytest.warns(
-        UserWarning, match="lidar_tilt_deg is .* the road in the sweeps gives "
-    ):
+    with pytest.warns(UserWarning, match="lidar_tilt_deg is .* the road in the sweeps gives "):
         flat = CameraLidarSample.from_arrays(
             calibration, image=IMAGE, points=points, lidar_tilt_deg=np.zeros(2), lidar_height_m=1.7
         )

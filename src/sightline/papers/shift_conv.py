@@ -134,7 +134,9 @@ class ShiftConvReport:
     def to_json(self) -> dict[str, object]:
         """Contents of the report file; a figure that was not measured is None."""
         whole, crop = (None, None) if self.sparsity is None else self.sparsity
-        results = {name: None if row is None else row.to_json() for name, row in self._results.items()}
+        results = {
+            name: None if row is None else row.to_json() for name, row in self._results.items()
+        }
         return {
             "data": self.data,
             "frames": self.frames,
