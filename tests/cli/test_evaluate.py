@@ -38,7 +38,7 @@ def test_scores_by_distance_go_to_people_and_to_files(folders, tmp_path, capsys)
 def test_a_table_says_that_few_objects_cannot_fill_the_recall_positions(folders, capsys):
     assert main(["evaluate", "objects", *folders, "--missing-as-empty"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert "2 of Car, easy, all found give R40 2.5" in printed
+    assert "2 of Car, easy, give R40 of at most 2.5" in printed
 
 
 def test_of_nothing_there_are_no_pictures(folders, tmp_path, capsys):

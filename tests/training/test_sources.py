@@ -58,7 +58,7 @@ def test_what_a_list_of_validation_frames_leaves_trains(tree):
 @pytest.mark.parametrize(
     ("listed", "held_out_for", "expected"),
     [
-        ({}, ["validation", "test"], "2 of 12 .* for validation and test: without a list val"),
+        ({}, ["validation", "test"], "2 of 12 .* for validation and test: it has no list val"),
         ({"train": range(12)}, ["test"], "2 of 12 .* for test: .* set --data.init_args.test '..'$"),
         ({"val": (5, 7, 99)}, ["validation"], "2 of 12 .* its list val has them"),
         ({"val": (5, 7)}, [], "2 of 12 .* for validation: its list val has them"),

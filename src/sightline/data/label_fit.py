@@ -20,7 +20,7 @@ _MAX_OBJECTS: Final = 100  # checked objects per file
 _MAX_FILLED_RANGE_M: Final = 25.0
 """Range within which a LiDAR hits every object that is at most partly hidden: on 90 real frames, 1
 of 255 such objects within 40 m has no point in its box."""
-_VISIBLE_OCCLUSIONS: Final = (0.0, 1.0)  # occlusions
+_VISIBLE_OCCLUSIONS: Final = (0.0, 1.0)  # visible, partly hidden
 _REGION: Final = "DontCare"
 
 

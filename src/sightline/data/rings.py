@@ -59,9 +59,9 @@ def ring_numbers(
     min_rings, max_rings = (MIN_RINGS, MAX_RINGS) if is_whole else (0, NUM_RINGS + 1)
     if not min_rings <= num_rings <= max_rings:
         raise ValueError(
-            f"the azimuth of the sweep restarts {num_rings - 1} times, expected {NUM_RINGS - 1} "
-            "times in a whole sweep in KITTI's order and at most as often in a cropped one: give "
-            "the points in the order of KITTI's files"
+            f"the azimuth of the sweep restarts {num_rings - 1} times, expected "
+            f"{max(min_rings - 1, 0)} to {max_rings - 1} times, as in KITTI's order: give the "
+            "points in the order of KITTI's files"
         )
     _check_top_down(_medians_deg(points, rings))
     return rings

@@ -37,7 +37,8 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
 
     Args:
         results: Folder with one result file per frame, 16 fields per line; empty without
-            detections. Other files and subfolders are left out, with a warning.
+            detections. Other files and subfolders are left out; without
+            `sample_list` with a warning, except hidden ones and .json.
         out: The archive, .zip.
         sample_list: List of the frames for `read_sample_list`; its root is the parent folder of
             `results`. None: all frames with a file.

@@ -224,7 +224,7 @@ def dense_truth_in_reach(sample: CameraLidarSample) -> Float32[Tensor, "height w
         ValueError: The sample has no points, or no depth map.
     """
     if sample.points is None:
-        raise ValueError(f"sample {sample.sample_id} has no points, which limit the reach")
+        raise ValueError(f"sample {sample.sample_id} has no points, by which reach is determined")
     everything = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
     return torch.where(_is_in_reach(everything), _dense_truth(sample), 0.0)
 

@@ -72,7 +72,7 @@ def slots_note(counts: Sequence[tuple[ClassName, Difficulty, int]]) -> list[str]
     class_name, difficulty, n_gt = min(few, key=lambda each: each[2])
     max_r40 = 100 * (n_gt - 1) / (NUM_SLOTS - 1)
     return [
-        f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: {n_gt} of "
-        f"{class_name}, {difficulty}, all found give R40 {max_r40:.1f}. AP of all "
-        "points has no such limit: use that one."
+        f"With fewer than {NUM_SLOTS} objects not all recall positions can be reached: the {n_gt} "
+        f"of {class_name}, {difficulty}, give R40 of at most {max_r40:.1f}, even if all are found. "
+        "AP of all points has no such limit: use that one."
     ]

@@ -47,7 +47,7 @@ def unprintable_names(folder: Path, names: Iterable[str]) -> Problem | None:
     unprintable = [name for name in names if not name.isprintable()]
     if not unprintable:
         return None
-    problem = f"has {len(unprintable)} frames with names that are not UTF-8 or unprintable, such as"
+    problem = f"has {len(unprintable)} frames with names that are unprintable or no UTF-8, such as"
     return Problem(
         path=folder, problem=f"{problem} {shortened(unprintable[0])}", remedy="rename their files"
     )

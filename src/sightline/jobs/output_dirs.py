@@ -55,9 +55,8 @@ def acquire_output_dir(
     """
     if _is_claimed(folder, settings, results=results, manifest_name=manifest_name):
         return
-    if not atomic_create_text(
-        folder / manifest_name, _manifest(settings)
-    ):  # another job was faster
+    is_created = atomic_create_text(folder / manifest_name, _manifest(settings))
+    if not is_created:  # another job was faster
         _is_claimed(folder, settings, results=results, manifest_name=manifest_name)
 
 

@@ -70,8 +70,9 @@ arguments of the run:
 Every setting of a recipe is a flag:
   sightline {subcommand} --config {name} --print_config    lists them all
   sightline {subcommand} --config {name} --help            explains them (takes a while)"""
-_SCORED_CHECKPOINT = """Checkpoint to score. (default: best, else last; in a folder without
-      checkpoints the weights of --model.init_args.initial_weights)"""
+_SCORED_CHECKPOINT = """Checkpoint to score. (default: best, else last, or with
+      --keep_last_weights true last, else best; in a folder without checkpoints
+      the weights of --model.init_args.initial_weights)"""
 _TASKS: dict[Subcommand, tuple[str, str]] = {
     "fit": (
         "Trains a network. Its run folder gets the settings, TensorBoard's events, last.ckpt,\n"

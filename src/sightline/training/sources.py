@@ -106,9 +106,11 @@ def _held_out_note(
     path: Path, num_held_out: int, num_frames: int, held_out_for: Sequence[str], *, has_val: bool
 ) -> str:
     """Describe the number of frames held out from training, the reason and the remedy."""
-    reason = "its list val has them" if has_val else "without a list val, its first tenth is that"
+    reason = (
+        "its list val has them" if has_val else "it has no list val, so its first tenth is used"
+    )
     without = " and ".join(f"--data.init_args.{use} '[]'" for use in held_out_for)
-    remedy = "remove their sample_list" if has_val else f"set {without}"
+    remedy = "set the training source's sample_list to null" if has_val else f"set {without}"
     use = " and ".join(held_out_for) or "validation"
     return (
         f"{num_held_out} of {num_frames} training frames of {path} are held out for {use}: "
