@@ -316,3 +316,11 @@ def test_the_command_prints_the_tables_and_names_the_pictures(run, weights, tmp_
     assert "Table II: sound sensors" in printed
     assert printed.splitlines()[-1] == str(tmp_path / "gate_maps.png")
     assert json.loads((tmp_path / "report.json").read_text())["frames"] == 2
+
+
+@pytest.mark.parametrize("weights", [None, {"camera": "detection2d-fast-cpu"}])
+def test_figures_without_a_gated_network_are_refused_before_work(tmp_path, weights):
+    data = None if weights is None else PACKAGED_FRAMES
+    with pytest.raises(ValueError, match=r"the figures show gates; .*--gated.* leave the figures"):
+        reproduce_gated_fusion(data, weights, tmp_path / "out", figures=tmp_path / "figures")
+    assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""Answers of two heads, mixed place by place."""
+"""Outputs of two heads, mixed place by place."""
 
 import math
 

@@ -32,7 +32,7 @@ class CameraDirt(CameraCorruption):
     def change_image(
         self, image: Image, sample: CameraLidarSample, rng: np.random.Generator
     ) -> ImageChange:
-        """Draw the blobs one after the other; see `soft_blob`."""
+        """Draw the blobs one after the other."""
         height, width = sample.image_size
         passing = np.ones((height, width), dtype=np.float32)
         for _ in range(self.num_blobs):

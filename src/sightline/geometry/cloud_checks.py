@@ -66,11 +66,11 @@ def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_
     sensor's own place. An intensity that is not finite becomes 0, as if there were none: `losses`
     counts both.
     """
-    has_echo: Float[np.ndarray, "num_echoes 4"] = points[is_echo(points)]
-    unusable = ~_is_finite(has_echo[:, 3])
+    kept: Float[np.ndarray, "num_echoes 4"] = points[is_echo(points)]
+    unusable = ~_is_finite(kept[:, 3])
     if unusable.any():
-        has_echo[unusable, 3] = 0
-    return has_echo
+        kept[unusable, 3] = 0
+    return kept
 
 
 def losses(

@@ -204,6 +204,11 @@ def reproduce_gated_fusion(
     weights = weights or {}
     if weights and data is None:
         raise ValueError("weights are measured on data; name KITTI's object tree with --data")
+    if figures is not None and "gated" not in weights:
+        raise ValueError(
+            "the figures show gates; give the weights of a network with gates (--gated) and data "
+            "(--data), or leave the figures out"
+        )
     if data is None or not weights:
         bbox = _class_overlaps(overlaps, class_name).bbox
         return GatedFusionReport(suite=chosen, class_name=class_name, iou=bbox)

@@ -43,7 +43,7 @@ class GateCells:
     total: float
     """Sum of the gate values."""
     counts: Int64[np.ndarray, "1024"]
-    """Number of cells for each gate level, the maximum closed first. Levels are equal steps of log
+    """Number of cells for each gate level, the most closed first. Levels are equal steps of log
     odds, which separate gates near 0 and near 1, too."""
 
     @property
@@ -255,7 +255,7 @@ def _score(pooled: SensorGate, clean: SensorGate) -> SensorGateScore:
         mean=float(pooled.means.mean()),
         masked_mean=masked.mean,
         clear_mean=pooled.clear.mean,
-        # Counts start at the maximum open level: closed gates are the positives.
+        # Reversed, counts start at the most open level: closed gates are the positives.
         auroc_cells=auroc(masked.counts[::-1], pooled.clear.counts[::-1]),
         auroc_clean_cells=auroc(masked.counts[::-1], clean.clear.counts[::-1]),
         auroc_frames=auroc_of_values(-pooled.means, -clean.means) if is_changed else None,

@@ -331,7 +331,7 @@ def write_frame(
 ) -> None:
     """Draw the paper's crop of a frame, one map below the other: Fig. 4, 5, 7 and 10.
 
-    From the top: image; projected sweep; ground truth and the expanded one, if measured is any;
+    From the top: image; projected sweep; ground truth and the expanded one, if there is any;
     E-Point and completed depth, if a network with Shift-Conv is given.
 
     Raises:

@@ -43,8 +43,8 @@ def mean_corrupted(scores: ByKind) -> float:
 def resilience(levels: Sequence[float], clean: float, metric: BenchMetric) -> float | None:
     """Compute the remaining share of the clean performance under a kind: RR; None without any.
 
-    It is above 1 if a corruption helps. It is not bounded for small metrics: compare it with the
-    scores.
+    It is above 1 if a corruption helps. It is not bounded for small clean scores: compare it with
+    the scores.
     """
     corrupted = statistics.fmean(levels)
     if metric.highest is None:

@@ -71,7 +71,7 @@ def _stored_scores(path: Path, scoring: Scoring) -> Scores | None:
 
 @dataclass(frozen=True, slots=True)
 class _CaseWork:
-    """Job that scores a case and stores the metrics."""
+    """Job that scores a case and stores the scores."""
 
     scoring: Scoring
     dataset: SampleDataset

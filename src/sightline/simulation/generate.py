@@ -284,8 +284,8 @@ def simulate(
     max_frames = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
     if frames > max_frames:
         raise ValueError(
-            f"a simulation has at most {max_frames} frames (six-digit names), got {frames}; "
-            "make several folders, each with another seed"
+            f"a simulation has at most {max_frames} frames, as many as it has names for, got "
+            f"{frames}; make several folders, each with another seed"
         )
     shard((), shard_index, num_shards)  # rejects invalid values before the folder is claimed
     whole = config.camera and not validation_frames and velodyne == "velodyne"

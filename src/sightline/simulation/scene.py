@@ -127,7 +127,7 @@ class Actor:
 
     @property
     def box_lwh(self) -> tuple[float, float, float]:
-        """Length, width, height [m] of its label; for a car, before `label_ends`."""
+        """Length, width, height [m] of its label; for a car, before `labelled_ends`."""
         return self.labelled_lwh or self.size_lwh
 
 

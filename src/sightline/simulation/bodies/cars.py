@@ -98,7 +98,7 @@ class Family:
 
 
 UNSEEN_M = 0.28
-"""Mean part of an end facing away that labels exclude (`label_ends`): bodies are longer than
+"""Mean part of an end facing away that labels exclude (`labelled_ends`): bodies are longer than
 KITTI's labels by this."""
 CARS = Family(class_name="Car", styles=STYLES, spread=Size(0.35, 0.08, 0.08))
 VANS = Family(class_name="Van", styles=VAN_STYLES, spread=Size(0.45, 0.10, 0.15))
