@@ -15,7 +15,7 @@ _CASES = {
     'sightline.write_rgb("a.png", given.image)': "is torch.uint8 of shape (3, 375, 1242), expected",
     'sightline.write_rgb("a.png", np.zeros((4, 4, 3)))': "is float64 of shape (4, 4, 3), expected",
     'sightline.write_rgb("a.png", np.zeros((4, 4), np.uint8))': "is uint8 of shape (4, 4), expec",
-    'sightline.write_rgb("a.png", [[[1, 2, 3]]])': "the picture is list, expected an array",
+    'sightline.write_rgb("a.png", [[[1, 2, 3]]])': "the picture is list, expected a uint8 array",
     'sightline.frame_sheet(given, detections2d=[1])': "is a list, expected Detections2D; of",
     'perceiver("depth-best")': "weights is of type str, expected a dictionary",
     'perceiver({"detection2d": "detection2d-fast-cpu"}, threads="2")': "at least 1, got '2'",

@@ -96,7 +96,7 @@ def test_arrays_of_a_lidar_that_is_tilted_are_levelled_with_a_warning(tilt, yaw_
 
 def test_a_tilt_and_a_height_that_are_given_are_taken_as_they_are():
     calibration, points = mounted_arrays(TILTED)
-    with pytest.warns(UserWarning, match=r"lidar_height_m is 0, by the road .* it is 1\.7"):
+    with pytest.warns(UserWarning, match=r"lidar_height_m is 0, but the road .* gives 1\.7"):
         made = CameraLidarSample.from_arrays(
             calibration, image=IMAGE, points=points, lidar_tilt_deg=(3, 12), lidar_height_m=0
         )
@@ -119,7 +119,7 @@ def test_a_height_that_has_to_be_assumed_is_warned_of():
 def test_points_whose_z_axis_points_down_are_warned_of_with_what_to_convert():
     turn = np.diag([1.0, -1.0, -1.0, 1.0])
     down = POINTS * np.float32([1, -1, -1, 1])
-    with pytest.warns(UserWarning, match="convert both, points and transform, never one alone"):
+    with pytest.warns(UserWarning, match="convert both, points and transform"):
         calibration = Calibration.from_matrices(CAMERA_MATRIX, CAMERA_FROM_LIDAR @ turn)
     with pytest.warns(UserWarning, match="the cloud has its road .* convert both, points and cam"):
         CameraLidarSample.from_arrays(calibration, image=IMAGE, points=down)

@@ -96,16 +96,16 @@ def test_edges_of_faces_that_the_camera_sees_are_drawn_and_the_others_are_not(
 ):
     picture = draw_boxes3d(black, Boxes3D(torch.tensor([box])), ["Car"], calibration, tags=False)
     corners = corners_of(box)
-    drawn = picture.max(axis=2) > 100
+    is_drawn = picture.max(axis=2) > 100
     seen = [edge[:2] for edge in edges() if is_seen(corners, edge[0], edge[2])]
     assert 4 <= len(seen) <= 9
-    drawn = [pixels_along(corners, *edge) for edge in seen]
-    for row, column in np.concatenate(drawn):
-        assert drawn[row - 1 : row + 2, column - 1 : column + 2].any()
+    pixels = [pixels_along(corners, *edge) for edge in seen]
+    for row, column in np.concatenate(pixels):
+        assert is_drawn[row - 1 : row + 2, column - 1 : column + 2].any()
     hidden = [edge[:2] for edge in edges() if edge[:2] not in seen]
     for row, column in np.concatenate([pixels_along(corners, *edge) for edge in hidden]):
-        if np.abs(np.concatenate(drawn) - (row, column)).max(axis=1).min() > 5:
-            assert not drawn[row, column]
+        if np.abs(np.concatenate(pixels) - (row, column)).max(axis=1).min() > 5:
+            assert not is_drawn[row, column]
 
 
 def pixels_along(corners, start, end):
