@@ -129,7 +129,7 @@ def matches_better(
 
 
 def is_clearly_better(num_better: int, num_worse: int, total: int) -> bool:
-    """Whether another convention fits many more boxes better than worse.
+    """Check if boxes match labels, or each other, much more often in another convention.
 
     Random boxes, as of a detector that finds nothing, fit better and worse equally often: the rule
     holds by chance once in 30 times for 5 objects, and once in 300 for 15.

@@ -72,7 +72,7 @@ class ResultConventions:
     results: list[ScoredBoxes] = field(default_factory=list)
     labels: list[ScoredBoxes] = field(default_factory=list)
     counts_repeats: bool = True
-    """Whether a remark counts the results that occur twice in a frame."""
+    """Whether duplicate results within a frame are counted in a remark."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""

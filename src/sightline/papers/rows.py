@@ -49,7 +49,7 @@ class GivenNetwork:
 
     @property
     def is_papers(self) -> bool:
-        """Whether its figures may stand in a row of the paper's network."""
+        """Whether the settings are the paper's, so that the results fill the paper's row."""
         return not self.departures
 
     @property

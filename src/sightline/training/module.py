@@ -3,7 +3,7 @@
 import math
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -13,16 +13,17 @@ import lightning
 import numpy as np
 import torch
 from jaxtyping import UInt8
+from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torchmetrics import Metric
 
+from sightline.data.image_file import write_rgb
 from sightline.files.settings import NetworkConfig, config_to_dict
 from sightline.files.weights import CHECKPOINT_KEY, Weights
 from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, load_initial_weights
-from sightline.training.logged_pictures import log_picture
 from sightline.training.optimizer import (
     OptimizerConfig,
     make_optimizer,
@@ -156,7 +157,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             if picture is not None:
                 name, step = batch.sample_ids[0], self.global_step
                 title = f"{name}: epoch {self.current_epoch}, after {step:,} steps"
-                log_picture(
+                _log_picture(
                     self.loggers, f"validation/{batch_idx}", with_title(picture, title), step
                 )
 
@@ -279,3 +280,28 @@ def _diverged(symptom: str) -> ValueError:
         f"the training has diverged, {symptom}; restart it in another --run_folder with a lower "
         "--model.init_args.optimizer.learning_rate, or with --trainer.gradient_clip_val"
     )
+
+
+@rank_zero_only
+def _log_picture(
+    loggers: Iterable[Any], name: str, picture: UInt8[np.ndarray, "height width 3"], step: int
+) -> None:
+    """Give a picture to every logger.
+
+    TensorBoard and loggers with `log_image`, such as Weights & Biases, show it; others, such as
+    CSV files, get a file pictures/NAME/STEP.png in their folder, if they have one.
+
+    Args:
+        loggers: Loggers of the trainer, Lightning's or compatible ones.
+        name: Name of the picture; the same name continues a series.
+        picture: RGB picture.
+        step: Number of the training step.
+    """
+    for logger in loggers:
+        log_image: Any = getattr(logger, "log_image", None)
+        if isinstance(logger, TensorBoardLogger):
+            logger.experiment.add_image(name, picture, step, dataformats="HWC")
+        elif log_image is not None:
+            log_image(key=name, images=[picture], step=step)
+        elif (folder := logger.log_dir or logger.save_dir) is not None:
+            write_rgb(Path(folder) / "pictures" / name / f"{step:07}.png", picture)

@@ -81,7 +81,8 @@ def open_source(
         )
         num_validated = math.ceil(len(all_frames) / _VALIDATION_SHARE) if held_out_for else 0
         validation = read_sample_list("val", lists) if has_val else all_frames[:num_validated]
-        training = tuple(frame for frame in all_frames if frame not in set(validation))
+        held_out = set(validation)
+        training = tuple(frame for frame in all_frames if frame not in held_out)
         if frames == "train" and len(training) < len(all_frames):
             num_held_out = len(all_frames) - len(training)
             notify(
