@@ -132,7 +132,6 @@ def operations(scene: Scene) -> dict[str, dict[str, Method]]:
     return {
         "sample": {
             "sightline": lambda: farthest_points.farthest_points(points, SAMPLED)[0],
-            "plain torch": lambda: farthest_points.sample_by_torch(points, SAMPLED)[0],
             "plain numpy": lambda: sample_by_numpy(cloud),
             **sampling_peers(cloud),
         },
@@ -140,12 +139,10 @@ def operations(scene: Scene) -> dict[str, dict[str, Method]]:
             "sightline": lambda: ball_query.ball_query(
                 points, scene.sampled, radius_m=RADIUS_M, count=NEIGHBOURS
             ).indices[0],
-            "plain torch": lambda: plain_query(scene),
             "scipy": lambda: query_by_scipy(cloud, sampled),
         },
         "three nearest": {
             "sightline": lambda: three_nearest.three_nearest(scene.sampled, points).indices[0],
-            "plain torch": lambda: nearest_by_torch(scene),
             "scipy": lambda: KDTree(sampled).query(cloud, 3)[1],
         },
         "RoI pooling": {
@@ -185,15 +182,6 @@ def sample_by_numpy(cloud: ndarray) -> ndarray:
     return taken
 
 
-def plain_query(scene: Scene) -> Tensor:
-    """All distances."""
-    index = torch.zeros((SAMPLED, NEIGHBOURS), dtype=torch.int64)
-    found = torch.zeros(SAMPLED, dtype=torch.int64)
-    squared = torch.tensor(RADIUS_M).square()
-    ball_query.query_by_torch(scene.points[0], scene.sampled[0], squared, index, found)
-    return index
-
-
 def query_by_scipy(cloud: ndarray, sampled: ndarray) -> ndarray:
     """SciPy's tree, then the first in order."""
     near = KDTree(cloud).query_ball_point(sampled, RADIUS_M, return_sorted=True)
@@ -203,14 +191,6 @@ def query_by_scipy(cloud: ndarray, sampled: ndarray) -> ndarray:
             for row in near
         ]
     )
-
-
-def nearest_by_torch(scene: Scene) -> Tensor:
-    """All distances."""
-    index = torch.zeros((POINTS, 3), dtype=torch.int64)
-    distance = torch.full((POINTS, 3), torch.inf)
-    three_nearest.find_by_torch(scene.sampled[0], scene.points[0], index, distance)
-    return index
 
 
 def pool(scene: Scene) -> Tensor:

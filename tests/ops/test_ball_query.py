@@ -1,4 +1,4 @@
-"""Ball query, by kernel and by plain PyTorch, against a loop over all points."""
+"""Ball query against a loop over all points, and against all distances."""
 
 import inspect
 import math
@@ -8,20 +8,10 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.ops import ball_query as module
-from sightline.ops.ball_query import ball_query, query_by_torch
+from sightline.ops.ball_query import ball_query
 from tests.ops.clouds import as_batch, clouds, street
 from tests.reference import point_ops as reference
-
-
-def by_torch(points, centers, radius_m, count):
-    """The path for other devices, on one cloud."""
-    index = torch.zeros((centers.shape[1], count), dtype=torch.int64)
-    num_found = torch.zeros(centers.shape[1], dtype=torch.int64)
-    squared = torch.tensor(radius_m, dtype=torch.float32).square()
-    if points.shape[1]:
-        query_by_torch(points[0], centers[0], squared, index, num_found)
-    return index[None], num_found[None]
+from tests.reference import point_search
 
 
 @given(
@@ -35,24 +25,20 @@ def test_the_first_points_in_reach_are_found_and_the_first_fills_up(
 ):
     expected = [reference.ball_query(points, center, radius_m, count) for center in centers]
     cloud, around = as_batch(points), as_batch(centers)
-    for index, num_found in (
-        ball_query(cloud, around, radius_m=radius_m, count=count),
-        by_torch(cloud, around, radius_m, count),
-    ):
-        assert index[0].tolist() == [row for row, _ in expected]
-        assert num_found[0].tolist() == [found for _, found in expected]
+    index, num_found = ball_query(cloud, around, radius_m=radius_m, count=count)
+    assert index[0].tolist() == [row for row, _ in expected]
+    assert num_found[0].tolist() == [found for _, found in expected]
 
 
 @pytest.mark.parametrize("radius_m", [0.1, 0.5, 2.0, 30.0])
 @pytest.mark.parametrize("count", [1, 16, 700])
-def test_the_grid_loses_no_point_of_a_street(monkeypatch, radius_m, count):
-    monkeypatch.setattr(module, "_CHUNK", 5_000)  # several parts
+def test_the_grid_loses_no_point_of_a_street(radius_m, count):
     cloud = street(3, 600)
     around = torch.cat((cloud[:, :40], cloud[:, :40] + 5), dim=1)
     found = ball_query(cloud, around, radius_m=radius_m, count=count)
-    index, num_found = by_torch(cloud, around, radius_m, count)
-    assert torch.equal(found.indices, index)
-    assert torch.equal(found.num_found, num_found)
+    index, num_found = point_search.ball_query(cloud[0], around[0], radius_m, count)
+    assert torch.equal(found.indices[0], index)
+    assert torch.equal(found.num_found[0], num_found)
 
 
 def test_a_point_at_the_radius_itself_is_outside():
@@ -62,7 +48,9 @@ def test_a_point_at_the_radius_itself_is_outside():
     assert found.num_found.tolist() == [[2]]
 
 
-def test_each_cloud_of_a_batch_has_centers_of_its_own():
+@pytest.mark.parametrize("threads", [1, 4])
+def test_each_cloud_of_a_batch_has_centers_of_its_own(monkeypatch, threads):
+    monkeypatch.setattr(torch, "get_num_threads", lambda: threads)
     cloud = torch.cat((street(0, 90), street(1, 90)))
     both = ball_query(cloud, cloud[:, :7], radius_m=2.0, count=5)
     for sweep in (0, 1):

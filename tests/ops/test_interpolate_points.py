@@ -1,4 +1,4 @@
-"""The three nearest points, and features between them, by kernel and by plain PyTorch."""
+"""The three nearest points, and features between them."""
 
 import inspect
 import math
@@ -8,39 +8,30 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.ops import three_nearest as module
 from sightline.ops.interpolate_points import interpolate_points
-from sightline.ops.three_nearest import ThreeNearest, find_by_torch, three_nearest
+from sightline.ops.three_nearest import ThreeNearest, three_nearest
 from tests.ops.clouds import as_batch, clouds, street
 from tests.reference import point_ops as reference
-
-
-def by_torch(points, queries):
-    """The path for other devices, on one cloud."""
-    index = torch.zeros(queries.shape[1:], dtype=torch.int64)
-    distance = torch.full(queries.shape[1:], math.inf)
-    if queries.shape[1]:
-        find_by_torch(points[0], queries[0], index, distance)
-    return ThreeNearest(index[None], distance[None])
+from tests.reference import point_search
 
 
 @given(points=clouds(min_size=1), queries=clouds(max_size=4))
 def test_the_three_nearest_are_found_equal_ones_in_their_order(points, queries):
     expected = [reference.three_nearest(points, query) for query in queries]
     cloud, query_batch = as_batch(points), as_batch(queries)
-    for found in (three_nearest(cloud, query_batch), by_torch(cloud, query_batch)):
-        assert found.indices[0].tolist() == [index for index, _ in expected]
-        assert found.squared_distance_m2[0].tolist() == [distance for _, distance in expected]
+    found = three_nearest(cloud, query_batch)
+    assert found.indices[0].tolist() == [index for index, _ in expected]
+    assert found.squared_distance_m2[0].tolist() == [distance for _, distance in expected]
 
 
-def test_the_grid_loses_no_neighbour_of_a_street(monkeypatch):
-    monkeypatch.setattr(module, "_CHUNK", 5_000)  # several parts
+def test_the_grid_loses_no_neighbour_of_a_street():
     cloud, queries = street(0, 500), street(1, 400)
     far = torch.tensor([[[1e9, -1e9, 0], [-1e6, 3, 2], [0, 1e3, -1e3]]])
     all_queries = torch.cat((queries, cloud[:, :50], far), dim=1)
-    found, plain = three_nearest(cloud, all_queries), by_torch(cloud, all_queries)
-    assert torch.equal(found.indices, plain.indices)
-    assert torch.equal(found.squared_distance_m2, plain.squared_distance_m2)
+    found = three_nearest(cloud, all_queries)
+    index, squared_distance = point_search.three_nearest(cloud[0], all_queries[0])
+    assert torch.equal(found.indices[0], index)
+    assert torch.equal(found.squared_distance_m2[0], squared_distance)
 
 
 @given(points=clouds(min_size=1), queries=clouds(min_size=1, max_size=4), seed=st.integers(0, 9))

@@ -221,9 +221,12 @@ def test_sources_that_are_given_take_nothing_from_those_of_the_recipe(recipes, c
 @pytest.mark.parametrize(
     "named", [["--config", "toy"], ["--config=toy"], ["-c", "toy"], ["-c=toy"]]
 )
-def test_the_resolved_settings_are_shown(recipes, capsys, named):
+@pytest.mark.parametrize("is_recipe_last", [False, True])
+def test_the_resolved_settings_are_shown(recipes, capsys, named, is_recipe_last):
+    settings = ["--data.batch_size", "3"]
+    given = [*settings, *named] if is_recipe_last else [*named, *settings]
     with pytest.raises(SystemExit) as end:
-        run_training("fit", [*named, "--data.batch_size", "3", "--print_config"], recipes)
+        run_training("fit", [*given, "--print_config"], recipes)
     assert end.value.code in (None, 0)
     printed = yaml.safe_load(capsys.readouterr().out)
     assert printed["data"]["init_args"]["batch_size"] == 3
@@ -257,6 +260,7 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named):
         (["--config", "toy", "--data.training", "[{path: ., repeat: null}]"],
          "args.training.repeat must not be null"),
         ([], "no recipe is given; name one with --config: .*: toy"),
+        (["--config"], "^--config has no value; name .*: toy"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_trained_is_refused_in_one_sentence(recipes, arguments, expected):

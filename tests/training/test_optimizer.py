@@ -112,9 +112,19 @@ def test_a_factor_that_fits_nothing_is_told(frames, tmp_path, capsys):
     assert "rate_factors has *_gate.*, which matches no parameter" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("factor", [0.0, -1.0, math.inf, math.nan])
+def test_parts_with_the_factor_0_are_frozen(frames, tmp_path):
+    before = dict(toy.module().named_parameters())
+    frozen = next(iter(before))
+    module = toy.module(rate_factors={frozen: 0.0}, weight_decay=0.1)
+    toy.trainer(tmp_path, max_epochs=1).fit(module, datamodule=toy.data(frames))
+    after = dict(module.named_parameters())
+    unchanged = [name for name in before if torch.equal(after[name], before[name])]
+    assert unchanged == [frozen]
+
+
+@pytest.mark.parametrize("factor", [-1.0, math.inf, math.nan])
 def test_factors_that_make_no_sense_are_refused(factor):
-    with pytest.raises(ValueError, match="rate_factors must be positive and finite, got"):
+    with pytest.raises(ValueError, match="rate_factors must be finite and not negative, got"):
         OptimizerConfig(rate_factors={"*": factor})
 
 

@@ -46,12 +46,28 @@ class ShiftConv(nn.Module):
     ) -> Float[Tensor, "batch out_channels height width"]:
         """Shifts, mixes, and with `norm` applies BatchNorm and ReLU."""
         shift = self.shift_px
-        kernels = self.shift_kernels.to(maps.dtype)
-        shifted = F.conv2d(
-            maps, kernels, padding=shift, dilation=shift, groups=self.mix.in_channels
-        )
+        if maps.is_cuda:  # its depthwise convolutions with dilation or in bfloat16 are slow
+            shifted = _translate(maps, shift)
+        else:
+            kernels = self.shift_kernels.to(maps.dtype)
+            shifted = F.conv2d(
+                maps, kernels, padding=shift, dilation=shift, groups=self.mix.in_channels
+            )
         mixed: Tensor = self.activate(self.mix(shifted))
         return mixed
+
+
+def _translate(
+    maps: Float[Tensor, "batch channels height width"], shift_px: int
+) -> Float[Tensor, "batch channels height width"]:
+    """Translate each group's channels by slicing."""
+    height, width = maps.shape[2:]
+    padded = F.pad(maps, (shift_px,) * 4)
+    groups = []
+    for direction in range(TAPS):
+        top, left = (shift_px * place for place in divmod(direction, 3))
+        groups.append(padded[:, direction::TAPS, top : top + height, left : left + width])
+    return torch.stack(groups, dim=2).flatten(1, 2)
 
 
 class ShiftConvBranch(nn.Module):

@@ -6,10 +6,9 @@ import torch
 from jaxtyping import Float, Float32, Int64
 from torch import Tensor, library
 
+from sightline.ops.each_sweep import for_each_sweep
 from sightline.ops.point_checks import checked_points, require_points, require_same_batch
 from sightline.ops.three_nearest_kernel import find_three_nearest
-
-_CHUNK = 2**24  # distances held at once by plain PyTorch
 
 
 class ThreeNearest(NamedTuple):
@@ -26,9 +25,8 @@ def three_nearest(
 ) -> ThreeNearest:
     """Find the three nearest points [m] of each query; at equal distance the first in the cloud.
 
-    Distances are computed in float32, the same way on every device. There is no gradient. On a CPU
-    a compiled kernel searches a grid; on other devices plain PyTorch computes all distances, in
-    parts.
+    Distances are computed in float32. There is no gradient. A compiled kernel on the CPU searches a
+    grid; points on another device are copied.
 
     Raises:
         ValueError: A coordinate is not finite, batch sizes differ, or there are queries but no
@@ -45,22 +43,18 @@ def three_nearest(
 
 @library.custom_op("sightline::three_nearest", mutates_args=())
 def _three_nearest(points: Tensor, queries: Tensor) -> tuple[Tensor, Tensor]:
-    clouds, places = checked_points(points, "points"), checked_points(queries, "queries")
-    index = torch.zeros_like(places, dtype=torch.int64)
-    squared_distance = torch.full_like(places, torch.inf)
-    if places.numel() == 0:
-        return index, squared_distance
-    for sweep in range(clouds.shape[0]):
-        if clouds.is_cpu:
-            find_three_nearest(
-                clouds[sweep].numpy(),
-                places[sweep].numpy(),
-                index[sweep].numpy(),
-                squared_distance[sweep].numpy(),
-            )
-        else:
-            find_by_torch(clouds[sweep], places[sweep], index[sweep], squared_distance[sweep])
-    return index, squared_distance
+    clouds = checked_points(points, "points").cpu().numpy()
+    places = checked_points(queries, "queries").cpu().numpy()
+    index = torch.zeros(queries.shape, dtype=torch.int64)
+    squared_distance = torch.full(queries.shape, torch.inf, dtype=torch.float32)
+    if places.size > 0:
+        indices, squares = index.numpy(), squared_distance.numpy()
+
+        def find(sweep: int) -> None:
+            find_three_nearest(clouds[sweep], places[sweep], indices[sweep], squares[sweep])
+
+        for_each_sweep(find, len(clouds))
+    return index.to(queries.device), squared_distance.to(queries.device)
 
 
 @_three_nearest.register_fake
@@ -68,23 +62,3 @@ def _(points: Tensor, queries: Tensor) -> tuple[Tensor, Tensor]:
     del points
     index = torch.empty_like(queries, dtype=torch.int64)
     return index, torch.empty_like(queries, dtype=torch.float32)
-
-
-def find_by_torch(
-    points: Float32[Tensor, "num_points 3"],
-    queries: Float32[Tensor, "num_queries 3"],
-    index: Int64[Tensor, "num_queries 3"],
-    squared_distance: Float32[Tensor, "num_queries 3"],
-) -> None:
-    """Find the nearest points without a kernel."""
-    rows = max(_CHUNK // points.shape[0], 1)
-    for begin in range(0, queries.shape[0], rows):
-        part = slice(begin, begin + rows)
-        dx, dy, dz = (points[None] - queries[part, None]).unbind(2)
-        distance = dx * dx + dy * dy + dz * dz
-        for place in range(min(3, points.shape[0])):
-            nearest = distance.amin(dim=1, keepdim=True)
-            # argmin does not define which of several it returns
-            first = (distance == nearest).int().cumsum(dim=1).eq(0).sum(dim=1, keepdim=True)
-            index[part, place], squared_distance[part, place] = first[:, 0], nearest[:, 0]
-            distance.scatter_(1, first, torch.inf)

@@ -120,32 +120,32 @@ def help_text(subcommand: Subcommand, recipes: Path) -> str:
 
 
 def resolve_recipes(arguments: Sequence[str], recipes: Path) -> tuple[list[str], str]:
-    """Replace names of recipes by files; also returns the name of the last recipe.
+    """Replace names of recipes by files, and put these first: other arguments replace settings.
+
+    Returns:
+        The arguments, and the name of the last recipe.
 
     Raises:
         ValueError: There is no such recipe, or neither a recipe nor a model is given.
     """
-    resolved: list[str] = []
+    found: list[str] = []
+    others: list[str] = []
     name = _NO_RECIPE_NAME
-    expected = False
-    for argument in arguments:
+    waiting = iter(arguments)
+    for argument in waiting:
         option, equals, value = argument.partition("=")
-        if expected:
-            path = _find_recipe(argument, recipes)
-            resolved.append(str(path))
-            name = path.stem
-        elif equals and option in ("--config", "-c"):
-            path = _find_recipe(value, recipes)
-            resolved.append(f"--config={path}")
-            name = path.stem
-        else:
-            resolved.append(argument)
-        expected = not expected and argument in ("--config", "-c")
+        if option not in ("--config", "-c"):
+            others.append(argument)
+            continue
+        value = value if equals else next(waiting, "")
+        path = _find_recipe(value, recipes)
+        found.append(f"--config={path}")
+        name = path.stem
     if name == _NO_RECIPE_NAME and not any(
         argument.startswith("--model") for argument in arguments
     ):
         raise ValueError(f"no recipe is given; {_without_recipe(arguments, recipes)}")
-    return resolved, name
+    return found + others, name
 
 
 def _without_recipe(arguments: Sequence[str], recipes: Path) -> str:
@@ -217,6 +217,8 @@ def _config_of_null(flag: str) -> str:
 
 
 def _find_recipe(name: str, recipes: Path) -> Path:
+    if not name:
+        raise ValueError(f"--config has no value; name {_choice(recipes)}")
     for path in (Path(name), recipes / f"{name}.yaml"):
         if path.is_file():
             return path

@@ -26,6 +26,7 @@ from sightline.structures.batch import Batch, Losses
 from sightline.training.initial_weights import check_network, load_initial_weights
 from sightline.training.optimizer import (
     OptimizerConfig,
+    freeze,
     make_optimizer,
     make_schedule,
     unmatched_rate_factors,
@@ -96,6 +97,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             )
         elif initial_part is not None:
             raise ValueError(f"initial_part {initial_part} needs initial_weights; set both")
+        freeze(self.named_parameters(), optimizer)
 
     @abstractmethod
     def network_config(self) -> NetworkConfig:
@@ -178,13 +180,10 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Creates the optimiser and its schedule over all steps of the training."""
-        trained = {
-            name: parameter
-            for name, parameter in self.named_parameters()
-            if parameter.requires_grad
-        }
+        named = dict(self.named_parameters())
+        trained = {name: each for name, each in named.items() if each.requires_grad}
         optimizer = make_optimizer(trained.items(), self.optimizer)
-        for pattern in unmatched_rate_factors(trained.keys(), self.optimizer):
+        for pattern in unmatched_rate_factors(named.keys(), self.optimizer):
             rank_zero_only(print)(
                 f"optimizer.rate_factors has {pattern}, which matches no parameter of the network",
                 file=sys.stderr,

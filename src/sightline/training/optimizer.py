@@ -38,7 +38,7 @@ class OptimizerConfig:
     """Factor by which the schedule `steps` multiplies the learning rate."""
     rate_factors: dict[str, float] = field(default_factory=dict)
     """Factors on the learning rate of parts of the network, by patterns of their parameters' names
-    (`*` is any text; of several that fit, the first counts): {"*_gate.*": 0.05}."""
+    (`*` is any text; of several that fit, the first counts): {"*_gate.*": 0.05}. 0: frozen."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -53,9 +53,9 @@ class OptimizerConfig:
         if not 0 < self.drop_factor <= 1:
             raise ValueError(f"drop_factor must be in (0, 1], got {self.drop_factor}")
         for pattern, factor in self.rate_factors.items():
-            if not 0 < factor < math.inf:
+            if not 0 <= factor < math.inf:
                 raise ValueError(
-                    f"rate_factors must be positive and finite, got {factor} for {pattern}"
+                    f"rate_factors must be finite and not negative, got {factor} for {pattern}"
                 )
         ends = (self.warm_up_share, *self.drop_shares, 1)
         if list(ends) != sorted(ends):
@@ -80,8 +80,7 @@ def make_optimizer(
     """
     named: dict[str | None, list[nn.Parameter]] = {None: []}
     for name, parameter in parameters:
-        matching = (each for each in config.rate_factors if fnmatchcase(name, each))
-        named.setdefault(next(matching, None), []).append(parameter)
+        named.setdefault(_pattern_of(name, config), []).append(parameter)
     rate, decay = config.learning_rate, config.weight_decay
     groups: list[dict[str, Any]] = [
         {"params": members, "lr": rate * (1.0 if pattern is None else config.rate_factors[pattern])}
@@ -91,6 +90,19 @@ def make_optimizer(
         return SGD(groups, lr=rate, momentum=config.momentum, weight_decay=decay)
     kind = Adam if config.name == "adam" else AdamW
     return kind(groups, lr=rate, weight_decay=decay)
+
+
+def freeze(parameters: Iterable[tuple[str, nn.Parameter]], config: OptimizerConfig) -> None:
+    """Exclude named parameters from training whose factor in `rate_factors` is 0."""
+    for name, parameter in parameters:
+        pattern = _pattern_of(name, config)
+        if pattern is not None and config.rate_factors[pattern] == 0:
+            parameter.requires_grad_(requires_grad=False)
+
+
+def _pattern_of(name: str, config: OptimizerConfig) -> str | None:
+    """The first pattern of `rate_factors` that matches a parameter's name, if any."""
+    return next((each for each in config.rate_factors if fnmatchcase(name, each)), None)
 
 
 def unmatched_rate_factors(names: Collection[str], config: OptimizerConfig) -> list[str]:
