@@ -163,7 +163,7 @@ def remarks_on_alphas(boxes: ScoredBoxes) -> Iterator[str]:
     alphas = boxes.alphas[has_3d]
     others = {
         "rotation_y itself": rotations,
-        "that of a negated rotation_y": -rotations - bearing,
+        "that of a negated rotation_y, or rotation_y is negated": -rotations - bearing,
         "negated": bearing - rotations,
         "rotation_y plus the bearing": rotations + bearing,
     }
