@@ -91,6 +91,14 @@ def test_results_in_the_folder_data_are_found_and_named(tmp_path):
     assert refusal(tmp_path).endswith(": write them")
 
 
+@pytest.mark.parametrize("place", ["training/label_2", "label_2", "labels"])
+def test_labels_in_a_data_set_are_found_beside_calibrations_of_their_names(tmp_path, place):
+    for folder in (tmp_path / place, (tmp_path / place).parent / "calib"):
+        folder.mkdir(parents=True)
+        (folder / "000000.txt").write_text("")
+    assert refusal(tmp_path).endswith(f"probably in {tmp_path / place}; name that folder")
+
+
 def test_files_of_other_frames_or_formats_are_told(tmp_path):
     (tmp_path / "0.json").write_text("")
     assert "holds 1 files of another format, such as 0.json; write one NAME.txt" in refusal(

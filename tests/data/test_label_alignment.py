@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.kitti_labels import parse_objects
+from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
+from sightline.data.kitti_labels import parse_objects, read_labels
 from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
 from sightline.data.open import open_dataset
 from sightline.data.tree_checks import find_trees
+from sightline.data.velodyne import read_sweep
 
 CAMERA_FROM_LIDAR = np.array(
     [[0.0, -1.0, 0.0, 0.1], [0.0, 0.0, -1.0, -0.1], [1.0, 0.0, 0.0, -0.3], [0, 0, 0, 1]]
@@ -35,13 +36,14 @@ def move(axis, metres):
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
-def scene(seed, *, change=None, num_objects=4):
-    """Cars ahead with points on their sides; the cloud is changed."""
+def scene(seed, *, change=None, num_objects=4, write=lambda y, rotation: (y, rotation)):
+    """Cars ahead with points on their sides; the cloud is changed, or what the labels hold."""
     rng = np.random.default_rng(seed)
     lines, clouds = [], []
     for _ in range(num_objects):
         x, z, rotation = rng.uniform(-12, 12), rng.uniform(8, 35), rng.uniform(-3, 3)
-        lines.append(f"Car 0 0 0 100 100 200 200 1.5 1.6 3.9 {x:.2f} 1.6 {z:.2f} {rotation:.2f}")
+        y, written = write(1.6, rotation)
+        lines.append(f"Car 0 0 0 100 100 200 200 1.5 1.6 3.9 {x:.2f} {y} {z:.2f} {written:.2f}")
         height, width, length = SIZE_HWL
         along, across = rng.uniform(-0.49, 0.49, (2, 200)) * np.array([[length], [width]])
         across[:100] = np.sign(across[:100]) * width * 0.48  # a side of the car
@@ -99,12 +101,31 @@ def test_sound_frames_raise_no_doubt(tmp_path):
         (move(0, -1.4), " m along the LiDAR's x axis (forward)"),
         (np.diag([0.3048, 0.3048, 0.3048, 1.0]), "clouds not in metres (factor 3.281)"),
         (MIRROR, "of mirrored clouds"),
+        (turn(180), "turned by +180 degrees about the LiDAR's z axis"),
+        (turn(90), "turned by -90 degrees about the LiDAR's z axis"),
     ],
 )
 def test_a_change_to_all_clouds_is_told_with_its_remedy(tmp_path, change, said):
     (problem,) = told(tmp_path, 12, change=change)
     assert "are probably " in problem
     assert said in problem
+
+
+@pytest.mark.parametrize(
+    ("write", "said"),
+    [
+        (lambda y, rotation: (y - 0.75, rotation), "the y of the box's centre"),
+        (lambda y, rotation: (y, -rotation), "a negated rotation_y"),
+        (lambda y, rotation: (y, -rotation - math.pi / 2), "the LiDAR frame's yaw"),
+    ],
+)
+def test_labels_of_another_convention_are_told_as_faults_of_the_labels(tmp_path, write, said):
+    labels = tmp_path / "labels.txt"
+    frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=labels)
+    frames = [replace(frame, sample_id=str(number)) for number in range(12)]
+    (problem,) = found(frames, write=write)
+    assert f"are probably written with {said}" in problem.problem
+    assert problem.path == labels
 
 
 @pytest.mark.parametrize(("degrees", "is_limit"), [(3.0, False), (8.0, True)])
@@ -139,6 +160,7 @@ def test_few_objects_and_frames_without_points_say_nothing(tmp_path):
         (MIRROR, "mirrored"),
         (move(2, 1.0), "z axis"),
         (turn(3, "y"), "pitch"),
+        (turn(180), "turned by +180 degrees"),
     ],
 )
 def test_real_frames_are_told_only_where_they_are_changed(tmp_path, kitti_root, change, said):
@@ -158,3 +180,20 @@ def test_real_frames_are_told_only_where_they_are_changed(tmp_path, kitti_root, 
         problems = [each.problem for each in check.run()]
         assert len(problems) == expected
         assert all(said in problem for problem in problems)
+
+
+def test_real_clouds_of_other_frames_are_told_without_blaming_the_calibration(kitti_root):
+    frames = [frame for frame in open_dataset(kitti_root).frames if frame.objects][:30]
+    others = {
+        id(frame): other for frame, other in zip(frames, frames[1:] + frames[:1], strict=True)
+    }
+
+    def read(frame):
+        return LabelledSweep(
+            objects=read_labels(frame.objects),
+            matrices=read_object_matrices(frame.calibration),
+            points=read_sweep(others[id(frame)].points),
+        )
+
+    (problem,) = check_label_alignment(frames, read)
+    assert "no single turn, move or change of convention mends it" in problem.problem

@@ -60,6 +60,8 @@ def test_labels_in_other_units_are_doubted():
     assert (
         "relative to the image size" in doubts(CAR.replace("100 120 200 180", "0.1 0.2 0.3 0.4"))[0]
     )
+    (doubt,) = doubts(CAR.replace("100 120 200 180", "-1 -1 -1 -1"))
+    assert "has placeholders such as 0 0 0 0 for 1 of 1 2D boxes" in doubt
 
 
 @pytest.mark.parametrize("angles", [("-1.57", "-88"), ("0", "360"), ("270", "-1.53")])

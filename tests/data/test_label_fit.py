@@ -15,7 +15,9 @@ FRAMES = PACKAGED_FRAMES / "training"
 SIZE = (375, 1242)
 
 
-def doubts(text: str, *, points=None, focal: float = 1.0, path: Path | None = None) -> list[str]:
+def doubts(
+    text: str, *, points=None, focal: float = 1.0, path: Path | None = None, size=SIZE
+) -> list[str]:
     path = path or FRAMES / "label_2/000000.txt"
     objects = parse_objects(text.encode(), path, with_scores=False)
     matrices = read_object_matrices(FRAMES / "calib/000000.txt")
@@ -24,7 +26,7 @@ def doubts(text: str, *, points=None, focal: float = 1.0, path: Path | None = No
     matrices = CalibrationMatrices(
         image_from_camera=projection, camera_from_lidar=matrices.camera_from_lidar
     )
-    return [each.problem for each in check_label_fit(objects, matrices, SIZE, points, path)]
+    return [each.problem for each in check_label_fit(objects, matrices, size, points, path)]
 
 
 @pytest.fixture
@@ -48,6 +50,7 @@ def changed(text: str, column: int, change) -> str:
 def test_sound_labels_raise_no_doubt(labels, points):
     assert doubts(labels, points=points) == []
     assert doubts(labels) == []
+    assert doubts(labels, size=None) == []
     assert doubts(labels, points=points[:0]) == []
 
 
@@ -65,8 +68,15 @@ def test_another_cameras_focal_length_is_doubted(labels, points):
     ],
 )
 def test_places_of_another_convention_are_doubted(labels, column, change):
-    (doubt,) = doubts(changed(labels, column, change))
-    assert "do not fit its 2D boxes" in doubt
+    for size in (SIZE, None):  # 3D detection reads no images
+        (doubt,) = doubts(changed(labels, column, change), size=size)
+        assert "do not fit its 2D boxes" in doubt
+
+
+def test_placeholders_for_2d_boxes_are_not_compared(labels, points):
+    for column in range(4, 8):
+        labels = changed(labels, column, lambda *_: -1)
+    assert doubts(labels, points=points) == []
 
 
 def test_cloud_of_another_frame_or_unit_is_doubted(labels, points):

@@ -464,6 +464,22 @@ def test_the_height_is_not_spoken_of_where_no_cloud_can_be_read(tmp_path):
             warnings.simplefilter("ignore")
             (summary,) = summarize_tree(tmp_path)
         assert "road" not in str(summary)
+        cause = "1 of 1 checked clouds cannot be read" if content else "checked clouds are empty"
+        assert cause in str(summary)
+
+
+def test_the_height_by_the_road_is_told_beside_a_given_one(tmp_path):
+    write_recording(tmp_path, ("a", "b", "c"), cloud=".npy")
+    rewrite_calibration(tmp_path, lidar_height_m=2.0)
+    (summary,) = summarize_tree(tmp_path)
+    assert "lidar_height_m is 2; by the road in its clouds the LiDAR is 1.7" in str(summary)
+
+
+def test_a_principal_point_of_another_image_is_told_on_opening(tmp_path):
+    write_recording(tmp_path, ("1", "2"))
+    rewrite_calibration(tmp_path, camera_matrix=[[720, 0, 200], [0, 720, 180], [0, 0, 1]])
+    with pytest.warns(UserWarning, match="has its principal point at"):
+        open_dataset(tmp_path)
 
 
 def test_a_cloud_of_which_nothing_is_left_is_a_problem_of_check(tmp_path):

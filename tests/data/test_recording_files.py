@@ -1,9 +1,12 @@
+import shutil
+
 import pytest
 
 from sightline.data.check import check_tree
 from sightline.data.open import open_dataset
 from sightline.data.recording_files import read_times
 from sightline.files.problem import FileError
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.recordings import write_recording
 
 
@@ -60,3 +63,22 @@ def test_the_file_of_times_is_found_in_any_case(tmp_path):
     write_recording(tmp_path, ("a", "b"))
     (tmp_path / "Times.TXT").write_text("a 5\nb 7.5\n")
     assert [sample.timestamp_s for sample in open_dataset(tmp_path)] == [0.0, 2.5]
+
+
+def test_files_that_belong_to_no_frame_are_told_by_check_and_on_opening(tmp_path, recwarn):
+    write_recording(tmp_path, ("1", "2"))
+    labels = PACKAGED_FRAMES / "training" / "label_2" / "000000.txt"
+    for name, source in (("labels", labels), ("calibration", tmp_path / "calibration.yaml")):
+        (tmp_path / name).mkdir(exist_ok=True)
+        for frame in ("1", "2", "frame_2"):
+            shutil.copy(source, tmp_path / name / f"{frame}{source.suffix}")
+    (tmp_path / "labels" / "classes.txt").write_text("Car\n")
+    problems = [each for each in check_tree(tmp_path) if "frame" in each.problem]
+    assert [f"{each.path.name} {each.problem.partition(';')[0]}" for each in problems] == [
+        "calibration.yaml is not read: every frame has its own file in calibration",
+        "labels has 1 of 4 files that belong to no frame (frame_2)",
+        "calibration has 1 of 3 files that belong to no frame (frame_2)",
+    ]
+    open_dataset(tmp_path)
+    warned = "\n".join(str(warning.message) for warning in recwarn)
+    assert all(str(problem) in warned for problem in problems)

@@ -110,6 +110,10 @@ CHANGES = {
         lambda each: replace(each, boxes2d=each.boxes2d / 1e4),
         "2D boxes of results lie within the first pixel",
     ),
+    "no 2D boxes": (
+        lambda each: replace(each, boxes2d=np.full_like(each.boxes2d, -1.0)),
+        "2D boxes of results are placeholders such as 0 0 0 0",
+    ),
     "degrees": (
         lambda each: replace(each, rotation_y=np.degrees(each.rotation_y)),
         "angles beyond two pi, probably degrees",

@@ -80,6 +80,8 @@ SPACED = [spaced(n, y=1.7, z=20.0) for n in range(50)]
         (lambda line: replace(line, alpha=0.0), "alpha of all 50 results is 0"),
         (lambda line: replace(line, x1=0.1, y1=0.2, x2=0.2, y2=0.4),
          "all 2D boxes of results lie within the first pixel"),
+        (lambda line: replace(line, x1=0.0, y1=0.0, x2=0.0, y2=0.0),
+         "50 of 50 2D boxes of results are placeholders such as 0 0 0 0"),
     ],
 )  # fmt: skip
 def test_boxes_of_another_convention_are_told(tmp_path, change, expected):

@@ -19,7 +19,7 @@ from sightline.files.weights import (
     read_weights,
     write_weights,
 )
-from sightline.files.weights_header import read_description
+from sightline.files.weights_header import find_weights, read_description
 
 TENSORS = {"a": torch.arange(6.0).view(2, 3).T, "b": torch.tensor(3, dtype=torch.int64)}
 DESCRIPTION = {
@@ -264,3 +264,9 @@ def test_a_network_takes_no_weights_of_another(changes, message):
     tensors = {**network.state_dict(), **changes}
     with pytest.raises(ValueError, match=message):
         fill_network(network, {name: each for name, each in tensors.items() if each is not None})
+
+
+def test_the_folder_of_a_run_is_refused_with_the_file_in_it(tmp_path):
+    (tmp_path / "weights.safetensors").touch()
+    with pytest.raises(ValueError, match=r"is the folder of a run; give .*weights\.safetensors"):
+        find_weights(tmp_path)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sightline.geometry.mount import mount_doubt, resolution_doubt, turn_ahead
+from sightline.geometry.mount import mount_doubt, off_centre_doubt, resolution_doubt, turn_ahead
 
 NOMINAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 TILTS_DEG = ((0.0, 0.0, 0.0), (0.4, -0.8, 0.2), (1.0, 3.0, -2.0), (-1.0, -6.0, 4.0))
@@ -131,3 +131,11 @@ def test_what_looks_ahead_or_stands_on_its_head_is_left_alone():
         new_from_old, angle_deg = turn_ahead(rigid)
         assert angle_deg == 0
         np.testing.assert_array_equal(new_from_old, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("x_px", "y_px", "is_told"), [(620, 190, False), (250, 190, True), (620, 50, True)]
+)
+def test_a_principal_point_far_from_the_centre_is_told(x_px, y_px, is_told):
+    camera = np.array([[720.0, 0, x_px], [0, 720.0, y_px], [0, 0, 1]])
+    assert (off_centre_doubt(camera, (375, 1242)) is not None) == is_told

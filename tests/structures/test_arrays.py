@@ -39,6 +39,14 @@ def test_a_size_may_come_from_an_array_but_not_contradict_the_image():
         CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, image_size=(1242, 375))
 
 
+def test_a_principal_point_of_another_image_is_doubted():
+    matrix = np.array(CAMERA_MATRIX)
+    matrix[0, 2] *= 0.3
+    calibration = Calibration.from_matrices(matrix, CAMERA_FROM_LIDAR)
+    with pytest.warns(UserWarning, match="camera_matrix has its principal point at"):
+        CameraLidarSample.from_arrays(calibration, image=IMAGE, points=POINTS)
+
+
 def test_the_height_of_the_lidar_is_estimated_from_the_points_if_it_is_not_given():
     made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=POINTS)
     assert made.lidar_height_m == pytest.approx(1.73, abs=0.1)

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Final
 
 from sightline.files.plain_text import read_piped_text, read_text, shortened
 from sightline.files.safe_names import relative_parts
@@ -134,9 +135,16 @@ def describe_left_out(folder: Path) -> str | None:
     return ", ".join(parts) or None
 
 
+_LABEL_PLACES: Final = ("training/label_2", "label_2", "labels")
+"""Folders of labels in data sets, whose calibrations have the same names."""
+
+
 def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
     """Remedy for a folder without files of the frames: their folder, or the names found."""
     entries = sorted(folder.iterdir())
+    for below in (folder / place for place in _LABEL_PLACES):
+        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
+            return f"they are probably in {below}; name that folder"
     for below in [each for each in entries if each.is_dir()][:_MAX_SEARCHED]:
         if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
             return f"they are in {below}, as KITTI's own program writes them; name that folder"

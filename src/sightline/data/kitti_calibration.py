@@ -24,6 +24,7 @@ from sightline.geometry.mount import (
     MAX_OFFSET_M,
     focal_fault,
     mount_doubt,
+    off_centre_doubt,
     resolution_doubt,
     stretch_doubt,
 )
@@ -34,9 +35,6 @@ _LAST_ROW_TOLERANCE = 1e-9
 _REMEDY = "correct it or extract the calibration archive again"
 _MAX_SKEW_SHARE: Final = 0.01
 """Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
-_MIN_CENTRE_SHARES: Final = (0.3, 0.2)
-"""Smallest shares of width and height from an edge to the principal point; KITTI's have 0.48 and
-0.46, nuScenes' 0.48 and 0.42, KITTI's depth benchmark, cropped at the top, 0.49 and 0.42."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -315,14 +313,9 @@ def check_intrinsics(
                 f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), far "
                 f"from an image of {size[0]}x{size[1]} (height x width)"
             )
-        shares = principal_px / width_height
-        is_off_centre = usual and (np.minimum(shares, 1 - shares) < _MIN_CENTRE_SHARES).any()
-        if is_off_centre and resolution_doubt(intrinsics, size) is None:
-            doubts.append(
-                f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), away "
-                f"from the centre of an image of {size[0]}x{size[1]} (height x width), probably "
-                "because images were resized or cropped without it"
-            )
+        off_centre = off_centre_doubt(intrinsics, size) if usual else None
+        if off_centre is not None and resolution_doubt(intrinsics, size) is None:
+            doubts.append(off_centre)
     return _problems(doubts[:1], path)
 
 

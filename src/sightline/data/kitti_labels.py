@@ -256,9 +256,11 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
             return FileError(source, f"line {number} {other[0]}", other[1])
         count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
+            is_label = len(fields) == _LABEL_FIELDS
             if any(b"," in field for field in fields):
                 return FileError(source, count, "separate fields by spaces, without commas")
-            return FileError(source, count, f"add {', '.join(expected[len(fields) :])}")
+            labels = ", or give result files if these are labels" if is_label else ""
+            return FileError(source, count, f"add {', '.join(expected[len(fields) :])}{labels}")
         if len(fields) > _RESULT_FIELDS:
             return FileError(source, count, f"remove the fields after {expected[-1]}")
         for name, token in zip(expected, fields, strict=False):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float64
 
 from sightline.data.kitti_labels import (
     CLASS_NAMES,
@@ -131,6 +131,13 @@ def _suggested_class(name: str) -> str | None:
     return by_word[close[0]] if close else None
 
 
+def is_empty_box2d(
+    boxes2d: Float64[np.ndarray, "num_boxes 4"],
+) -> Bool[np.ndarray, " num_boxes"]:
+    """Mask of the 2D boxes without any extent, as written where there are none."""
+    return np.asarray((boxes2d[:, :2] == boxes2d[:, 2:]).all(axis=1))
+
+
 def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
     """Mask of the objects with an angle beyond two pi, which cannot be in radians."""
     angles = np.stack((objects.rotation_y, objects.alpha), axis=1)
@@ -160,7 +167,14 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
         problem = f"has objects as far away as {distances_m.max():.6g} m"
         faults.append((problem, "write x, y, z in metres, in the camera's frame"))
     boxes = objects.boxes2d[names != _REGION]
-    if size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
+    num_empty = int(np.count_nonzero(is_empty_box2d(boxes)))
+    if num_empty > len(boxes) / 2:
+        problem = (
+            f"has placeholders such as 0 0 0 0 for {num_empty} of {len(boxes)} 2D boxes: "
+            "evaluation ignores objects lower than 25 px in the image, also from above and in 3D"
+        )
+        faults.append((problem, "write the projections of the 3D boxes"))
+    elif size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
         problem = (
             "has all 2D boxes within the first pixel: they are probably relative to the image size"
         )

@@ -10,6 +10,7 @@ from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.kitti_trees import CORRUPTED
+from sightline.data.label_checks import is_empty_box2d
 from sightline.data.result_boxes import image_ious
 from sightline.files.problem import Problem
 
@@ -38,13 +39,13 @@ def check_label_fit(
     Args:
         objects: Labels of the frame.
         matrices: Calibration of the frame.
-        size: Height and width of the image, if known.
+        size: Height and width of the image; None, if unknown: they end where the 2D boxes do.
         points: Cloud of the frame; None or empty: the LiDAR delivered nothing.
         path: File of the labels.
     """
     if (path.parent.parent / CORRUPTED).is_dir():
         return []
-    misplaced = [] if size is None else _check_image(objects, matrices, size, path)
+    misplaced = _check_image(objects, matrices, size, path)
     if misplaced or points is None or not len(points):
         return misplaced
     return _check_cloud(objects, matrices, points, path)
@@ -90,12 +91,16 @@ def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
 def _check_image(
     objects: KittiObjects,
     matrices: CalibrationMatrices,
-    size: tuple[int, int],
+    size: tuple[int, int] | None,
     path: Path,
 ) -> list[Problem]:
-    chosen = np.flatnonzero(_has_box3d(objects))[:_MAX_OBJECTS].tolist()
+    is_drawn = ~is_empty_box2d(objects.boxes2d)
+    chosen = np.flatnonzero(_has_box3d(objects) & is_drawn)[:_MAX_OBJECTS].tolist()
     if len(chosen) < _MIN_OBJECTS:
         return []
+    if size is None:
+        right, bottom = np.ceil(objects.boxes2d[:, 2:].max(axis=0)).astype(int) + 1
+        size = max(int(bottom), 1), max(int(right), 1)
     ious = [
         image_ious(
             project_box(_corners(objects, index), matrices.image_from_camera, size).box,

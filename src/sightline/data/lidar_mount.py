@@ -151,6 +151,16 @@ def mount_doubts_of_recording(
     return mount_doubts(_some_clouds(frames), calibration.lidar_height_m, calibration.lidar_tilt)
 
 
+def describe_lack_of_points(frames: Sequence[ObjectFrame]) -> str:
+    """Describe why no checked cloud of a recording has points, in a clause."""
+    checked = frames_with_clouds(frames)
+    num_refused = sum(_read_cloud(frame) is None for frame in checked)
+    if not num_refused:
+        return "all of its checked clouds are empty"
+    others = "" if num_refused == len(checked) else ", and the others are empty"
+    return f"{num_refused} of {len(checked)} checked clouds cannot be read{others}"
+
+
 def has_points(frames: Sequence[ObjectFrame]) -> bool:
     """Whether some clouds of a recording are readable and contain points.
 
@@ -173,10 +183,16 @@ def frames_with_clouds(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
 
 
 def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:
+    cloud = _read_cloud(frame)
+    return np.zeros((0, 4), np.float32) if cloud is None else cloud
+
+
+def _read_cloud(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"] | None:
+    """Read a cloud; None: it is refused, which the reader of the frame reports."""
     assert frame.points is not None, "frames without a cloud are left out"
     assert frame.calibration is not None, "frames without a calibration are left out"
     try:
         calibration = read_recording_calibration(frame.calibration)
         return read_cloud(frame.points, calibration.max_intensity)
     except FileError:
-        return np.zeros((0, 4), np.float32)  # the reader of the frame reports it
+        return None

@@ -17,6 +17,7 @@ from sightline.data.frame_checks import Findings, read_or_note
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth
 from sightline.data.kitti_labels import read_labels
@@ -35,7 +36,13 @@ from sightline.data.recording_checks import (
     size_mismatch,
     view_of_recording,
 )
-from sightline.data.recording_files import list_recording, read_times, times_doubts, unpaired
+from sightline.data.recording_files import (
+    list_recording,
+    read_times,
+    times_doubts,
+    unpaired,
+    unused_files,
+)
 from sightline.data.undistortion import undistort
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
@@ -98,6 +105,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             )
         self._all_frames = files.frames
         self.frames = tuple(known[name] for name in selected)
+        self._warn_of_unused(files.frames)
         self._check_complete(self.parts if needs is None else self.parts & set(needs))
         pictures = (frame.image or frame.depth for frame in files.frames)
         self._any_picture = next((path for path in pictures if path is not None), None)
@@ -110,11 +118,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         starts = (self._times[name] for name in known if name in self._times)
         self._start_s = min(starts, default=Decimal(0))
         self._last_rig: tuple[Path, _Rig] | None = None
-        view = view_of_recording(first_complete_frame(self.frames))
-        if view is not None and view.doubt is not None:
-            warnings.warn(str(view.doubt), stacklevel=3)
-        elif "points" in self.parts:
-            self._warn_of_pose()
+        self._warn_of_rig()
         misnamed = unpaired(self.folder, files.frames)
         if misnamed is not None and {"image", "points"} <= self.parts:
             warnings.warn(str(misnamed), stacklevel=3)
@@ -223,6 +227,26 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             self._all_frames, read_or_note(read_recording_calibration, path, [])
         )
 
+    def _warn_of_unused(self, frames: Sequence[ObjectFrame]) -> None:
+        for part, unused in unused_files(self.folder, frames):
+            if part in self.parts or part == "calibration":
+                warnings.warn(str(unused), stacklevel=4)
+
+    def _warn_of_rig(self) -> None:
+        first = first_complete_frame(self.frames)
+        view = view_of_recording(first)
+        if view is not None and view.doubt is not None:
+            warnings.warn(str(view.doubt), stacklevel=4)
+            return
+        path = None if first is None else first.calibration
+        contents = read_or_note(read_recording_calibration, path, [])
+        if first is not None and contents is not None and path is not None:
+            size = read_or_note(read_image_size, first.image, []) or contents.image_size
+            for doubt in check_matrices(contents.matrices, size, path):
+                warnings.warn(str(doubt), stacklevel=4)
+        if "points" in self.parts:
+            self._warn_of_pose()
+
     def _warn_of_pose(self) -> None:
         first = first_complete_frame(self.frames)
         path = None if first is None else first.calibration
@@ -234,22 +258,22 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             warnings.warn(
                 f"{path}: the road in its clouds shows that the LiDAR is tilted, {tilt}: "
                 "detectors get levelled clouds; give lidar_tilt_deg (docs/recordings.md)",
-                stacklevel=4,
+                stacklevel=5,
             )
         for doubt in mount_doubts_of_recording(self._all_frames, contents):
-            warnings.warn(f"{path}: {doubt}", stacklevel=4)
+            warnings.warn(f"{path}: {doubt}", stacklevel=5)
         height_m = self._lidar_height_m(contents)
         if height_m is not None and contents.lidar_height_m is None and describe_lowness(height_m):
             warnings.warn(
                 f"{path}: the road in its clouds shows that the LiDAR is {height_m:.2f} m above it"
                 f"{describe_lowness(height_m)}",
-                stacklevel=4,
+                stacklevel=5,
             )
         if height_m is None and has_points(self._all_frames):
             warnings.warn(
                 f"{path}: the clouds show too little of the road to find the LiDAR's height above "
                 f"it: KITTI's {KITTI_LIDAR_HEIGHT_M} m is assumed; give lidar_height_m",
-                stacklevel=4,
+                stacklevel=5,
             )
 
     def _image_size(

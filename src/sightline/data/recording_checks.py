@@ -17,6 +17,7 @@ from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.lidar_mount import (
+    describe_lack_of_points,
     describe_mount,
     frames_with_clouds,
     has_points,
@@ -121,11 +122,17 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     if calibration is None:
         return tuple(described)
     if not has_points(frames):
-        described.append("warning: all of its checked clouds are empty")
+        described.append(f"warning: {describe_lack_of_points(frames)}")
     pose = pose_of_recording(frames, calibration)
     source = "by the road in its clouds" if calibration.lidar_tilt is None else "by its calibration"
     described += describe_mount(calibration.matrices, pose.tilt, source)
-    described += [f"warning: {doubt}" for doubt in mount_doubts_of_recording(frames, calibration)]
+    doubts = mount_doubts_of_recording(frames, calibration)
+    described += [f"warning: {doubt}" for doubt in doubts]
+    if calibration.lidar_height_m is not None and pose.height_m is not None and not doubts:
+        described.append(
+            f"lidar_height_m is {calibration.lidar_height_m:g}; by the road in its clouds the "
+            f"LiDAR is {pose.height_m:.2f} m above it"
+        )
     lowness = "" if pose.height_m is None else describe_lowness(pose.height_m)
     if calibration.lidar_height_m is None and (pose.height_m is not None or has_points(frames)):
         described.append(

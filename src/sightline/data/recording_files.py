@@ -9,7 +9,14 @@ from typing import Final
 
 from sightline.data.frame_checks import read_or_note
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.kitti_trees import ObjectFrame, describe_absent, find_file, list_files
+from sightline.data.kitti_trees import (
+    PART_SUFFIXES,
+    ObjectFrame,
+    Part,
+    describe_absent,
+    find_file,
+    list_files,
+)
 from sightline.data.point_files import CLOUD_SUFFIXES
 from sightline.files.plain_text import parse_numbers, read_text, shortened
 from sightline.files.problem import FileError, Problem
@@ -20,6 +27,7 @@ CALIBRATIONS: Final = "calibration"
 TIMES_NAME: Final = "times.txt"
 
 CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
+_NOTES: Final = ("classes", "readme", "notes")  # names of texts that are no labels
 _REMEDY: Final = "write lines like `000001 0.1`"
 
 
@@ -60,6 +68,40 @@ def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
         f"{clouds[0]} ..",
         remedy="give the files of a frame one name",
     )
+
+
+def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part, Problem]]:
+    """Problems of labels, depth maps and calibrations that belong to no frame, with their part.
+
+    A calibration.yaml is unused if every frame has a calibration of its own.
+    """
+    names = {frame.sample_id for frame in frames}
+    places: tuple[tuple[Part, str, tuple[str, ...]], ...] = (
+        ("objects", LABELS, PART_SUFFIXES["objects"]),
+        ("depth", DEPTH, PART_SUFFIXES["depth"]),
+        ("calibration", CALIBRATIONS, CALIBRATION_SUFFIXES),
+    )
+    problems: list[tuple[Part, Problem]] = []
+    common = _common_calibration(folder)
+    if common is not None and all(frame.calibration != common for frame in frames):
+        unread = Problem(
+            path=common,
+            problem=f"is not read: every frame has its own file in {CALIBRATIONS}",
+            remedy=f"remove it, or the folder {CALIBRATIONS}",
+        )
+        problems.append(("calibration", unread))
+    for part, place, suffixes in places:
+        files = list_files(folder / place, suffixes)
+        unused = [name for name in files if name not in names and name.lower() not in _NOTES]
+        if unused and names:
+            problem = Problem(
+                path=folder / place,
+                problem=f"has {len(unused)} of {len(files)} files that belong to no frame "
+                f"({describe_absent(unused)}); frames are called {shortened(min(names))} ..",
+                remedy="give them the names of their images and clouds, or move them away",
+            )
+            problems.append((part, problem))
+    return problems
 
 
 def list_recording(folder: Path) -> RecordingFiles:

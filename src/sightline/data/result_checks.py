@@ -8,7 +8,7 @@ from jaxtyping import Float64
 
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_ALPHA, NO_ROTATION, KittiObjects
-from sightline.data.label_checks import in_degrees, order_of_sizes
+from sightline.data.label_checks import in_degrees, is_empty_box2d, order_of_sizes
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
     MIN_RESULTS,
@@ -97,8 +97,15 @@ def remarks_on_repeats(repeated: int, total: int) -> Iterator[str]:
 
 
 def remarks_on_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
-    """Yield a sentence on 2D boxes in shares of the image."""
-    if len(boxes.boxes2d) and boxes.boxes2d.max() <= 1:
+    """Yield a sentence on placeholders for 2D boxes, or on boxes in shares of the image."""
+    num_empty = int(is_empty_box2d(boxes.boxes2d).sum())
+    if num_empty > len(boxes.boxes2d) / 2:
+        yield (
+            f"{num_empty:,} of {len(boxes.boxes2d):,} 2D boxes of results are placeholders such as "
+            "0 0 0 0: KITTI's evaluation ignores results lower than 25 px in the image, also from "
+            "above and in 3D; write the projections of the 3D boxes."
+        )
+    elif len(boxes.boxes2d) and boxes.boxes2d.max() <= 1:
         yield (
             "all 2D boxes of results lie within the first pixel and are probably shares of the "
             "image: KITTI's are in pixels."
@@ -156,7 +163,7 @@ def remarks_on_alphas(boxes: ScoredBoxes) -> Iterator[str]:
     alphas = boxes.alphas[has_3d]
     others = {
         "rotation_y itself": rotations,
-        "that of a negated rotation_y": -rotations - bearing,
+        "that of a negated rotation_y, or rotation_y is negated": -rotations - bearing,
         "negated": bearing - rotations,
         "rotation_y plus the bearing": rotations + bearing,
     }

@@ -61,6 +61,7 @@ from sightline.data.recording_files import (
     is_recording,
     list_recording,
     unpaired,
+    unused_files,
 )
 from sightline.data.unread_files import (
     PartFolder,
@@ -283,6 +284,8 @@ def _recording_tree(folder: Path) -> Tree | None:
     misnamed = unpaired(folder, frames)
     if misnamed is not None:  # instead of all missing files
         tree = replace(tree, gaps=(misnamed,))
+    unused = (problem for _, problem in unused_files(folder, frames))
+    tree = replace(tree, gaps=(*tree.gaps, *unused))
     tree = _with_notes(tree, *describe_recording(frames))
     return _with_unread(tree, recording_folders(folder))
 

@@ -8,6 +8,8 @@ from typing import Final
 
 from sightline.geometry.arguments import nearest, plain_path
 
+RUN_WEIGHTS: Final = "weights.safetensors"
+"""Name of the weights in the folder of a training run."""
 WEIGHTS_FOLDER: Final = Path(__file__).parents[1] / "weights"
 """Folder of the weights in the package."""
 
@@ -62,6 +64,8 @@ def find_weights(weights: Path | str) -> Path:
             f"{path} is a network exported for other programs; give the weights that it was "
             "exported from (.safetensors, .ckpt), which --engine runs by the same libraries"
         )
+    if (path / RUN_WEIGHTS).is_file():
+        raise ValueError(f"{path} is the folder of a run; give {path / RUN_WEIGHTS}")
     if not path.is_file():
         raise ValueError(
             f"there are no weights {str(weights)!r}; {nearest(str(weights), shipped_names())}"

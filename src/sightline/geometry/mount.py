@@ -31,6 +31,9 @@ _AHEAD_DEG = 5.0  # usual error of a mount that faces ahead
 _SWAPPED_DEG = 15.0  # from axes that are only swapped
 _SMALL_TURN_DEG = 5.0  # 90 degrees in radians, read as degrees, are 1.6
 _IDENTITY_DEG = 0.01
+_MIN_CENTRE_SHARES: Final = (0.3, 0.2)
+"""Smallest shares of width and height from an edge to the principal point; KITTI's have 0.48 and
+0.46, nuScenes' 0.48 and 0.42, KITTI's depth benchmark, cropped at the top, 0.49 and 0.42."""
 _OTHER_RESOLUTION = 1.35  # ratio of the image's middle and the principal point, similar in x and y
 _SIMILAR_RATIO = 1.2
 _LIDAR_DIRECTIONS = ("forward", "left", "up")
@@ -187,6 +190,29 @@ def resolution_doubt(
     if not is_scaled or factors.max() > _SIMILAR_RATIO * factors.min():
         return None
     return f"{problem}it is for another resolution; scale its first two rows, or the images"
+
+
+def off_centre_doubt(
+    camera_matrix: Float64[np.ndarray, "3 columns"], image_size: tuple[int, int]
+) -> str | None:
+    """Find a principal point far from the image's centre; None: it is near.
+
+    Args:
+        camera_matrix: In pixels.
+        image_size: Height, width [px].
+
+    Returns:
+        The rest of a sentence that begins with the matrix's name.
+    """
+    x, y = camera_matrix[:2, 2]
+    shares = np.array((x, y)) / image_size[::-1]
+    if (np.minimum(shares, 1 - shares) >= _MIN_CENTRE_SHARES).all():
+        return None
+    return (
+        f"has its principal point at ({x:.6g}, {y:.6g}), away from the centre of an image of "
+        f"{image_size[0]}x{image_size[1]} (height x width), probably because images were resized "
+        "or cropped without it"
+    )
 
 
 def _tilt_deg(rotation: Float64[np.ndarray, "3 3"]) -> float:

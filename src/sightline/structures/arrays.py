@@ -23,7 +23,12 @@ from sightline.geometry.cloud_checks import (
     warn_of_scale,
 )
 from sightline.geometry.given_arrays import given_array, without_masked
-from sightline.geometry.mount import MIN_SHARE_IN_IMAGE, mount_doubt, resolution_doubt
+from sightline.geometry.mount import (
+    MIN_SHARE_IN_IMAGE,
+    mount_doubt,
+    off_centre_doubt,
+    resolution_doubt,
+)
 from sightline.geometry.projection import project_points
 
 _INTENSITY_FIELDS: Final = ("intensity", "reflectivity", "reflectance", "i")
@@ -198,15 +203,16 @@ def warn_of_view(
         camera: Name of the argument with the camera's matrix.
         stacklevel: Stack level of the user's call.
     """
-    scale = resolution_doubt(calibration.image_from_camera.numpy(), image_size)
-    if scale is not None:
-        warnings.warn(f"{camera} {scale}", stacklevel=stacklevel)
+    matrix = calibration.image_from_camera.numpy()
+    doubt = resolution_doubt(matrix, image_size) or off_centre_doubt(matrix, image_size)
+    if doubt is not None:
+        warnings.warn(f"{camera} {doubt}", stacklevel=stacklevel)
     share = share_in_image(points, calibration, image_size)
     if len(points) and share < MIN_SHARE_IN_IMAGE:
-        doubt = mount_doubt(calibration.camera_from_lidar.numpy())
+        mount = mount_doubt(calibration.camera_from_lidar.numpy())
         cause = (
-            f"camera_from_lidar {doubt}"
-            if doubt is not None
+            f"camera_from_lidar {mount}"
+            if mount is not None
             else f"check {camera} against the image's size, and that the sweep is of this LiDAR"
         )
         warnings.warn(

@@ -13,6 +13,7 @@ from lightning.pytorch.callbacks import Callback, Checkpoint, ModelCheckpoint
 from torch.optim import Optimizer
 
 from sightline.files.weights import read_checkpoint_weights, write_weights
+from sightline.files.weights_header import RUN_WEIGHTS
 from sightline.training.last_checkpoint import LastCheckpoint
 from sightline.training.module import TrainingModule
 
@@ -139,7 +140,7 @@ class WriteWeights(Checkpoint):
 
     def __init__(self, folder: Path, last: LastCheckpoint, best: ModelCheckpoint | None) -> None:
         """Stores the folder and the checkpoint callbacks, which must come before this callback."""
-        self.path = folder / "weights.safetensors"
+        self.path = folder / RUN_WEIGHTS
         self._last = last
         self._best = best
         self._written_score: float | None = None

@@ -139,7 +139,8 @@ def _select_frames(
     if absent:
         raise ValueError(
             f"no frame of {path} has an object of with_classes {', '.join(absent)}; its "
-            f"labels have {shortened(', '.join(sorted(found))) or 'none'}"
+            f"labels have {shortened(', '.join(sorted(found))) or 'none'}; leave this entry out, "
+            "such as that of a recipe"
         )
     return NamedSubset(dataset, kept)
 
