@@ -35,7 +35,7 @@ _STEP_BYTES: Final = 2**22
 _REMEDY: Final = "import an intact bag (`ros2 bag reindex` rewrites its metadata.yaml)"
 
 
-_Read = Callable[[BufferedIOBase, int], bytes]
+_Read = Callable[[Any, int], bytes]
 
 
 class _Decompressor(Protocol):
