@@ -243,9 +243,7 @@ def _bounded_library() -> Iterator[None]:
             setattr(module, name, value)
 
 
-def _bounded(
-    read: Callable[[BufferedIOBase, int], bytes],
-) -> Callable[[BufferedIOBase, int], bytes]:
+def _bounded(read: _Read) -> _Read:
     """Make a function that reads bytes refuse more than are left, before it allocates them."""
 
     def read_bounded(file: BufferedIOBase, size: int) -> bytes:
