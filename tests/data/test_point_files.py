@@ -1,4 +1,5 @@
 import struct
+import warnings
 
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def test_what_float32_cannot_hold_is_left_out_like_other_marks_of_no_echo(tmp_pa
 def test_an_archive_of_arrays_is_no_npy_file(tmp_path):
     np.savez(tmp_path / "cloud", points=POINTS)
     (tmp_path / "cloud.npz").rename(tmp_path / "cloud.npy")
-    with pytest.raises(FileError, match=r"cloud.npy: is no whole .npy file; export the cloud"):
+    with pytest.raises(FileError, match=r"cloud.npy: is an archive of arrays \(.npz\), expected"):
         read_cloud(tmp_path / "cloud.npy")
 
 
@@ -190,6 +191,41 @@ def test_rings_in_the_place_of_intensities_are_told_as_such(tmp_path):
 
 def save(array):
     return lambda path: np.save(path, array)
+
+
+@pytest.mark.parametrize("num_more", [4, 160])
+def test_what_follows_the_array_of_an_npy_file_is_told(tmp_path, num_more):
+    np.save(tmp_path / "cloud.npy", POINTS)
+    with (tmp_path / "cloud.npy").open("ab") as file:
+        file.write(bytes(num_more))
+    with pytest.warns(UserWarning, match=f"cloud.npy: {num_more} bytes follow the array"):
+        assert len(read_cloud(tmp_path / "cloud.npy")) == len(POINTS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_doubted"),
+    [("u1", True), ("u4", True), ("i2", True), ("i4", False), ("f2", False), (">f8", False)],
+)
+def test_coordinates_of_short_or_unsigned_integers_are_doubted(tmp_path, kind, is_doubted):
+    rows = np.abs(POINTS[:100]).astype(kind)
+    fields = np.zeros(100, [(name, kind) for name in "xyz"] + [("intensity", "u1")])
+    for column, name in enumerate("xyz"):
+        fields[name] = rows[:, column]
+    for content in (rows, fields):
+        np.save(tmp_path / "cloud.npy", content)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            read_cloud(tmp_path / "cloud.npy", 255.0)
+        doubts = [each for each in caught if "they are in whole metres" in str(each.message)]
+        assert bool(doubts) == is_doubted
+
+
+def test_a_ply_of_two_sets_of_vertices_is_refused(tmp_path):
+    element = "element vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
+    header = f"ply\nformat ascii 1.0\n{element}{element}end_header\n"
+    (tmp_path / "cloud.ply").write_text(header)
+    with pytest.raises(FileError, match="has several elements vertex"):
+        read_cloud(tmp_path / "cloud.ply")
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
+import dataclasses
 import pickle
 
 import numpy as np
 import pytest
 import torch
 
+from sightline.data.kitti_object import KittiObjectDataset
 from sightline.depth_completion.config import PlaneSmoothing, SignedThreshold, by_direction
 from sightline.depth_completion.methods import starting_depth
 from sightline.depth_completion.mirrored_prediction import predict_with_mirror
@@ -17,6 +19,7 @@ from sightline.depth_completion.registration import TASK
 from sightline.depth_completion.sparse_map import inside_hull
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import load_network
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 from tests.depth_completion.networks import write_tiny_weights
 from tests.inference.trees import IMAGE_SIZE, small_calibration
@@ -34,6 +37,11 @@ def weights(tmp_path):
 @pytest.fixture
 def filled_weights(tmp_path):
     return write_tiny_weights(tmp_path / "tiny-filled.safetensors", **FILLED)
+
+
+@pytest.fixture
+def sample():
+    return KittiObjectDataset(PACKAGED_FRAMES)[0]
 
 
 def random_frame(height, width, *, density=0.2, seed=0):
@@ -233,6 +241,26 @@ def test_a_sample_without_a_sweep_is_refused(weights, completer):
     predictor = DepthCompleter("nearest") if completer == "method" else DepthPredictor.load(weights)
     with pytest.raises(ValueError, match="sample blind has no sweep"):
         predictor(sample)
+
+
+@pytest.mark.parametrize("completer", ["method", "network"])
+@pytest.mark.parametrize("value", [torch.nan, torch.inf])
+def test_a_sweep_with_points_that_are_not_finite_is_refused(weights, sample, completer, value):
+    points = sample.points.clone()
+    points[3, 2] = value
+    predictor = DepthCompleter("nearest") if completer == "method" else DepthPredictor.load(weights)
+    with pytest.raises(ValueError, match="1 points with NaN or infinite values"):
+        predictor(dataclasses.replace(sample, points=points))
+
+
+def test_points_that_are_not_finite_are_counted_in_a_warning(weights, sample):
+    points = sample.points.numpy().copy()
+    points[:2, 0] = np.nan
+    predictor = DepthPredictor.load(weights)
+    with pytest.warns(UserWarning, match=f"2 of {len(points)} points are left out"):
+        found = predictor.complete_points(points, sample.calibration, sample.image_size)
+    kept = predictor.complete_points(points[2:], sample.calibration, sample.image_size)
+    assert torch.equal(found.depth_m, kept.depth_m)
 
 
 @pytest.mark.parametrize(

@@ -200,6 +200,14 @@ def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(stree
         evaluate_objects(results, tmp_path / "nothing")
 
 
+@pytest.mark.parametrize("below", ["training/label_2", "labels"])
+def test_a_data_set_in_the_place_of_its_labels_is_told(tmp_path, below):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "data" / below).mkdir(parents=True)
+    with pytest.raises(ValueError, match=f"whose labels are in {tmp_path}/data/{below}; name"):
+        evaluate_objects(tmp_path / "results", tmp_path / "data")
+
+
 def test_a_number_of_resamples_that_cannot_be_is_refused(street):
     with pytest.raises(ValueError, match="must not be negative, got -1"):
         evaluate_objects(*street, bootstrap=-1)

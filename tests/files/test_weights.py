@@ -205,6 +205,17 @@ def test_an_archive_that_is_packed_is_not_unpacked(tmp_path):
     assert "it is packed, to hold 10000000 bytes" in refused(path)
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+def test_a_checkpoint_with_flipped_bytes_among_its_weights_is_refused(tmp_path, share):
+    weights = {f"{NETWORK_PREFIX}a": torch.linspace(1, 2, 2000)}
+    content = bytearray(bytes_of(checkpoint(state_dict=weights)))
+    start = content.index(weights[f"{NETWORK_PREFIX}a"].numpy().tobytes())
+    content[start + 4 * int(2000 * share)] ^= 1
+    path = tmp_path / "last.ckpt"
+    path.write_bytes(content)
+    assert "the checksum of" in refused(path)
+
+
 def test_an_archive_that_claims_to_span_several_disks_is_refused(tmp_path):
     content = bytearray(bytes_of(checkpoint()))
     num_disks = content.rindex(b"PK\x06\x07") + 16  # in the locator of the 64-bit directory

@@ -119,6 +119,28 @@ def test_ctrl_c_tells_how_to_go_on_and_going_on_is_exact(recipes, averaged):
     assert all(torch.equal(parts.tensors[name], whole.tensors[name]) for name in whole.tensors)
 
 
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ([], None),
+        (["--data.workers=1", "--trainer.max_epochs=2"], None),
+        (["--seed_everything=5"], "the run began with other settings: seed_everything 0, now 5"),
+        (
+            ["--model.optimizer.learning_rate=0.7"],
+            "now 0.7; the optimiser and its learning rate stay as in the checkpoint",
+        ),
+    ],
+)
+def test_resuming_with_other_settings_is_told(recipes, capfd, changes, expected):
+    press = "--trainer.callbacks+=tests.training.test_command.PressCtrlC"
+    with pytest.raises(Interruption):
+        run_training("fit", ["--config", "toy", press], recipes)
+    capfd.readouterr()
+    run_training("fit", ["--config", "toy", "--ckpt_path=last", *changes], recipes)
+    printed = capfd.readouterr().err
+    assert expected in printed if expected else "other settings" not in printed
+
+
 def test_a_run_is_not_begun_over_another(recipes):
     run_training("fit", ["--config", "toy"], recipes)
     with pytest.raises(

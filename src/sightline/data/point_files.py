@@ -28,12 +28,14 @@ from sightline.geometry.cloud_checks import (
     echoes,
     reflectances,
     warn_of_columns,
+    warn_of_integers,
     warn_of_losses,
     warn_of_scale,
 )
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
 """Suffixes of the files for `read_cloud`, in any case."""
+_ZIP_MARK: Final = b"PK"
 
 
 def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarray, "num_points 4"]:
@@ -127,6 +129,7 @@ def columns_of(fields: np.ndarray, source: Path | str) -> Float32[np.ndarray, "n
     points = np.zeros((fields.size, 4), np.float32)
     for column, name in enumerate(("x", "y", "z")):
         points[:, column] = _values(fields, by_plain_name[name], source)
+    warn_of_integers(fields.dtype[by_plain_name["x"]], fields.size)
     intensity_fields = [by_plain_name[name] for name in INTENSITY_NAMES if name in by_plain_name]
     for name in _chosen_intensity(fields, intensity_fields):
         points[:, 3] = _values(fields, name, source)
@@ -189,6 +192,7 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
             REMEDY,
         )
     warn_of_columns(rows.shape[1], len(rows))
+    warn_of_integers(rows.dtype, len(rows))
     points = np.zeros((len(rows), 4), np.float32)
     with np.errstate(over="ignore"):  # overflow becomes infinite, and is left out
         points[:, : min(rows.shape[1], 4)] = rows[:, :4]
@@ -208,6 +212,9 @@ def _npy_array(content: bytes, path: Path | str) -> np.ndarray:
             read = np.lib.format.read_array_header_2_0
         shape, is_fortran, dtype = read(file)
     except Exception as error:  # of the library, of any type
+        if content.startswith(_ZIP_MARK):
+            problem = "is an archive of arrays (.npz), expected one array"
+            raise FileError(path, problem, "write the cloud by numpy.save") from error
         raise FileError(path, "is no whole .npy file", REMEDY) from error
     if dtype.hasobject:
         raise FileError(path, "is no .npy file of numbers: it holds Python objects", REMEDY)
@@ -219,6 +226,12 @@ def _npy_array(content: bytes, path: Path | str) -> np.ndarray:
             f"is no whole .npy file: {num_bytes_left} bytes follow its header, expected "
             f"{str(dtype)[:99]} of shape {str(shape)[:99]}",
             REMEDY,
+        )
+    if num_more := num_bytes_left - count * dtype.itemsize:
+        warnings.warn(
+            f"{path}: {num_more} bytes follow the array of shape {shape}: they are left out; write "
+            "one array per file, with all points",
+            stacklevel=4,
         )
     if not count:
         return np.zeros(shape, dtype)

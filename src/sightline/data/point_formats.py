@@ -176,6 +176,8 @@ def read_ply(path: Path | str) -> np.ndarray:
     names = [name for name, _, _ in elements]
     if "vertex" not in names:
         raise FileError(path, "has no element vertex in its header", REMEDY)
+    if names.count("vertex") > 1:
+        raise FileError(path, "has several elements vertex in its header, expected one", REMEDY)
     position = names.index("vertex")
     _, num_points, fields = elements[position]
     before = elements[:position]

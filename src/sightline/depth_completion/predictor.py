@@ -23,7 +23,12 @@ from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hul
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.cloud_checks import as_point_rows, cloud_fault
+from sightline.geometry.cloud_checks import (
+    USUAL_LOSS,
+    as_point_rows,
+    cloud_fault,
+    warn_of_losses,
+)
 from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.wrong_types import named_arguments
@@ -31,6 +36,7 @@ from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sweep_checks import check_finite_points
 
 _COORDINATES = 3
 
@@ -74,7 +80,7 @@ class DepthCompleter(SamplePredictor[DepthMap]):
         """Projects the sweep and completes its depth at the image's full size.
 
         Raises:
-            ValueError: The sample has no sweep.
+            ValueError: The sample has no sweep, or one with non-finite points.
         """
         return complete_depth(_sparse_depth_of(sample), self.method)
 
@@ -171,7 +177,7 @@ class DepthPredictor(SamplePredictor[DepthMap]):
         """Completes a sample at its image's full size.
 
         Raises:
-            ValueError: The sample has no sweep.
+            ValueError: The sample has no sweep, or one with non-finite points.
         """
         return self.complete(_sparse_depth_of(sample), sample.image)
 
@@ -313,6 +319,7 @@ def _sparse_depth_of(sample: CameraLidarSample) -> Float32[Tensor, "height width
             f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
             "with LiDAR points"
         )
+    check_finite_points(sample)
     return sparse_depth_map(sample.points, sample.calibration, sample.image_size)
 
 
@@ -335,6 +342,8 @@ def _checked_points(points: Points) -> Float[Tensor, "num_points fields"]:
             "begins with x, y, z; give the sweep as an array of points by fields"
         )
     positions = np.pad(tensor[:, :_COORDINATES].double().numpy(), ((0, 0), (0, 1)))
+    is_masked = isinstance(points, np.ma.MaskedArray)  # those were chosen by the user
+    warn_of_losses(positions, "the points", usual_share=USUAL_LOSS if is_masked else 0.0)
     fault = cloud_fault(positions[np.isfinite(positions).all(axis=1)], 1.0)
     if fault is not None:
         raise ValueError(f"the cloud has {fault[0]}; {fault[1]}")

@@ -26,6 +26,7 @@ from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 
 _FRAMES_AT_A_TIME = 64
+_LABEL_FOLDERS = ("training/label_2", "label_2", "labels")  # of trees and recordings
 _MAX_PAIRS = 2_000_000  # results times labels in one frame; KITTI's fullest has some thousands
 _MAX_RESAMPLES = 100_000  # this gives the interval's ends to a tenth of their last digit
 
@@ -291,8 +292,11 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
     names = sorted(path.stem for path in labels_dir.glob("*.txt"))
     if not names:
+        below = next(filter(Path.is_dir, (labels_dir / each for each in _LABEL_FOLDERS)), None)
         elsewhere = locate_frame_files(labels_dir, ()) if labels_dir.is_dir() else None
         remedy = elsewhere or "give KITTI's folder label_2"
+        if below is not None:
+            remedy = f"it is a data set, whose labels are in {below}; name that folder"
         raise ValueError(f"{labels_dir} has no label files (*.txt); {remedy}")
     return names
 

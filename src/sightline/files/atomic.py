@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -64,10 +65,11 @@ def disk_fault(error: OSError, target: Path) -> ValueError | None:
     if error.errno not in _DISK_FAULTS:
         return None
     reason = os.strerror(error.errno).lower()
-    return ValueError(
-        f"{final_path(target)} cannot be written: {reason}; make room or choose another output "
-        "folder"
-    )
+    path = final_path(target)
+    remedy = "make room or choose another output folder"
+    if tempfile.tempdir is not None and path.is_relative_to(tempfile.tempdir):
+        remedy += ", or another temporary folder by the variable TMPDIR"
+    return ValueError(f"{path} cannot be written: {reason}; {remedy}")
 
 
 def check_replaceable(target: Path) -> None:

@@ -198,19 +198,27 @@ def _is_archive(path: Path) -> bool:
 
 
 def _check_archive(path: Path) -> None:
-    """Refuse an archive whose content is larger than itself: PyTorch does not compress."""
+    """Refuse an archive that is larger than its file, as PyTorch packs nothing, or is damaged.
+
+    PyTorch itself does not compare the checksums: flipped bytes would become weights.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
+            is_packed = unpacked > path.stat().st_size
+            damaged = None if is_packed else archive.testzip()
+    except Exception as error:
+        # For damaged bytes the library raises errors of many types: RuntimeError, zlib.error, ..
         raise ValueError(
             f"{path} cannot be read as a checkpoint ({_reason(error)}); {_CHECKPOINT_REMEDY}"
         ) from error
-    if unpacked > path.stat().st_size:
-        raise ValueError(
-            f"{path} cannot be read as a checkpoint (it is packed, to hold {unpacked} bytes); "
-            f"{_CHECKPOINT_REMEDY}"
+    if is_packed or damaged is not None:
+        problem = (
+            f"it is packed, to hold {unpacked} bytes"
+            if is_packed
+            else f"the checksum of {shortened(str(damaged))} in it does not fit: it is damaged"
         )
+        raise ValueError(f"{path} cannot be read as a checkpoint ({problem}); {_CHECKPOINT_REMEDY}")
 
 
 def _weights(path: Path, described: WeightsDescription, tensors: Mapping[str, object]) -> Weights:

@@ -8,7 +8,7 @@ import warnings
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Shaped
+from jaxtyping import Bool, Float, Float64, Real, Shaped
 
 from sightline.geometry.mount import MAX_RANGE_M
 
@@ -37,6 +37,7 @@ _DISTINCT_SHARE: Final = 0.1
 _MAX_MEDIAN_CM: Final = 4000.0
 """Largest median range in centimetres; that of real sweeps is 6 to 18 m."""
 _MAX_MEDIAN_MM: Final = 100_000.0
+_SHORT_BYTES: Final = 2
 _MIN_RINGS: Final = 4
 _MAX_RING: Final = 1e6
 _RING_SHARE: Final = 0.95  # of the variance of elevations that rings explain
@@ -47,7 +48,7 @@ _EVEN_SPREAD: Final = 0.5  # largest variation of the points in a ring; KITTI's 
 _NOT_FINITE_VALUE: Final = 1e30  # replaces values that are not finite
 
 
-def as_point_rows(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] | None:
+def as_point_rows(array: np.ndarray) -> Real[np.ndarray, "num_points columns"] | None:
     """Convert an array to rows of three or more numbers, an organised cloud row by row; else None.
 
     Also None for more than 64 points that are written column by column, 4 x num_points.
@@ -55,7 +56,7 @@ def as_point_rows(array: np.ndarray) -> Float[np.ndarray, "num_points columns"] 
     is_cloud = array.ndim >= 2 and 3 <= array.shape[-1] <= _MAX_COLUMNS
     if not is_cloud or array.dtype.kind not in "fiu":
         return None
-    rows: Float[np.ndarray, "num_points columns"] = array.reshape(-1, array.shape[-1])
+    rows: Real[np.ndarray, "num_points columns"] = array.reshape(-1, array.shape[-1])
     return rows
 
 
@@ -121,6 +122,18 @@ def warn_of_columns(num_columns: int, num_points: int) -> None:
             f"clouds have {num_columns} columns: the first four are read as x, y, z, intensity, "
             "the others are dropped; remove them, or write a .pcd, .ply or structured .npy, whose "
             "field ring is used",
+            stacklevel=3,
+        )
+
+
+def warn_of_integers(dtype: np.dtype[Any], num_points: int) -> None:
+    """Warn about coordinates of unsigned or short integers, in which metres are rounded or lost."""
+    is_unsigned = dtype.kind == "u"
+    if num_points and (is_unsigned or (dtype.kind == "i" and dtype.itemsize <= _SHORT_BYTES)):
+        lost = ", and no place behind, right of or below the LiDAR is possible" * is_unsigned
+        warnings.warn(
+            f"clouds have x, y, z of type {dtype.name}: they are in whole metres{lost}; write them "
+            "as float32",
             stacklevel=3,
         )
 

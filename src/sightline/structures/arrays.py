@@ -19,6 +19,7 @@ from sightline.geometry.cloud_checks import (
     echoes,
     reflectances,
     warn_of_columns,
+    warn_of_integers,
     warn_of_losses,
     warn_of_scale,
 )
@@ -168,6 +169,7 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
             "y, z [m] and perhaps intensity; give one row a point"
         )
     warn_of_columns(rows.shape[1], len(rows))
+    warn_of_integers(rows.dtype, len(rows))
     columns = rows[:, :4].astype(np.float64)
     return np.pad(columns, ((0, 0), (0, 4 - columns.shape[1])))
 

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import signal
+import sys
 from argparse import ArgumentError
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -37,6 +38,7 @@ from sightline.training.module import TrainingModule
 from sightline.training.nulls import check_nulls
 from sightline.training.progress import RunProgress
 from sightline.training.quiet import quiet_lightning
+from sightline.training.resumed_settings import resumed_settings_note
 from sightline.training.run_folder import claimed
 
 _CONFIG_NAMES = {
@@ -260,8 +262,18 @@ class _TrainingCLI(LightningCLI):
             )
         read_checkpoint_weights(path)  # raises one-line errors
         config["ckpt_path"] = str(path)
+        self._warn_of_other_settings(path.parent / _CONFIG_NAMES["fit"], config)
         if self._initial_weights is not None and not has_weights(self._initial_weights):
             config["model"]["init_args"]["initial_weights"] = path
+
+    def _warn_of_other_settings(self, path: Path, config: Namespace) -> None:
+        """Warns of settings that the resumed run did not begin with."""
+        if self.subcommand != "fit":
+            return
+        settings = self._parser(self.subcommand).dump(config, skip_unset=False)
+        note = resumed_settings_note(path, settings)
+        if note is not None:
+            rank_zero_only(print)(f"sightline: warning: {note}", file=sys.stderr)
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:  # noqa: ANN401 - as base
         """Adds the logger and the callbacks of a run to those of the recipe."""

@@ -1,4 +1,6 @@
 import bz2
+import errno
+import pathlib
 
 import cv2
 import lz4.frame
@@ -103,6 +105,36 @@ def test_a_packed_bag_is_read_within_a_limit_and_refused_beyond(tmp_path, mode, 
     ):
         import_recording(tmp_path / "drive", tmp_path / "other")
     assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize("full", ["tempfile.mkdtemp", "pathlib.Path.open"])
+def test_a_full_temporary_folder_is_told_as_such(tmp_path, monkeypatch, full):
+    bag = BagMaker(tmp_path / "drive")
+    bag._writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+    with bag:
+        usual_topics(bag, number=1)
+    before = pathlib.Path.open
+
+    def refuse(*given, **named):
+        if full == "pathlib.Path.open" and "ab" not in given:
+            return before(*given, **named)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(full, refuse)
+    with pytest.raises(FileError, match=r"temporary folder.*no space left on device; set TMPDIR"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+
+
+@pytest.mark.parametrize("bits", [2**33, 2**62, 2**64 - 1])
+def test_a_record_that_claims_more_than_is_left_is_named(tmp_path, bits):
+    with BagMaker(tmp_path / "drive") as bag:
+        usual_topics(bag, number=1)
+    (path,) = (tmp_path / "drive").glob("*.mcap")
+    content = bytearray(path.read_bytes())
+    content[9:17] = bits.to_bytes(8, "little")  # the length of the first record
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=f"at byte 17 claims {bits} bytes, but .* are left"):
+        import_recording(path, tmp_path / "out")
 
 
 @pytest.mark.parametrize(

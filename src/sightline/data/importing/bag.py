@@ -271,6 +271,8 @@ def _count(connection: "Connection") -> int:
 
 def _one_line(error: Exception) -> str:
     """Return a library's error as one line for a terminal."""
+    if isinstance(error, MemoryError):
+        return "reading it takes more memory than there is, or a damaged length claims so"
     text = " ".join(str(error).split())
     if len(text.split()) < 2:  # KeyError(7)
         text = f"{type(error).__name__} {text}".rstrip()

@@ -1,8 +1,10 @@
 """Reader of bag files with a limit on the size of decompressed data."""
 
 import bz2
+import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from io import BufferedIOBase
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, Protocol
@@ -31,6 +33,9 @@ _MAX_COMPRESSION_RATIO: Final = 1000
 _MAX_BLOB_BYTES: Final = 2**28
 _STEP_BYTES: Final = 2**22
 _REMEDY: Final = "import an intact bag (`ros2 bag reindex` rewrites its metadata.yaml)"
+
+
+_Read = Callable[[Any, int], bytes]
 
 
 class _Decompressor(Protocol):
@@ -105,7 +110,7 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
         if path.is_dir() and not files_without_metadata(path):
             paths, compression = _listed_files(path)
             if compression == "file":
-                folder = Path(stack.enter_context(TemporaryDirectory(prefix="sightline-bag-")))
+                folder = stack.enter_context(_temporary_folder(path))
                 paths = [_decompressed_file(each, folder) for each in paths]
         readers: list[Reader] = []
         for each in paths:
@@ -152,31 +157,56 @@ def _listed_files(folder: Path) -> tuple[list[Path], str]:
     return paths, mode
 
 
+@contextmanager
+def _temporary_folder(bag: Path) -> Iterator[Path]:
+    """Folder for a bag's decompressed files, in TMPDIR.
+
+    Raises:
+        FileError: No temporary folder can be made.
+    """
+    try:
+        holder = TemporaryDirectory(prefix="sightline-bag-")
+    except OSError as error:
+        raise _no_room(bag, error) from error
+    with holder as folder:
+        yield Path(folder)
+
+
 def _decompressed_file(path: Path, folder: Path) -> Path:
     """Decompress a file into a folder, under its name without the last suffix."""
     target = folder / path.stem
     room = path.stat().st_size * _MAX_COMPRESSION_RATIO
-    with (
-        path.open("rb") as compressed,
-        _zstd().open(compressed, "rb") as source,
-        target.open("wb") as file,
-    ):
+    with path.open("rb") as compressed, _zstd().open(compressed, "rb") as source:
         while block := source.read(_STEP_BYTES):
             room -= len(block)
             if room < 0:
                 problem = f"decompresses to more than {_MAX_COMPRESSION_RATIO} times its size"
                 raise FileError(path, problem, _REMEDY)
-            file.write(block)
+            try:
+                with target.open("ab") as file:
+                    file.write(block)
+            except OSError as error:
+                raise _no_room(path, error, folder) from error
     return target
+
+
+def _no_room(path: Path, error: OSError, folder: Path | None = None) -> FileError:
+    place = "" if folder is None else f" {folder.parent}"
+    return FileError(
+        path,
+        f"is compressed and cannot be unpacked into the temporary folder{place}: "
+        f"{(error.strerror or 'it has none').lower()}",
+        "set TMPDIR to a folder with room, or unpack the bag (`ros2 bag convert`)",
+    )
 
 
 @contextmanager
 def _bounded_library() -> Iterator[None]:
     """Make `rosbags` decompress chunks within limits, and ignore quality of service.
 
-    `rosbags` has no limit of its own: a chunk of 10 MB may decompress to any size. Quality of
-    service is YAML in each topic that is not needed here; any fault in it would make the bag
-    unreadable.
+    `rosbags` has no limit of its own: a chunk of 10 MB may decompress to any size, and a record may
+    claim any length. Quality of service is YAML in each topic that is not needed here; any fault in
+    it would make the bag unreadable.
     """
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as ros1
@@ -198,6 +228,8 @@ def _bounded_library() -> Iterator[None]:
     changes: list[tuple[Any, str, object]] = [
         (storage_mcap, "DECOMPRESSORS", chunks),
         (ros1, "decompressors", old_chunks),
+        (storage_mcap, "read_exact", _bounded(storage_mcap.read_exact)),
+        (ros1, "read_bytes", _bounded(ros1.read_bytes)),
         (storage_mcap, "parse_qos", lambda _: []),
         (storage_sqlite3, "parse_qos", lambda _: []),
     ]
@@ -209,6 +241,23 @@ def _bounded_library() -> Iterator[None]:
     finally:
         for module, name, value in before:
             setattr(module, name, value)
+
+
+def _bounded(read: _Read) -> _Read:
+    """Make a function that reads bytes refuse more than are left, before it allocates them."""
+
+    def read_bounded(file: BufferedIOBase, size: int) -> bytes:
+        if size > _STEP_BYTES:
+            start = file.tell()
+            num_left = file.seek(0, os.SEEK_END) - start
+            file.seek(start)
+            if size > num_left:
+                raise ValueError(
+                    f"a record at byte {start} claims {size} bytes, but {num_left} are left"
+                )
+        return read(file, size)
+
+    return read_bounded
 
 
 def _checked_chunk_size(size: int) -> int:
