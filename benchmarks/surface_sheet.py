@@ -1,7 +1,7 @@
 """Surfaces of completed depth, before and after smoothing.
 
-`python -m benchmarks.surface_sheet`: the image of an embedded frame, and below it the normals of
-both maps, whose three parts are red, green and blue.
+`python -m benchmarks.surface_sheet --weights FILE`: the image of an embedded frame, and below it
+the normals of both maps, whose three parts are red, green and blue.
 """
 
 import tempfile
@@ -21,14 +21,12 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 _MAX_BYTES = 500_000
 
 
-def main(
-    out: Path = Path("docs/pictures/surfaces.jpg"), weights: str = "depth-best", frame: int = 0
-) -> None:
+def main(weights: str, out: Path = Path("docs/pictures/surfaces.jpg"), frame: int = 0) -> None:
     """Write the picture.
 
     Args:
+        weights: Name or file of a depth network that smooths planes; the shipped ones do not.
         out: JPEG file to write.
-        weights: Name or file of a depth network that smooths planes.
         frame: Index of the embedded frame.
     """
     torch.set_num_threads(1)

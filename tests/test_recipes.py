@@ -196,15 +196,23 @@ def recipe(name):
     return yaml.safe_load((PACKAGE_RECIPES / f"{name}.yaml").read_text())
 
 
-def test_the_second_stage_goes_on_as_the_first_at_half_its_learning_rate():
-    first, second = recipe("depth-fast-cpu"), recipe("depth-fast-cpu-further")
-    model = second["model"]["init_args"]
-    assert model.pop("initial_weights") == "runs/depth-fast-cpu/last.ckpt"
-    assert second["trainer"].pop("max_steps") == 4000
-    assert first["model"]["init_args"].pop("network")
-    assert first["trainer"].pop("max_epochs")
-    model["optimizer"]["learning_rate"] *= 2
-    assert second == first
+def test_the_small_depth_network_is_depth_best_with_fewer_channels():
+    small, best = (recipe(name)["model"]["init_args"] for name in ("depth-fast-cpu", "depth-best"))
+    changed = {name for name in best["network"] if small["network"][name] != best["network"][name]}
+    sizes = {"stem_channels", "refinement_channels", "refinement_hidden_channels", "trunk"}
+    assert changed == sizes
+    assert small | {"network": None} == best | {"network": None}
+    preparation = recipe("depth-fast-cpu")["data"]["init_args"]["preparation"]
+    assert preparation == recipe("depth-best-further")["data"]["init_args"]["preparation"]
+
+
+@pytest.mark.parametrize("name", ["depth-best", "depth-fast-cpu"])
+def test_shipped_depth_weights_have_the_settings_of_their_recipe(name):
+    network = recipe(name)["model"]["init_args"]["network"]
+    config = read_weights(name).config
+    trunk = network.pop("trunk")
+    assert config["trunk"] | trunk == config["trunk"]
+    assert config | network == config
 
 
 def test_fine_tuning_starts_from_the_shipped_network():
