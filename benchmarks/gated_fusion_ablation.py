@@ -1,4 +1,4 @@
-"""Fusion with learned gates less fusion without: AP of several seeds with paired intervals.
+"""Fusion with learned gates less other kinds of fusion: AP of several seeds, paired intervals.
 
 `python -m benchmarks.gated_fusion_ablation RESULTS LABELS --sample_list LIST`. RESULTS has a folder
 NAME-SEED of `sightline reproduce gated-fusion --out` for each trained network. In each case of the
@@ -62,18 +62,18 @@ def main(
         results: Folder of the networks' result files.
         labels: Folder of KITTI's label files.
         sample_list: Text file with one frame's name a line. None: all with labels.
-        names: The two networks; the second is subtracted from the first.
+        names: The networks; the others are subtracted from the first, for their common seeds.
         resamples: Number of resamples of the frames.
         workers: Number of processes.
 
     Raises:
-        ValueError: A network has no results, or other seeds than the first.
+        ValueError: A network has no results, or no seed of the first.
     """
     frames = frame_names(labels, sample_list)
     runs = {name: _runs(results, name) for name in names}
-    seeds = [[run.seed for run in of_name] for of_name in runs.values()]
-    if not seeds[0] or any(other != seeds[0] for other in seeds):
-        raise ValueError(f"{results} has seeds {seeds} of {', '.join(names)}, expected equal ones")
+    seeds = {name: [run.seed for run in of_name] for name, of_name in runs.items()}
+    if any(not set(of_name) & set(seeds[names[0]]) for of_name in seeds.values()):
+        raise ValueError(f"{results} has seeds {seeds}, expected common ones with the first")
     cases = [case.name for case in find_suite("dgfn7").cases]
     jobs = [(run, case) for of_name in runs.values() for run in of_name for case in cases]
     read = partial(_curves, labels=labels, frames=frames)
@@ -83,23 +83,23 @@ def main(
             for (run, case), found in zip(jobs, pool.map(read, jobs), strict=True)
         }
         by_score = [{key: each[n] for key, each in curves.items()} for n in range(len(SCORES))]
-        compare = partial(_compare, names=names, seeds=seeds[0], cases=cases, resamples=resamples)
+        compare = partial(_compare, seeds=seeds, cases=cases, resamples=resamples)
         rows = [
             {"class": class_name, "iou": iou, **row}
             for (class_name, iou), of_score in zip(SCORES, pool.map(compare, by_score), strict=True)
             for row in of_score
         ]
-    print(f"{len(frames)} frames, seeds {seeds[0]}, moderate, AP R40 (all points)")
+    print(f"{len(frames)} frames, seeds {seeds}, moderate, AP R40; {names[0]} less another")
     for row in rows:
-        first, second, points = (row["r40"][key] for key in ("first", "second", "difference_95"))
-        print(
-            f"{row['class']:<11}{row['iou']} {row['case']:<20} {first:5.1f} {second:5.1f} "
-            f"{first - second:+5.1f} [{points[0]:+.1f}, {points[1]:+.1f}]   by seed "
-            + " ".join(f"{each:+.1f}" for each in row["r40"]["difference_by_seed"])
-            + f"   ({row['all_points']['first']:.1f} {row['all_points']['second']:.1f})"
+        scores = " ".join(f"{name} {score:5.1f}" for name, score in row["r40"]["scores"].items())
+        differences = "  ".join(
+            f"{name} {statistics.fmean(each['by_seed']):+.1f} "
+            f"[{each['interval'][0]:+.1f}, {each['interval'][1]:+.1f}]"
+            for name, each in row["r40"]["differences"].items()
         )
-    settings = {"frames": len(frames), "seeds": seeds[0], "names": list(names)}
-    print_record({**settings, "resamples": resamples, "rows": rows}, seed=0)
+        print(f"{row['class']:<11}{row['iou']} {row['case']:<20} {scores}   {differences}")
+    settings = {"frames": len(frames), "seeds": seeds, "resamples": resamples}
+    print_record({**settings, "rows": rows}, seed=0)
 
 
 def _runs(results: Path, name: str) -> list[Run]:
@@ -143,39 +143,50 @@ def _both(curve: ResampledCurve, weights: ndarray) -> tuple[float, float]:
 def _compare(
     curves: Mapping[tuple[str, int, str], ResampledCurve],
     *,
-    names: Sequence[str],
-    seeds: Sequence[int],
+    seeds: Mapping[str, Sequence[int]],
     cases: Sequence[str],
     resamples: int,
 ) -> list[dict[str, Any]]:
-    """Compare two networks by one class and IoU in every case and in their mean."""
+    """Compare the networks by one class and IoU in every case and in their mean."""
 
-    def scores(weights: ndarray) -> ndarray:
-        """AP R40 and of all points: names x seeds x cases x 2."""
-        values = [
-            [[_both(curves[name, seed, case], weights) for case in cases] for seed in seeds]
-            for name in names
-        ]
-        by_case = np.array(values)
-        return np.concatenate((by_case.mean(axis=2, keepdims=True), by_case), axis=2)
+    def scores(weights: ndarray) -> dict[str, ndarray]:
+        """AP R40 and of all points by network: seeds x (full and cases) x 2."""
+        found = {}
+        for name, of_name in seeds.items():
+            by_case = np.array(
+                [[_both(curves[name, seed, case], weights) for case in cases] for seed in of_name]
+            )
+            found[name] = np.concatenate((by_case.mean(axis=1, keepdims=True), by_case), axis=1)
+        return found
 
+    first, *others = seeds
     valid = next(iter(curves.values())).valid_per_frame
     once = scores(np.ones(len(valid), dtype=np.int64))
-    drawn = np.array([scores(weights) for weights in draw_frames(valid, resamples, 0)])
-    differences = (drawn[:, 0] - drawn[:, 1]).mean(axis=1)
-    low, high = np.percentile(differences, PERCENTILES, axis=0)
-    rows = []
-    for place, case in enumerate((FULL, *cases)):
-        row: dict[str, Any] = {"case": case}
+    drawn = [scores(weights) for weights in draw_frames(valid, resamples, 0)]
+    rows: list[dict[str, Any]] = [{"case": case} for case in (FULL, *cases)]
+    for place, row in enumerate(rows):
         for number, measure in enumerate(("r40", "all_points")):
-            first, second = once[:, :, place, number]
             row[measure] = {
-                "first": statistics.fmean(first),
-                "second": statistics.fmean(second),
-                "difference_95": [float(low[place, number]), float(high[place, number])],
-                "difference_by_seed": (first - second).tolist(),
+                "scores": {
+                    name: float(each[:, place, number].mean()) for name, each in once.items()
+                },
+                "differences": {},
             }
-        rows.append(row)
+    for other in others:
+        common = [seed for seed in seeds[first] if seed in seeds[other]]
+        pairs = [[seeds[name].index(seed) for seed in common] for name in (first, other)]
+
+        def less(found: dict[str, ndarray], other: str = other, pairs: Any = pairs) -> ndarray:  # noqa: ANN401
+            return found[first][pairs[0]] - found[other][pairs[1]]
+
+        by_seed = less(once)
+        low, high = np.percentile([less(each).mean(axis=0) for each in drawn], PERCENTILES, axis=0)
+        for place, row in enumerate(rows):
+            for number, measure in enumerate(("r40", "all_points")):
+                row[measure]["differences"][other] = {
+                    "by_seed": by_seed[:, place, number].tolist(),
+                    "interval": [float(low[place, number]), float(high[place, number])],
+                }
     return rows
 
 

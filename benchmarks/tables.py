@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from benchmarks import table_accuracy, table_board, table_sensors, table_speed
+from benchmarks import table_accuracy, table_board, table_papers, table_sensors, table_speed
 
 ROOT: Final = Path(__file__).parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results"
@@ -55,6 +55,10 @@ TABLES: Final = {
     "yaw": Table(("yaw_error",), table_sensors.yaw),
     "own-sensor": Table(("own_sensor",), table_sensors.own_sensor),
     "sim-or-real": Table(("sim_or_real",), table_sensors.sim_or_real),
+    "gated-fusion-table-1": Table(("gated_fusion_table_1",), table_papers.table_1),
+    "gated-fusion-simulated": Table(("gated_fusion_simulated",), table_papers.fusion_differences),
+    "gated-fusion-width-1": Table(("gated_fusion_full_width",), table_papers.fusion_differences),
+    "gated-fusion-gates": Table(("gated_fusion_table_1",), table_papers.gate_means),
     "time-depth": Table(("depth_completion",), table_speed.depth),
     "time-detection2d": Table(("detection2d",), table_speed.detection2d),
     "time-detection3d": Table(("detection3d",), table_speed.detection3d),
