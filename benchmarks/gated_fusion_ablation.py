@@ -176,11 +176,9 @@ def _compare(
         common = [seed for seed in seeds[first] if seed in seeds[other]]
         pairs = [[seeds[name].index(seed) for seed in common] for name in (first, other)]
 
-        def less(found: dict[str, ndarray], other: str = other, pairs: Any = pairs) -> ndarray:  # noqa: ANN401
-            return found[first][pairs[0]] - found[other][pairs[1]]
-
-        by_seed = less(once)
-        low, high = np.percentile([less(each).mean(axis=0) for each in drawn], PERCENTILES, axis=0)
+        by_seed = once[first][pairs[0]] - once[other][pairs[1]]
+        resampled = [(each[first][pairs[0]] - each[other][pairs[1]]).mean(axis=0) for each in drawn]
+        low, high = np.percentile(resampled, PERCENTILES, axis=0)
         for place, row in enumerate(rows):
             for number, measure in enumerate(("r40", "all_points")):
                 row[measure]["differences"][other] = {

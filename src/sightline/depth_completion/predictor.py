@@ -31,8 +31,8 @@ from sightline.geometry.cloud_checks import (
 )
 from sightline.geometry.given_arrays import given_array, without_masked
 from sightline.geometry.projection import sparse_depth_map
-from sightline.geometry.wrong_types import named_arguments
-from sightline.inference.network import LoadedNetwork, load_network
+from sightline.inference.network import LoadedNetwork
+from sightline.inference.network_predictor import NetworkPredictor
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
@@ -85,7 +85,7 @@ class DepthCompleter(SamplePredictor[DepthMap]):
         return complete_depth(_sparse_depth_of(sample), self.method)
 
 
-class DepthPredictor(SamplePredictor[DepthMap]):
+class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
     """Completes depth with a trained network.
 
     Examples:
@@ -109,49 +109,18 @@ class DepthPredictor(SamplePredictor[DepthMap]):
     needs: ClassVar[tuple[Part, ...]] = ("points",)
     """Required parts of a sample."""
 
-    @named_arguments
-    def __init__(
+    network_task = NETWORK_TASK
+
+    def _start(
         self,
         loaded: LoadedNetwork[DepthCompletionNet],
-        *,
-        engine: EngineChoice = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> None:
-        """Stores a loaded network; use `load` for the name of weights.
-
-        Args:
-            loaded: The network.
-            engine: Engine that runs the network.
-            device: cpu or cuda.
-            threads: Number of CPU threads; None: the engine's default.
-
-        Raises:
-            ValueError: The engine is not installed or cannot run on the device.
-        """
-        self.name = loaded.name
-        self.sha256 = loaded.sha256
+        engine: EngineChoice,
+        device: str,
+        threads: int | None,
+    ) -> EngineName:
         self._network = loaded.network
         self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
-        self.engine: EngineName = self._run.name
-
-    @classmethod
-    def load(
-        cls,
-        weights: str | Path,
-        *,
-        engine: EngineChoice = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> "DepthPredictor":
-        """Creates a predictor from weights by name or from a file.
-
-        Raises:
-            ValueError: As `load_network` and the constructor do.
-        """
-        return cls(
-            load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
-        )
+        return self._run.name
 
     @property
     def estimates_uncertainty(self) -> bool:
@@ -162,11 +131,6 @@ class DepthPredictor(SamplePredictor[DepthMap]):
     def gives(self) -> tuple[str, ...]:
         """Outputs of the task that it predicts."""
         return ("depth", "uncertainty") if self.estimates_uncertainty else ("depth",)
-
-    @property
-    def made_by(self) -> dict[str, str]:
-        """Further entries of a manifest, beside the name."""
-        return {"weights_sha256": self.sha256, "engine": self.engine}
 
     @property
     def has_shift_conv(self) -> bool:

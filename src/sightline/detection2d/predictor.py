@@ -2,7 +2,6 @@
 
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar
 
 from jaxtyping import Float32
@@ -24,9 +23,8 @@ from sightline.detection2d.placement import (
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.checked import checked
-from sightline.geometry.wrong_types import named_arguments
-from sightline.inference.network import LoadedNetwork, load_network
-from sightline.inference.sample_predictor import SamplePredictor
+from sightline.inference.network import LoadedNetwork
+from sightline.inference.network_predictor import NetworkPredictor
 from sightline.structures.predictions import Detections2D
 from sightline.structures.sample import CameraLidarSample
 from sightline.structures.sweep_checks import check_finite_points
@@ -52,7 +50,7 @@ def __getattr__(name: str) -> type[DetectionResult]:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-class DetectionPredictor(SamplePredictor[DetectionResult]):
+class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
     """Detect cars, pedestrians and cyclists with a trained network.
 
     Examples:
@@ -69,51 +67,20 @@ class DetectionPredictor(SamplePredictor[DetectionResult]):
     May be pickled, and called in a forked process.
     """
 
-    @named_arguments
-    def __init__(
+    network_task = NETWORK_TASK
+
+    def _start(
         self,
         loaded: LoadedNetwork[Detector],
-        *,
-        engine: EngineChoice = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> None:
-        """Take a network; `load` takes the name of its weights.
-
-        Args:
-            loaded: The network.
-            engine: Inference engine.
-            device: cpu or cuda.
-            threads: CPU threads; None: the engine's own choice.
-
-        Raises:
-            ValueError: The engine is not installed or cannot run on the device.
-        """
-        self.name = loaded.name
-        self.sha256 = loaded.sha256
+        engine: EngineChoice,
+        device: str,
+        threads: int | None,
+    ) -> EngineName:
         self._config = loaded.network.config
         self._stride = loaded.network.stride
         self._input_names = loaded.network.input_names
         self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
-        self.engine: EngineName = self._run.name
-
-    @classmethod
-    def load(
-        cls,
-        weights: str | Path,
-        *,
-        engine: EngineChoice = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> "DetectionPredictor":
-        """Load weights by name or from a file, and make a predictor.
-
-        Raises:
-            ValueError: See `load_network` and the constructor.
-        """
-        return cls(
-            load_network(NETWORK_TASK, weights), engine=engine, device=device, threads=threads
-        )
+        return self._run.name
 
     @property
     def fusion(self) -> Fusion:
@@ -136,11 +103,6 @@ class DetectionPredictor(SamplePredictor[DetectionResult]):
     def gives(self) -> tuple[str, ...]:
         """Names of the task's outputs that the predictions contain."""
         return ("results", "gates") if self._config.fusion == "gated" else ("results",)
-
-    @property
-    def made_by(self) -> dict[str, str]:
-        """Entries of a manifest besides the name."""
-        return {"weights_sha256": self.sha256, "engine": self.engine}
 
     def predict(self, sample: CameraLidarSample) -> DetectionResult:
         """Detect in a sample.

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 import torch
@@ -17,9 +16,8 @@ from sightline.detection3d.suppression import align
 from sightline.detection3d.sweeps import Sweep, from_kitti_frame, network_sweep, to_kitti_frame
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
-from sightline.geometry.wrong_types import named_arguments
-from sightline.inference.network import LoadedNetwork, load_network
-from sightline.inference.sample_predictor import SamplePredictor
+from sightline.inference.network import LoadedNetwork
+from sightline.inference.network_predictor import NetworkPredictor
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
 
@@ -84,7 +82,7 @@ class StageRunners:
         )
 
 
-class Detection3DPredictor(SamplePredictor[Detections3D]):
+class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
     """Detect road users in LiDAR sweeps with a trained network.
 
     Examples:
@@ -104,53 +102,18 @@ class Detection3DPredictor(SamplePredictor[Detections3D]):
     needs: tuple[Part, ...] = ("points",)
     gives: tuple[str, ...] = ("results",)
 
-    @named_arguments
-    def __init__(
+    network_task = NETWORK_TASK
+
+    def _start(
         self,
         loaded: LoadedNetwork[Detector3D],
-        *,
-        engine: EngineChoice = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> None:
-        """Take a network; `load` takes the name of its weights.
-
-        Args:
-            loaded: The network.
-            engine: Inference engine.
-            device: cpu or cuda.
-            threads: CPU threads; None: the engine's own choice.
-
-        Raises:
-            ValueError: The engine is not installed or cannot run on the device.
-        """
-        self.name = loaded.name
-        self.sha256 = loaded.sha256
+        engine: EngineChoice,
+        device: str,
+        threads: int | None,
+    ) -> EngineName:
         self._config = loaded.network.config
         self._stages = StageRunners(loaded, engine=engine, device=device, threads=threads)
-        self.engine: EngineName = self._stages.engine
-
-    @classmethod
-    def load(
-        cls,
-        weights: str | Path,
-        *,
-        engine: EngineChoice = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> "Detection3DPredictor":
-        """Load weights by name or from a file, and make a predictor.
-
-        Raises:
-            ValueError: See `load_network` and the constructor.
-        """
-        loaded = load_network(NETWORK_TASK, weights)
-        return cls(loaded, engine=engine, device=device, threads=threads)
-
-    @property
-    def made_by(self) -> dict[str, str]:
-        """Entries of a manifest besides the name."""
-        return {"weights_sha256": self.sha256, "engine": self.engine}
+        return self._stages.engine
 
     def predict(self, sample: CameraLidarSample) -> Detections3D:
         """Detect in a sample's sweep; warn if its axes seem wrong for the LiDAR frame.

@@ -97,7 +97,7 @@ def freeze(parameters: Iterable[tuple[str, nn.Parameter]], config: OptimizerConf
     for name, parameter in parameters:
         pattern = _pattern_of(name, config)
         if pattern is not None and config.rate_factors[pattern] == 0:
-            parameter.requires_grad_(requires_grad=False)
+            parameter.requires_grad = False
 
 
 def _pattern_of(name: str, config: OptimizerConfig) -> str | None:
