@@ -5,7 +5,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64
-from scipy.ndimage import gaussian_filter1d
 
 MIN_RINGS: Final = 8
 """Smallest number of rings of a supported LiDAR."""
@@ -194,6 +193,8 @@ def _cluster_centres_deg(
     elevation_deg: Float64[np.ndarray, " num_points"], blur_deg: float
 ) -> Float64[np.ndarray, " num_rings"]:
     """Find elevations of clusters, ascending, separated by valleys of the density."""
+    from scipy.ndimage import gaussian_filter1d  # takes a third of a second
+
     lowest = elevation_deg.min(initial=0.0) - 1
     bins = ((elevation_deg - lowest) / _BIN_DEG).astype(np.int64)
     density = gaussian_filter1d(
