@@ -324,3 +324,13 @@ def test_figures_without_a_gated_network_are_refused_before_work(tmp_path, weigh
     with pytest.raises(ValueError, match=r"the figures show gates; .*--gated.* leave the figures"):
         reproduce_gated_fusion(data, weights, tmp_path / "out", figures=tmp_path / "figures")
     assert not (tmp_path / "out").exists()
+
+
+def test_streams_of_networks_with_joint_maps_are_compared(run):
+    report, _, _ = run
+    recorded = report.to_json()["stream_similarity"]
+    assert recorded.keys() == {"gated", "ones"}
+    for fusion, values in recorded.items():
+        assert tuple(values) == report.systems[fusion].similarity
+        assert all(each is None or 0 <= each <= 1 + 1e-9 for each in values)
+    assert "Similarity of both streams' features" in text(report)

@@ -112,6 +112,8 @@ class SystemScores:
     network: GivenNetwork
     cases: Mapping[str, ClassScores]
     """Results by case."""
+    similarity: tuple[float | None, ...] = ()
+    """Similarity of both streams' features at each fused map; empty without such maps."""
 
     @property
     def full(self) -> ClassScores:
@@ -193,6 +195,11 @@ class GatedFusionReport:
                 },
             },
             "gates": [case.to_json() for case in self.gates] or None,
+            "stream_similarity": {
+                fusion: list(each.similarity)
+                for fusion, each in self.systems.items()
+                if each.similarity
+            },
             "not_measured": self._missing(),
         }
 
@@ -213,6 +220,8 @@ class GatedFusionReport:
         parts: list[RenderableType] = [self._cases_table(), self._peers_table()]
         if self.gates:
             parts.append(self._gates_table())
+        if any(system.similarity for system in self.systems.values()):
+            parts.append(self._similarity_table())
         networks = [each.network for each in self.systems.values()]
         notes = (networks_note(networks), missing_note(self._missing()))
         return Group(*parts, *filter(None, notes))
@@ -278,6 +287,20 @@ class GatedFusionReport:
             for sensor, score in case.scores.items():
                 label = titles[case.case] if sensor == "camera" else ""
                 table.add_row(label, _SENSORS[sensor], *_gate_cells(score))
+        return table
+
+    def _similarity_table(self) -> "Table":
+        compared = {fusion: each for fusion, each in self.systems.items() if each.similarity}
+        num_maps = max(len(each.similarity) for each in compared.values())
+        columns = ("fusion", "network", *(f"map {number + 1}" for number in range(num_maps)))
+        title = (
+            "Similarity of both streams' features at each map, the finest first (linear CKA: 0 "
+            f"unrelated, 1 alike). {self.data}, up to 50 frames"
+        )
+        table = new_table(title, columns, texts=2)
+        for fusion, each in compared.items():
+            cells = ("-" if value is None else f"{value:.2f}" for value in each.similarity)
+            table.add_row(NAMES[fusion], each.network.title, *cells)
         return table
 
     def _setting(self) -> str:

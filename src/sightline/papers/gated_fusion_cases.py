@@ -53,6 +53,7 @@ from sightline.papers.rows import (
     is_published_split,
     open_labelled,
 )
+from sightline.papers.stream_similarity import stream_similarity
 from sightline.robustness.predictions import MethodRun, check_numbers, predict_in_cases
 from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.structures.sample import CameraLidarSample
@@ -148,6 +149,10 @@ class _ResultsAndGates:
         write_results(path, sample, result)
 
 
+SIMILARITY_FRAMES: Final = 50
+"""Largest number of frames over which the streams' features are compared."""
+TWO_STREAMS: Final[tuple[Fusion, ...]] = ("gated", "ones")
+"""Fusion types with a stream for each sensor and joint maps."""
 ONE_SENSOR: Final[tuple[Fusion, ...]] = ("camera", "lidar")
 """Fusion types scored in the clean case only: Table II."""
 
@@ -217,6 +222,9 @@ def reproduce_gated_fusion(
     frame_index = find_frame(dataset, figure_frame)
     detect_in_cases(dataset, systems, out, suite=chosen, seed=seed, workers=workers)
     scores = _score(dataset, systems, out, class_name, overlaps, bootstrap)
+    for fusion in (each for each in TWO_STREAMS if each in weights):
+        similarity = _similarity(weights[fusion], dataset)
+        scores[fusion] = replace(scores[fusion], similarity=similarity)
     gates = _gates(dataset, chosen, out) if "gated" in weights else ()
     if figures is not None and gates:
         gated = next(system.predictor for system in systems if system.fusion == "gated")
@@ -233,6 +241,13 @@ def reproduce_gated_fusion(
         systems=scores,
         gates=gates,
     )
+
+
+def _similarity(weights: str | Path, dataset: KittiObjectDataset) -> tuple[float | None, ...]:
+    network = load_network(NETWORK_TASK, weights).network
+    frames = range(min(len(dataset), SIMILARITY_FRAMES))
+    tracked = track(frames, description="comparing the streams")
+    return stream_similarity(network, (dataset[index] for index in tracked))
 
 
 def _overlaps(class_name: ClassName, iou: float | None) -> MinimumOverlaps:
