@@ -132,7 +132,7 @@ class Comparison:
         errors = [f"mCE, {name}" for name in names[:-1]]
         if len(names) == 2:
             errors = ["mCE of the first"]
-        return TextTable(title="All figures", header=("figure", *header, *errors), rows=tuple(rows))
+        return TextTable(title="All metrics", header=("metric", *header, *errors), rows=tuple(rows))
 
     def _names(self) -> tuple[str, ...]:
         """List names of the methods, numbered if several have the same name."""

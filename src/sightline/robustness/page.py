@@ -76,7 +76,7 @@ def run_page(
             content = _metric_part(lines, metric, measures, healthy)
         parts.append(metric_section(metric.name, content))
     parts += [_READING, _examples(record, out)]
-    parts.append(f"<h2>All figures</h2>{plain_table(metrics_table(record, measured))}")
+    parts.append(f"<h2>All metrics</h2>{plain_table(metrics_table(record, measured))}")
     return whole_page(f"Robustness of {record.method}", "\n".join(parts))
 
 
@@ -113,7 +113,7 @@ def compare_page(
             )
             content += heat_legend() + _charts(lines, metric, None)
         parts.append(metric_section(metric.name, content))
-    parts += [_READING, f"<h2>All figures</h2>{plain_table(table)}"]
+    parts += [_READING, f"<h2>All metrics</h2>{plain_table(table)}"]
     return whole_page(f"{first.method} and {names}", "\n".join(parts))
 
 

@@ -72,9 +72,9 @@ circle.third { fill: var(--third); } circle.fourth { fill: var(--fourth); }
 """
 
 _SCRIPT: Final = """
-const pick = document.getElementById("figure");
-const show = () => document.querySelectorAll("[data-figure]").forEach(
-  part => { part.hidden = part.dataset.figure !== pick.value; });
+const pick = document.getElementById("metric");
+const show = () => document.querySelectorAll("[data-metric]").forEach(
+  part => { part.hidden = part.dataset.metric !== pick.value; });
 pick.addEventListener("change", show); show();
 document.querySelectorAll(".pictures figure").forEach(
   each => each.addEventListener("click", () => each.classList.toggle("large")));
@@ -103,7 +103,7 @@ def whole_page(title: str, body: str) -> str:
 
 
 def metric_picker(titles: dict[str, str]) -> str:
-    """Make a selection of the metric; elements with another data-figure are hidden.
+    """Make a selection of the metric; elements with another data-metric are hidden.
 
     Args:
         titles: Titles of the metrics, by name.
@@ -111,9 +111,9 @@ def metric_picker(titles: dict[str, str]) -> str:
     options = "".join(
         f'<option value="{escape(name)}">{escape(title)}</option>' for name, title in titles.items()
     )
-    return f'<p class="pick"><label>Metric: <select id="figure">{options}</select></label></p>'
+    return f'<p class="pick"><label>Metric: <select id="metric">{options}</select></label></p>'
 
 
 def metric_section(name: str, content: str) -> str:
     """Wrap content that is shown only for the selected metric."""
-    return f'<section data-figure="{escape(name)}">{content}</section>'
+    return f'<section data-metric="{escape(name)}">{content}</section>'

@@ -33,7 +33,7 @@ CSV_NAME: Final = "robustness.csv"
 MARKDOWN_NAME: Final = "robustness.md"
 PAGE_NAME: Final = "report.html"
 
-_COLUMNS = ("case", "kind", "severity", "figure", "unit", "score", "baseline", "gap")
+_COLUMNS = ("case", "kind", "severity", "metric", "unit", "score", "baseline", "gap")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -169,7 +169,7 @@ def metrics_table(
             )
         )
     return TextTable(
-        title="All figures",
-        header=("figure", "clean", "mPC", "mRR", "mCE", "worst case", "smallest gap"),
+        title="All metrics",
+        header=("metric", "clean", "mPC", "mRR", "mCE", "worst case", "smallest gap"),
         rows=tuple(rows),
     )
