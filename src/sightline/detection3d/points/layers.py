@@ -114,7 +114,8 @@ class Neighbourhood(nn.Module):
         values: Tensor = self.rest(self.activate(hidden))
         largest = values.new_zeros(batch * num_centers, values.shape[1])
         places = center[:, None].expand_as(values)
-        largest = largest.scatter_reduce(0, places, values, "amax", include_self=False)
+        # rectified values are at least 0; leaving these zeros out would double the gradient's time
+        largest = largest.scatter_reduce(0, places, values, "amax")
         return largest.reshape(batch, num_centers, values.shape[1])
 
     def find(
