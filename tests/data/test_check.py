@@ -86,7 +86,7 @@ def test_a_folder_without_frames_is_one_problem(tmp_path, content):
             (tmp_path / "training" / folder).mkdir(parents=True)
     (line,) = lines(tmp_path)
     assert line.startswith(f"{tmp_path}: is no data set, expected a recording")
-    assert "give the folder of such a data set" in line
+    assert "give the folder of such a data set, or make yours a recording" in line
     assert summarize_tree(tmp_path) == ()
 
 

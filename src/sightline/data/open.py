@@ -9,6 +9,7 @@ from torch.utils.data import Dataset
 
 from sightline.data.entry_checks import check_sample_frames, warn_of_unread_files
 from sightline.data.frame_checks import (
+    Findings,
     examine_depth_frame,
     examine_drive_frame,
     examine_object_frame,
@@ -21,6 +22,7 @@ from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import (
     DepthFrame,
     DriveSplit,
+    ObjectFrame,
     Part,
     SelectedSplit,
     Velodyne,
@@ -64,6 +66,18 @@ class SampleDataset(Protocol):
 
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Reads a sample."""
+
+
+@runtime_checkable
+class ExaminedDataset(SampleDataset, Protocol):
+    """Data set that lists the files of its samples, and examines them without a sample."""
+
+    @property
+    def frames(self) -> Sequence[ObjectFrame]:
+        """Files of the samples, in the order of `sample_ids`."""
+
+    def examine(self, frame: ObjectFrame) -> Findings:
+        """Finds the faults of a frame's files."""
 
 
 class NamedSubset(Dataset[CameraLidarSample]):
@@ -209,8 +223,9 @@ def _check_samples(dataset: SampleDataset, path: Path, parts: Collection[Part]) 
     chosen = dataset.positions if isinstance(dataset, NamedSubset) else range(len(dataset))
     if isinstance(whole, KittiObjectDataset):
         check_sample_frames(path, whole.frames, examine_object_frame, parts)
-    elif isinstance(whole, RecordingDataset):
-        check_sample_frames(path, whole.frames, whole.examine, parts)
+    elif isinstance(whole, ExaminedDataset):
+        listed = [whole.frames[place] for place in chosen]
+        check_sample_frames(path, listed, whole.examine, parts)
     elif isinstance(whole, KittiDepthDataset):
         frames = [whole.frames[place] for place in chosen]
         check_sample_frames(path, frames, examine_depth_frame, parts)
@@ -226,8 +241,8 @@ def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
     if isinstance(dataset, NamedSubset):
         return has_file(dataset.dataset, dataset.positions[index], part)
     assert isinstance(
-        dataset, KittiObjectDataset | RecordingDataset | KittiDepthDataset | KittiRawDrive
-    ), "open_dataset gives no other"
+        dataset, ExaminedDataset | KittiObjectDataset | KittiDepthDataset | KittiRawDrive
+    ), f"{type(dataset).__name__} lists no files: it needs `frames` and `examine`"
     frame = dataset.frames[index]
     in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
     return getattr(frame, in_frame, None) is not None

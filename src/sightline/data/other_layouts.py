@@ -64,7 +64,7 @@ def no_data_set(path: Path) -> Problem:
     return Problem(
         path=path,
         problem=f"is no data set, expected {_EXPECTED}",
-        remedy="give the folder of such a data set",
+        remedy="give the folder of such a data set, or make yours a recording (docs/recordings.md)",
     )
 
 

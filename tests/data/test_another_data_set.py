@@ -1,0 +1,119 @@
+"""A layout that Sightline does not know: converted by the documents' script, or read by a class."""
+
+import gzip
+import json
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from sightline.data import open as open_module
+from sightline.data.check import check_tree
+from sightline.data.frame_checks import Findings, examine_image
+from sightline.data.image_file import read_rgb, write_rgb
+from sightline.data.kitti_trees import ObjectFrame
+from sightline.data.open import has_file, open_dataset
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.sample import CameraLidarSample
+
+PAGE = Path(__file__).parents[2] / "docs" / "recordings.md"
+SCRIPT = re.findall(
+    r"```python\n(.*?)```", PAGE.read_text().partition("\n## Another data set\n")[2], re.DOTALL
+)[0]
+
+
+def as_pose(matrix):
+    turn = Rotation.from_matrix(matrix[:3, :3]).as_quat()
+    place = dict(zip("xyz", matrix[:3, 3].tolist(), strict=True))
+    return {"heading": dict(zip("xyzw", turn.tolist(), strict=True)), "position": place}
+
+
+def write_other_layout(folder):
+    """JPEG images, gzipped pickles of clouds in the world's frame, poses in JSON."""
+    camera, lidar = folder / "camera" / "front_camera", folder / "lidar"
+    camera.mkdir(parents=True)
+    lidar.mkdir()
+    poses = {camera: [], lidar: []}
+    for index, sample in enumerate(open_dataset(PACKAGED_FRAMES)):
+        world_from_lidar = np.eye(4)
+        world_from_lidar[:3, :3] = Rotation.from_euler("z", 0.3 + index).as_matrix()
+        world_from_lidar[:3, 3] = 100 + index, -20, 3
+        cloud = sample.points.double().numpy()
+        cloud[:, :3] = cloud[:, :3] @ world_from_lidar[:3, :3].T + world_from_lidar[:3, 3]
+        cloud[:, 3] *= 255
+        (lidar / f"{index:02}.pkl.gz").write_bytes(gzip.compress(pickle.dumps(cloud)))
+        write_rgb(camera / f"{index:02}.jpg", sample.image.permute(1, 2, 0).numpy())
+        camera_from_lidar = sample.calibration.camera_from_lidar.numpy()
+        poses[lidar].append(as_pose(world_from_lidar))
+        poses[camera].append(as_pose(world_from_lidar @ np.linalg.inv(camera_from_lidar)))
+    for place, listed in poses.items():
+        (place / "poses.json").write_text(json.dumps(listed))
+    k = sample.calibration.image_from_camera
+    pixels = {"fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]}
+    text = json.dumps({name: float(value) for name, value in pixels.items()})
+    (camera / "intrinsics.json").write_text(text)
+
+
+def test_the_script_of_the_documents_writes_a_recording_of_the_same_frames(tmp_path, monkeypatch):
+    write_other_layout(tmp_path / "001")
+    monkeypatch.chdir(tmp_path)
+    exec(SCRIPT, {})
+    assert list(check_tree("drive")) == []
+    written = open_dataset("drive")
+    assert written.sample_ids == ("00", "01")
+    for found, true in zip(written, open_dataset(PACKAGED_FRAMES), strict=True):
+        torch.testing.assert_close(found.points, true.points, atol=1e-4, rtol=0)
+        torch.testing.assert_close(
+            found.calibration.camera_from_lidar, true.calibration.camera_from_lidar
+        )
+        assert found.image_size == true.image_size
+
+
+def test_an_unknown_layout_names_the_way_to_convert_it(tmp_path):
+    write_other_layout(tmp_path)
+    with pytest.raises(ValueError, match=r"or make yours a recording \(docs/recordings.md\)"):
+        open_dataset(tmp_path)
+
+
+class SmallestDataset:
+    """All that `open_dataset` and the commands need of a data set."""
+
+    def __init__(self, folder):
+        images = sorted(folder.glob("*.png"))
+        self.frames = tuple(ObjectFrame(sample_id=each.stem, image=each) for each in images)
+
+    @property
+    def sample_ids(self) -> tuple[str, ...]:
+        return tuple(frame.sample_id for frame in self.frames)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        frame = self.frames[index]
+        return CameraLidarSample.from_arrays(
+            open_dataset(PACKAGED_FRAMES)[0].calibration,
+            image=read_rgb(frame.image),
+            sample_id=frame.sample_id,
+        )
+
+    def examine(self, frame: ObjectFrame) -> Findings:
+        found = Findings()
+        examine_image(frame.image, found)
+        return found
+
+
+def test_a_class_of_the_protocol_is_opened_and_its_first_frames_are_checked(tmp_path, monkeypatch):
+    for name in ("a", "b"):
+        write_rgb(tmp_path / f"{name}.png", np.zeros((375, 1242, 3), np.uint8))
+    monkeypatch.setattr(open_module, "_open_drive", lambda path, *_, **__: SmallestDataset(path))
+    with pytest.warns(UserWarning, match="images have a single colour") as warned:
+        dataset = open_dataset(tmp_path, sample_list=["b"])
+    assert len(warned) == 1
+    assert dataset[0].sample_id == "b"
+    assert has_file(dataset, 0, "image")
+    assert not has_file(dataset, 0, "points")
