@@ -161,6 +161,8 @@ def _compare(
 
     first, *others = seeds
     valid = next(iter(curves.values())).valid_per_frame
+    if not valid.any():  # no such object
+        return []
     once = scores(np.ones(len(valid), dtype=np.int64))
     drawn = [scores(weights) for weights in draw_frames(valid, resamples, 0)]
     rows: list[dict[str, Any]] = [{"case": case} for case in (FULL, *cases)]

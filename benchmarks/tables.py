@@ -57,6 +57,10 @@ TABLES: Final = {
     "sim-or-real": Table(("sim_or_real",), table_sensors.sim_or_real),
     "gated-fusion-table-1": Table(("gated_fusion_table_1",), table_papers.table_1),
     "gated-fusion-simulated": Table(("gated_fusion_simulated",), table_papers.fusion_differences),
+    "gated-fusion-sample-train": Table(
+        ("gated_fusion_sample_train",), table_papers.fusion_differences
+    ),
+    "gated-fusion-sample-val": Table(("gated_fusion_sample_val",), table_papers.fusion_differences),
     "gated-fusion-width-1": Table(("gated_fusion_full_width",), table_papers.fusion_differences),
     "gated-fusion-gates": Table(("gated_fusion_table_1",), table_papers.gate_means),
     "time-depth": Table(("depth_completion",), table_speed.depth),

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sightline.depth_completion.config import ShiftConvConfig
-from sightline.depth_completion.shift_conv import ShiftConv, ShiftConvBranch
+from sightline.depth_completion.shift_conv import ShiftConv, ShiftConvBranch, translate
 from tests.reference import shift_conv as reference
 
 
@@ -38,6 +38,7 @@ def test_a_layer_shifts_each_channel_by_its_group_and_mixes_them(
     expected = reference.mix(reference.shift(maps[0].tolist(), shift_px), weights.tolist())
     mixed = layer_with_weights(weights, shift_px)(maps)[0]
     assert mixed.tolist() == expected
+    assert translate(maps, shift_px)[0].tolist() == reference.shift(maps[0].tolist(), shift_px)
 
 
 @given(seed=st.integers(0, 2**32 - 1), shift_px=st.sampled_from([1, 2, 4]))

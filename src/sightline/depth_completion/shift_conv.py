@@ -47,7 +47,7 @@ class ShiftConv(nn.Module):
         """Shifts, mixes, and with `norm` applies BatchNorm and ReLU."""
         shift = self.shift_px
         if maps.is_cuda:  # its depthwise convolutions with dilation or in bfloat16 are slow
-            shifted = _translate(maps, shift)
+            shifted = translate(maps, shift)
         else:
             kernels = self.shift_kernels.to(maps.dtype)
             shifted = F.conv2d(
@@ -57,10 +57,10 @@ class ShiftConv(nn.Module):
         return mixed
 
 
-def _translate(
+def translate(
     maps: Float[Tensor, "batch channels height width"], shift_px: int
 ) -> Float[Tensor, "batch channels height width"]:
-    """Translate each group's channels by slicing."""
+    """Translates the channels as `ShiftConv` does, by slices of the padded map."""
     height, width = maps.shape[2:]
     padded = F.pad(maps, (shift_px,) * 4)
     groups = []
