@@ -35,8 +35,8 @@ _MIN_CENTRE_SHARES: Final = (0.3, 0.2)
 """Smallest shares of width and height from an edge to the principal point; KITTI's have 0.48 and
 0.46, nuScenes' 0.48 and 0.42, KITTI's depth benchmark, cropped at the top, 0.49 and 0.42."""
 _CENTRAL_SHARE: Final = 0.1
-"""Largest distance of the principal point from the middle, as a share of the width, of an image that
-has been cropped or extended at its top or bottom only."""
+"""Largest distance of the principal point from the middle, as a share of the width, of an image
+that has been cropped or extended at its top or bottom only."""
 _OTHER_RESOLUTION = 1.35  # ratio of the image's middle and the principal point, similar in x and y
 _SIMILAR_RATIO = 1.2
 _LIDAR_DIRECTIONS = ("forward", "left", "up")

@@ -18,7 +18,8 @@ _FITTED_SIZE: Final = (375, 1242)
 """Height, width [px] of the images that the included limits were fitted on, simulated as KITTI's:
 they show 14 degrees above the horizon."""
 _OTHER_SIZE: Final = 1.1
-"""Ratio of heights or widths from which images show another part of the street: 352 x 1216 do not."""
+"""Ratio of heights or widths from which images show another part of the street; images of
+352 x 1216 do not."""
 _EXPECTED_BAD_SHARE: Final = 0.05  # of sound frames of the fitted size, with room for few frames
 
 
@@ -55,9 +56,7 @@ def doubts(
     return tuple(doubtful)
 
 
-def _doubt_of_size(
-    frames: Sequence[FrameHealth], image_size: tuple[int, int] | None
-) -> list[str]:
+def _doubt_of_size(frames: Sequence[FrameHealth], image_size: tuple[int, int] | None) -> list[str]:
     if image_size is None:
         return []
     pairs = list(zip(image_size, _FITTED_SIZE, strict=True))
