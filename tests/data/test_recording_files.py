@@ -4,6 +4,7 @@ import shutil
 import pytest
 
 from sightline.data.check import check_tree
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.open import open_dataset
 from sightline.data.recording_files import read_times
 from sightline.files.problem import FileError
@@ -143,3 +144,13 @@ def test_hidden_files_of_a_sensor_are_counted(tmp_path):
         open_dataset(tmp_path)
     (problem,) = check_tree(tmp_path)
     assert problem.path == tmp_path / "points"
+
+
+@pytest.mark.parametrize("name", [" a", "a ", "a\\b", "a\nb"])
+def test_check_and_opening_refuse_the_names_that_lists_of_frames_refuse(tmp_path, name):
+    write_recording(tmp_path, (name, "c"))
+    with pytest.raises(FileError, match="has 1 frames with names that are no plain file names"):
+        open_dataset(tmp_path)
+    assert "no plain file names" in str(next(check_tree(tmp_path)))
+    with pytest.raises(FileError, match="expected a relative path of plain names"):
+        read_sample_list([name], tmp_path)
