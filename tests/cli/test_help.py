@@ -49,3 +49,12 @@ def test_help_shows_no_python_types(command, capsys):
     assert "(required, type: path)" in printed
     for word in ("class '", "Optional[", "Literal[", "null", "()"):
         assert word not in printed
+
+
+@pytest.mark.parametrize("arguments", [("check",), ("fit", "--config", "depth-shiftconv-kitti")])
+def test_help_holds_no_control_characters(arguments, capsys):
+    with pytest.raises(SystemExit):
+        main([*arguments, "--help"])
+    printed = capsys.readouterr().out
+    assert "--print_config[=flags]" in printed
+    assert printed.replace("\n", "").isprintable()

@@ -111,6 +111,29 @@ def test_a_change_to_all_clouds_is_told_with_its_remedy(tmp_path, change, said):
     assert said in problem
 
 
+@pytest.mark.parametrize(("step", "said"), [(1, "previous"), (-1, "next")])
+@pytest.mark.parametrize("drive_m", [None, 1.5])  # other streets, or one drive
+def test_clouds_of_the_neighbouring_frame_are_told(tmp_path, step, said, drive_m):
+    frames = [
+        ObjectFrame(sample_id=str(number), points=tmp_path, calibration=tmp_path, objects=tmp_path)
+        for number in range(12)
+    ]
+
+    def read(frame):
+        number = int(frame.sample_id)
+        if drive_m is None:
+            return replace(scene(number + 1), points=scene(number + 1 + step).points)
+        sweep = scene(7, num_objects=12)
+        camera_moved = np.array([0, 0, -drive_m * number])
+        objects = replace(sweep.objects, locations=sweep.objects.locations + camera_moved)
+        lidar_moved = np.float32([-drive_m * (number + step), 0, 0, 0])
+        return replace(sweep, objects=objects, points=sweep.points + lidar_moved)
+
+    problems = check_label_alignment(frames, read)
+    assert f"fit the clouds of the {said} frame better than their own" in problems[0].problem
+    assert "shifted by one frame" in problems[0].remedy
+
+
 @pytest.mark.parametrize(
     ("write", "said"),
     [

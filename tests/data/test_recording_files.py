@@ -1,8 +1,10 @@
+import re
 import shutil
 
 import pytest
 
 from sightline.data.check import check_tree
+from sightline.data.frame_lists import read_sample_list
 from sightline.data.open import open_dataset
 from sightline.data.recording_files import read_times
 from sightline.files.problem import FileError
@@ -21,6 +23,9 @@ from tests.data.recordings import write_recording
         ("a 1\x0cb 2\n", "line 1 holds invisible characters"),
         ("a\u00a01\n", "line 1 holds invisible characters"),
         ("a 1_0\n", "value 1 is '1_0'"),
+        ("a 1700000000000\n", "is no time in seconds, probably in milliseconds"),
+        ("a 1700000000000000\n", "is no time in seconds, probably in microseconds"),
+        ("a 1700000000000000000\n", "is no time in seconds, probably in nanoseconds; divide"),
     ],
 )
 def test_times_that_cannot_be_read_are_one_line_in_check_and_on_opening(tmp_path, text, said):
@@ -82,3 +87,70 @@ def test_files_that_belong_to_no_frame_are_told_by_check_and_on_opening(tmp_path
     open_dataset(tmp_path)
     warned = "\n".join(str(warning.message) for warning in recwarn)
     assert all(str(problem) in warned for problem in problems)
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        ((0, 0.1, 0.2, 0.3), None),
+        ((0, 0.1, 0.2, 1.5), None),
+        ((0, 10, 20, 30), None),
+        ((0, 0.1, 30.1, 30.2), "has a gap of 30 s between b and c; other frames are 0.1 s apart"),
+        ((0, 40, 40.1, 80), "so its times are probably in milliseconds"),
+        ((0, 100_000, 200_000, 300_000), "100000 s apart, so its times are .* in microseconds"),
+        ((0, 1e8, 2e8, 3e8), "so its times are probably in nanoseconds"),
+    ],
+)
+def test_gaps_and_other_units_of_times_are_told(tmp_path, times, said):
+    write_recording(tmp_path, "abcd")
+    lines = [f"{name} {time}" for name, time in zip("abcd", times, strict=True)]
+    (tmp_path / "times.txt").write_text("\n".join(lines))
+    problems = [str(each) for each in check_tree(tmp_path) if each.path.name == "times.txt"]
+    assert len(problems) == (said is not None)
+    if said is not None:
+        assert re.search(said, problems[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("calib.yaml", r"calib.yaml: is not read: .*; rename it to calibration.yaml"),
+        ("calibration_old.json", r"calibration_old.json: is not read"),
+        ("times.csv", r"times.csv: is not read: .*; convert it to times.txt"),
+        ("timestamps.txt", r"timestamps.txt: is not read: .*; rename it to times.txt"),
+    ],
+)
+def test_calibrations_and_times_of_another_name_are_told(tmp_path, name, said):
+    write_recording(tmp_path, ("a", "b"))
+    (tmp_path / name).write_text("a 1\nb 2\n")
+    with pytest.warns(UserWarning, match=said):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert re.search(said, str(problem))
+
+
+def test_a_recording_whose_only_calibration_has_another_name_is_told_to_rename_it(tmp_path):
+    write_recording(tmp_path, ("a",))
+    (tmp_path / "calibration.yaml").rename(tmp_path / "calib.yaml")
+    with pytest.raises(ValueError, match=r"calib.yaml.* is not read: .*rename it to calibration"):
+        open_dataset(tmp_path)
+
+
+def test_hidden_files_of_a_sensor_are_counted(tmp_path):
+    write_recording(tmp_path, ("a", "b"), cloud=".npy")
+    for name in (".c.npy", ".d.npy", "._a.npy", ".DS_Store"):
+        (tmp_path / "points" / name).write_bytes(b"")
+    with pytest.warns(UserWarning, match=r"2 hidden files that are not read, such as .c.npy"):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert problem.path == tmp_path / "points"
+
+
+@pytest.mark.parametrize("name", [" a", "a ", "a\\b", "a\nb"])
+def test_check_and_opening_refuse_the_names_that_lists_of_frames_refuse(tmp_path, name):
+    write_recording(tmp_path, (name, "c"))
+    with pytest.raises(FileError, match="has 1 frames with names that are no plain file names"):
+        open_dataset(tmp_path)
+    assert "no plain file names" in str(next(check_tree(tmp_path)))
+    with pytest.raises(FileError, match="expected a relative path of plain names"):
+        read_sample_list([name], tmp_path)

@@ -193,6 +193,32 @@ def test_2d_boxes_alone_are_judged_by_the_image(convert, expected):
     assert expected in doubt
 
 
+@pytest.mark.parametrize(
+    ("attribute", "value", "said"),
+    [
+        ("dimensions_hwl", 0.0, "a 3D box with a size of 0 or less: write the sizes, or -1000"),
+        ("dimensions_hwl", -1.0, "a 3D box with a size of 0 or less"),
+        ("dimensions_hwl", 3880.0, "a 3D box with a size above 60 m"),
+        ("locations", 1e39, "a 3D box more than 600 m away"),
+    ],
+)
+def test_a_single_impossible_value_is_told(attribute, value, said):
+    first, *others = FRAMES
+    values = getattr(first, attribute).copy()
+    values[0, -1] = value
+    (doubt,) = doubts_about_results([replace(first, **{attribute: values}), *others])
+    assert doubt.startswith(f"1 of {6 * len(FRAMES)} results of scored classes has {said}")
+
+
+def test_a_single_2d_box_far_beyond_the_image_is_told():
+    first, *others = FRAMES
+    boxes2d = first.boxes2d.copy()
+    boxes2d[0, 2] = 99999
+    (doubt,) = doubts_about_results([replace(first, boxes2d=boxes2d), *others])
+    assert doubt.startswith("1 of 72 2D boxes of results ends far beyond KITTI's images")
+    assert doubt.endswith("at up to 99999 px.")
+
+
 def test_negative_scores_that_rise_with_the_height_raise_no_doubt():
     frames = [exact(each) for each in FRAMES]
     logarithms = [

@@ -181,6 +181,16 @@ def test_results_without_any_detection_are_told_not_shown_as_an_empty_table(stre
     assert "nothing was found in any frame" in capsys.readouterr().out
 
 
+def test_results_with_placeholders_for_2d_boxes_are_not_called_none(street, capsys):
+    line = "Car -1 -1 -10 -1 -1 -1 -1 1.5 1.6 3.9 1 1.6 20 0.1 0.9\n"
+    for path in street.results_dir.iterdir():
+        path.write_text(line)
+    Console(width=200).print(evaluate_calibration(street).table())
+    printed = capsys.readouterr().out
+    assert "nothing was found" not in printed
+    assert "results is of a class and has values that bbox measures" in " ".join(printed.split())
+
+
 def test_scores_that_are_no_probabilities_are_refused(tmp_path):
     folders = write_frames(tmp_path, random_street(1, 3))
     data = ScoredFrames(results_dir=folders[0], labels_dir=folders[1])

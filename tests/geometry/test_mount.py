@@ -134,8 +134,29 @@ def test_what_looks_ahead_or_stands_on_its_head_is_left_alone():
 
 
 @pytest.mark.parametrize(
-    ("x_px", "y_px", "is_told"), [(620, 190, False), (250, 190, True), (620, 50, True)]
+    ("x_px", "y_px", "is_told"),
+    [(620, 190, False), (250, 190, True), (620, 340, True), (400, 50, True), (1000, 50, True)],
 )
 def test_a_principal_point_far_from_the_centre_is_told(x_px, y_px, is_told):
     camera = np.array([[720.0, 0, x_px], [0, 720.0, y_px], [0, 0, 1]])
     assert (off_centre_doubt(camera, (375, 1242)) is not None) == is_told
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "principal_px", "size"),
+    [
+        (721.5, (308.6, -10.1), (192, 640)),  # only the road is in view
+        (720.0, (620.0, 50.0), (375, 1242)),
+        (721.5, (949.0, 878.0), (1080, 1920)),  # most of it is sky
+    ],
+)
+def test_a_crop_or_an_extension_at_the_top_is_not_doubted(focal_px, principal_px, size):
+    x, y = principal_px
+    camera = np.array([[focal_px, 0, x], [0, focal_px, y], [0, 0, 1]])
+    assert off_centre_doubt(camera, size) is None
+
+
+@pytest.mark.parametrize("size", [(500, 1920), (640, 640), (480, 640), (600, 800), (1080, 800)])
+def test_images_cropped_or_resized_without_their_matrix_are_told(size):
+    camera = np.array([[1100.0, 0, 959.5], [0, 1100.0, 539.5], [0, 0, 1]])  # of 1080 x 1920
+    assert resolution_doubt(camera, size) or off_centre_doubt(camera, size)

@@ -7,6 +7,7 @@ from sightline.geometry.road_height import (
     describe_lowness,
     drive_height_m,
     lidar_pose,
+    mount_doubts,
     road_height_m,
     road_plane,
     upright_turn,
@@ -119,3 +120,11 @@ def test_a_height_of_points_in_feet_is_doubted_and_an_origin_on_the_road_is_not(
     height_m, is_doubted
 ):
     assert ("in feet" in describe_lowness(height_m)) == is_doubted
+
+
+@pytest.mark.parametrize(
+    ("error_m", "is_doubted"), [(0.0, False), (0.1, False), (0.3, True), (-0.3, True), (0.5, True)]
+)
+def test_a_given_height_is_doubted_from_a_quarter_of_a_metre(error_m, is_doubted):
+    points = road(np.random.default_rng(0), height_m=1.73, slope_x=0.0, slope_y=0.0)
+    assert bool(mount_doubts([points], 1.73 + error_m, None)) == is_doubted

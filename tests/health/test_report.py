@@ -73,3 +73,22 @@ def test_limits_and_warnings_are_in_the_file():
     content = report.to_json()
     assert (content["limits"], content["warnings"]) == ({"camera": "of mine"}, ["short"])
     assert report.notes == ("camera judged by limits: of mine", "short")
+
+
+@pytest.mark.parametrize(
+    ("size", "num_bad", "is_told"),
+    [((1080, 1920), 3, True), ((352, 1216), 3, False), ((1080, 1920), 0, False), (None, 3, False)],
+)
+def test_bad_images_of_another_size_than_the_fitted_ones_make_the_limits_doubtful(
+    size, num_bad, is_told
+):
+    sound = replace(FRAME.health, lidar=SOUND)
+    bad = replace(sound, camera=Health(score=0.3, worst_check="lifted"))
+    healths = [bad] * num_bad + [sound] * 7
+    frames = [replace(FRAME, health=health) for health in healths]
+    told = doubts(frames, size)
+    assert bool(told) == is_told
+    if is_told:
+        assert "3 of 10 images are bad by 'lifted' (3)" in told[0]
+        assert "fitted on simulated images of 375x1242" in told[0]
+        assert "--fit-first 30" in told[0]

@@ -121,3 +121,17 @@ def test_a_predictor_that_was_used_can_be_used_in_a_forked_process(predictors, s
     finally:
         process.kill()
         process.join()
+
+
+def test_tensors_without_values_or_with_gradients_are_refused_by_their_name(predictors, samples):
+    sample = samples[0]
+    for predictor in predictors:
+        for changed, said in (
+            (
+                sample.points.clone().requires_grad_(),
+                "requires gradients, .* give points.detach\\(\\)",
+            ),
+            (sample.points.to("meta"), "is on PyTorch's device meta and has no values; give data"),
+        ):
+            with pytest.raises(ValueError, match=f"points of sample 000000 {said}"):
+                predictor([sample, replace(sample, points=changed)])

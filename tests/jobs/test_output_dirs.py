@@ -15,7 +15,7 @@ from sightline.jobs.output_dirs import (
     claim_folders,
     read_claim,
 )
-from sightline.jobs.run import run_job, shard
+from sightline.jobs.run import LEAVE_OUT, run_job, shard
 
 SETTINGS = {"task": "toy", "seed": 3, "size": (2, 4)}
 
@@ -164,8 +164,17 @@ def test_a_file_is_created_once(tmp_path, monkeypatch, has_hard_links):
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_job_ends_at_the_first_piece_that_fails_by_its_name(tmp_path, workers):
-    with pytest.raises(ValueError, match=r"^note 3: is at fault; leave it out$"):
-        run_job([Note(tmp_path, number) for number in range(6)], workers, description="noting")
+    message = (
+        r"^note 3: is at fault; leave it out\. 3 of 6 are done and stay, 3 are left: correct this "
+        r"one and run the same again, or leave it out by a sample_list of the others$"
+    )
+    with pytest.raises(ValueError, match=message):
+        run_job(
+            [Note(tmp_path, number) for number in range(6)],
+            workers,
+            description="noting",
+            leave_out=LEAVE_OUT,
+        )
     assert {"0.txt", "1.txt", "2.txt"} <= {path.name for path in tmp_path.iterdir()}
 
 

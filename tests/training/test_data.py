@@ -12,6 +12,7 @@ from sightline.training.data import PreparedSamples
 from sightline.training.sampling import ScoringBatches, TrainingBatches
 from sightline.training.sources import SourceConfig
 from tests.data import trees
+from tests.data.recordings import write_recording
 from tests.training import toy
 
 sizes = st.fixed_dictionaries(
@@ -152,6 +153,16 @@ def test_no_frame_is_both_trained_and_validated_on_however_its_folder_is_named(
     ]
     assert [len(each) for each in names] == [8, 1]
     assert names[0].isdisjoint(names[1])
+
+
+def test_a_doubt_about_data_that_are_used_twice_is_told_once(tmp_path):
+    write_recording(tmp_path, ("a", "b", "c"), lidar_height_m=2.31)
+    source = SourceConfig(path=tmp_path)
+    data = toy.data(tmp_path, training=(source,), validation=(source,), test=(source,))
+    with pytest.warns(UserWarning, match=r"lidar_height_m is 2.31") as told:
+        loaders = (data.train_dataloader(), data.val_dataloader(), data.test_dataloader())
+    assert len(loaders) == 3
+    assert len(told) == 1
 
 
 def test_repeats_do_not_count_outside_of_training(frames):

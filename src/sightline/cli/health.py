@@ -75,10 +75,12 @@ def health(
     samples = (dataset[index] for index in range(len(dataset)))
     tracked = track(samples, description="checking sensors", total=len(dataset))
     frames = tuple(monitor(sample) for sample in tracked)
+    own_limits = limits is not None or fit_first is not None
+    size = None if own_limits or not len(dataset) else dataset[0].image_size
     report = HealthReport(
         frames=frames,
         limits={"camera": chosen.camera, "lidar": chosen.lidar},
-        warnings=(*chosen.warnings, *(doubts(frames) if limits is None else ())),
+        warnings=(*chosen.warnings, *(doubts(frames, size) if limits is None else ())),
     )
     if picture is not None:
         write_rgb(picture, draw_health(report.frames, report.notes))

@@ -8,12 +8,18 @@ from typing import Any, Final, Literal, Union, get_args, get_origin
 
 from jsonargparse import ActionYesNo, DefaultHelpFormatter
 
+from sightline.files.settings import without_backspaces
+
 _WORDS: Final = {Path: "path", str: "text", int: "whole number", float: "number"}
 _NO_DEFAULT: Final = re.compile(r"(, )?default: %\(default\)s")
 
 
 class PlainHelpFormatter(DefaultHelpFormatter):
     """Formatter that names types in words, and no default where it is None."""
+
+    def format_help(self) -> str:
+        """Format the help, without the backspaces that jsonargparse has in --print_config."""
+        return without_backspaces(super().format_help())
 
     def _get_type_str(self, action: Action) -> str | None:
         """Name the type of an argument's values; None: no type is printed."""

@@ -1,13 +1,12 @@
 """Output of the commands; names of files and folders are escaped for the terminal."""
 
-import re
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from sightline.files.problem import escaped, plain_line
+from sightline.files.problem import escaped, kind_of_message, plain_line
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType
@@ -82,8 +81,7 @@ def gathered_warnings() -> Iterator[None]:
         finally:
             first: dict[str, list[str]] = {}
             for message in dict.fromkeys(str(each.message) for each in caught):
-                kind = re.sub(r"\d+", "", message.partition(": ")[2] or message)
-                first.setdefault(kind, []).append(message)
+                first.setdefault(kind_of_message(message), []).append(message)
             for alike in first.values():
                 more = f" ({len(alike)} like it)" if len(alike) > 1 else ""
                 warn(f"warning: {alike[0]}{more}")

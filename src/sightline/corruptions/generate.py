@@ -31,7 +31,7 @@ from sightline.jobs.output_dirs import (
     data_change_error,
     data_name,
 )
-from sightline.jobs.run import JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import SENSOR_FIELDS
 
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")
@@ -204,7 +204,12 @@ def corrupt_dataset(
         works.append(_FrameWork(dataset, index, originals[name], seed, pending))
     for tree in trees:
         tree.link_lists(dataset.root)
-    run_job([work for work in works if work.pending], workers, description=f"corrupting by {suite}")
+    run_job(
+        [work for work in works if work.pending],
+        workers,
+        description=f"corrupting by {suite}",
+        leave_out=LEAVE_OUT,
+    )
     written = sum(len(work.pending) for work in works)
     return JobResult(written=written, skipped=len(works) * len(requested) - written)
 

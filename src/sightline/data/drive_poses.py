@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 from datetime import datetime
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import Float64
 
 from sightline.data.kitti_calibration import read_rigid_transform
 from sightline.data.kitti_trees import DriveFiles
+from sightline.data.recording_files import doubtful_steps
 from sightline.files.plain_text import REMEDY, parse_numbers, read_text, shortened
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.rotations import rotation_fault
@@ -114,15 +116,21 @@ def check_drive_times(files: DriveFiles) -> list[Problem]:
 
 
 def drive_times_doubt(files: DriveFiles, times: Sequence[float]) -> Problem | None:
-    """Problem of a raw drive whose times do not rise from frame to frame; None: they do.
+    """Problem of a raw drive whose times do not rise from frame to frame, or have gaps; else None.
 
     Args:
         files: Files of the drive, with timestamps.
         times: Result of `drive_times`.
     """
     not_rising = [place for place in range(1, len(times)) if times[place] <= times[place - 1]]
-    if files.timestamps is None or not not_rising:
+    if files.timestamps is None:
         return None
+    if not not_rising:
+        names = [frame.sample_id for frame in files.frames]
+        steps = doubtful_steps(list(zip(names, map(Decimal, times), strict=True)))
+        if steps is None:
+            return None
+        return Problem(path=files.timestamps, problem=steps[0], remedy=steps[1])
     return Problem(
         path=files.timestamps,
         problem=f"has times that do not rise from frame to frame: {len(not_rising)} of "

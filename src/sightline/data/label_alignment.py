@@ -34,6 +34,10 @@ Sound frames have 0.70 or more (dozens of KITTI's 90, 14 simulated ones with 32 
 ones 0.73 or more after the change that undoes the fault; clouds or labels of the next frame have
 0.34 to 0.65 after the best one.
 """
+_BETTER: Final = 1.2  # ratio of an object's scores in two clouds
+_SHIFTED_SHARE: Final = 0.5
+"""Smallest share of all objects that must fit a neighbouring frame better for labels to be shifted;
+labels of unrelated frames do so in a fifth of the cases."""
 _DEGREES: Final = tuple(number / 2 for number in range(-12, 13))
 _METRES: Final = tuple(number / 5 for number in range(-10, 11))
 _FOOT_M: Final = 0.3048
@@ -201,17 +205,23 @@ def check_label_alignment(
     negated); of the labels centres for bottoms, and rotation_y negated or of the LiDAR's frame.
     Each is scored by the points in the boxes less twice those in the metre above, for objects
     within 40 m that are at most partly hidden. Fewer than ten objects of twenty points or more give
-    too little evidence. Where no change fills most boxes, the fault is reported without a cause.
+    too little evidence. Where no change fills most boxes, the fault is reported without a cause,
+    unless clouds of the neighbouring frames fill them.
 
     Args:
-        frames: Frames of one rig.
+        frames: Frames of one rig, in order.
         read: Reader of a frame; None: it lacks a part, or is unreadable.
     """
-    labelled = [frame for frame in frames if frame.objects and frame.points and frame.calibration]
-    labelled = labelled[:: max(len(labelled) // _MAX_FRAMES, 1)][:_MAX_FRAMES]
-    sweeps = [sweep for frame in labelled if (sweep := read(frame)) is not None]
+    complete = [frame for frame in frames if frame.objects and frame.points and frame.calibration]
+    places = range(len(complete))[:: max(len(complete) // _MAX_FRAMES, 1)][:_MAX_FRAMES]
+    labelled = [complete[place] for place in places]
+    read_places = [(place, sweep) for place in places if (sweep := read(complete[place]))]
+    sweeps = [sweep for _, sweep in read_places]
     counts = np.concatenate([np.zeros((0, _NUM_CHANGES, 2)), *map(_count_points, sweeps)])
     max_counts = counts[:, :, 0].max(axis=1, initial=0)
+    shifted = _find_shift(complete, read_places, read) if _are_mostly_empty(counts) else None
+    if shifted is not None:
+        return [shifted]
     is_dense = max_counts >= _MIN_POINTS_PER_OBJECT
     if np.count_nonzero(is_dense) < _MIN_OBJECTS:
         return []
@@ -222,7 +232,9 @@ def check_label_alignment(
     path = labelled[0].objects if is_of_labels else labelled[0].calibration
     assert path is not None, "frames without labels or a calibration are left out"
     problem = f"and those of {len(sweeps) - 1} more frames {problem}"
-    return [Problem(path=path, problem=problem, remedy=remedy)]
+    found = Problem(path=path, problem=problem, remedy=remedy)
+    shifted = _find_shift(complete, read_places, read)  # a small one resembles moved clouds
+    return [found] if shifted is None else [shifted, found]
 
 
 def _doubt(
@@ -272,19 +284,73 @@ def _doubt(
     )
 
 
-def _count_points(sweep: LabelledSweep) -> Int64[np.ndarray, "num_objects num_changes 2"]:
+def _are_mostly_empty(counts: Float64[np.ndarray, "num_objects num_changes 2"]) -> bool:
+    """Whether most boxes lack points, or have as many above: labels may be of another frame."""
+    scores = counts[:, 0] @ (1.0, -_PENALTY)
+    return len(counts) >= _MIN_OBJECTS and bool(np.median(scores) < _MIN_POINTS_PER_OBJECT)
+
+
+def _find_shift(
+    frames: Sequence[ObjectFrame],
+    sweeps: Sequence[tuple[int, LabelledSweep]],
+    read: Callable[[ObjectFrame], LabelledSweep | None],
+) -> Problem | None:
+    """Find labels that fit the clouds of the previous or the next frame much better than their own.
+
+    Args:
+        frames: All frames, in order.
+        sweeps: Some of their sweeps, with their places.
+        read: Reader of a frame.
+    """
+    found = []
+    for step, name in ((-1, "previous"), (1, "next")):
+        pairs = [
+            (sweep, neighbour)
+            for place, sweep in sweeps
+            if 0 <= place + step < len(frames)
+            and (neighbour := read(frames[place + step])) is not None
+        ]
+        own = [_count_points(sweep, unchanged_only=True) for sweep, _ in pairs]
+        other = [
+            _count_points(replace(sweep, points=neighbour.points), unchanged_only=True)
+            for sweep, neighbour in pairs
+        ]
+        scores, moved_scores = (
+            np.concatenate([np.zeros((0, 1, 2)), *each])[:, 0] @ (1.0, -_PENALTY)
+            for each in (own, other)
+        )
+        is_better = moved_scores > np.maximum(_BETTER * scores, _MIN_POINTS_PER_OBJECT)
+        found.append((int(is_better.sum()), len(scores), len(pairs), name))
+    num_better, num_objects, num_frames, name = max(found)
+    if num_objects < _MIN_OBJECTS or num_better < _SHIFTED_SHARE * num_objects:
+        return None
+    first = frames[sweeps[0][0]].objects
+    assert first is not None, "frames without labels are left out"
+    return Problem(
+        path=first,
+        problem=f"and those of {num_frames - 1} more frames fit the clouds of the {name} frame "
+        f"better than their own: {num_better} of {num_objects} objects have more points there",
+        remedy="give labels, clouds and images of a frame one name: labels or clouds are probably "
+        "shifted by one frame",
+    )
+
+
+def _count_points(
+    sweep: LabelledSweep, *, unchanged_only: bool = False
+) -> Int64[np.ndarray, "num_objects num_changes 2"]:
     """Points in each object's box and in the metre above it, for each change."""
     objects, xyz = sweep.objects, sweep.points[:, :3].astype(np.float64)
     camera_from_lidar = sweep.matrices.camera_from_lidar
     lidar_from_camera = np.linalg.inv(camera_from_lidar)
-    relabelled = (objects, *(kind.relabel(objects) for kind in _KINDS))
+    relabelled = [objects, *(kind.relabel(objects) for kind in _KINDS)]
+    all_changes = list(zip(_CHANGES, relabelled, strict=True))[: 1 if unchanged_only else None]
     counts = []
     for index in visible_objects(objects, within_m=_MAX_DISTANCE_M)[:_MAX_OBJECTS_PER_FRAME]:
         height = objects.dimensions_hwl[index, 0]
         reach_m = float(np.linalg.norm(objects.dimensions_hwl[index])) + _SPACE_ABOVE_M
         centre = lidar_from_camera @ np.append(objects.locations[index], 1.0)
         away_m = np.linalg.norm(xyz - centre[:3], axis=1)
-        for changes, boxes in zip(_CHANGES, relabelled, strict=True):
+        for changes, boxes in all_changes:
             # Positions that a change moves to the object, and their distances from it.
             sources = np.linalg.solve(changes, centre)[:, :3]
             far_m = np.linalg.norm(sources - centre[:3], axis=1).max()
@@ -300,4 +366,4 @@ def _count_points(sweep: LabelledSweep) -> Int64[np.ndarray, "num_objects num_ch
                         np.count_nonzero(is_over & (heights <= height + _SPACE_ABOVE_M)),
                     )
                 )
-    return np.array(counts, dtype=np.int64).reshape(-1, _NUM_CHANGES, 2)
+    return np.array(counts, dtype=np.int64).reshape(-1, 1 if unchanged_only else _NUM_CHANGES, 2)

@@ -44,7 +44,7 @@ from sightline.data.unread_files import (
     recording_folders,
 )
 from sightline.files.problem import FileError
-from sightline.files.safe_names import unprintable_names
+from sightline.files.safe_names import unusable_names
 from sightline.geometry.arguments import plain_names, plain_path, sample_index
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import KITTI_SPLITS
@@ -216,7 +216,7 @@ def _open_object_tree(
 
 def _check_samples(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
     """Check some frames by the rules of `check`, before any work on them."""
-    misnamed = unprintable_names(path, dataset.sample_ids)
+    misnamed = unusable_names(path, dataset.sample_ids)
     if misnamed is not None:
         raise FileError(misnamed.path, misnamed.problem, misnamed.remedy)
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset

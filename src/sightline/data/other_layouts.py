@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sightline.data.recording_files import lacks_calibration
+from sightline.data.recording_files import lacks_calibration, misnamed_files
 from sightline.data.unread_files import (
     drive_folders,
     find_unread,
@@ -107,6 +107,9 @@ def _tracking(path: Path) -> Problem | None:
 def _uncalibrated(path: Path) -> Problem | None:
     if not lacks_calibration(path):
         return None
+    misnamed = misnamed_files(path)
+    if misnamed:
+        return misnamed[0]
     return Problem(
         path=path,
         problem="holds images or points without a calibration",

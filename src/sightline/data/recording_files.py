@@ -1,5 +1,6 @@
 """Files of a recording: their list, and the reader and checks of times.txt."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -27,7 +28,25 @@ CALIBRATIONS: Final = "calibration"
 TIMES_NAME: Final = "times.txt"
 
 CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
+_CALIBRATION_STARTS: Final = ("calib", "camera_calib", "cam_calib")
+_TIMES_STARTS: Final = ("times", "time.")  # times, timestamps
 _NOTES: Final = ("classes", "readme", "notes")  # names of texts that are no labels
+_MAX_TIME_S: Final = 1e11  # seconds since 1970: the year 5138
+_MAX_STAMP: Final = 1e20
+_UNITS_SINCE_1970: Final = (
+    (1e14, "milliseconds"),
+    (1e17, "microseconds"),
+    (math.inf, "nanoseconds"),
+)
+_MAX_STEP_S: Final = 20  # between two frames; 20 ms or more are usual
+_UNITS_OF_STEPS: Final = (
+    (1e4, "milliseconds"),
+    (1e7, "microseconds"),
+    (math.inf, "nanoseconds"),
+)
+_MIN_STEPS: Final = 2
+_GAP_STEPS: Final = 10  # typical steps that count as a gap
+_MIN_GAP_S: Final = 2
 _REMEDY: Final = "write lines like `000001 0.1`"
 
 
@@ -73,7 +92,8 @@ def unpaired(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
 def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part, Problem]]:
     """Problems of labels, depth maps and calibrations that belong to no frame, with their part.
 
-    A calibration.yaml is unused if every frame has a calibration of its own.
+    A calibration.yaml is unused if every frame has a calibration of its own; files of the recording
+    with other names than expected come first.
     """
     names = {frame.sample_id for frame in frames}
     places: tuple[tuple[Part, str, tuple[str, ...]], ...] = (
@@ -81,7 +101,9 @@ def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part
         ("depth", DEPTH, PART_SUFFIXES["depth"]),
         ("calibration", CALIBRATIONS, CALIBRATION_SUFFIXES),
     )
-    problems: list[tuple[Part, Problem]] = []
+    problems: list[tuple[Part, Problem]] = [
+        ("calibration", problem) for problem in misnamed_files(folder)
+    ]
     common = _common_calibration(folder)
     if common is not None and all(frame.calibration != common for frame in frames):
         unread = Problem(
@@ -101,6 +123,36 @@ def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part
                 remedy="give them the names of their images and clouds, or move them away",
             )
             problems.append((part, problem))
+    return problems
+
+
+def misnamed_files(folder: Path) -> list[Problem]:
+    """Problems of files that seem to be the calibration or the times, but have another name.
+
+    Files in another format are reported only if the expected file is missing.
+    """
+    has_calibration = bool(
+        _common_calibration(folder) or list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
+    )
+    has_times = find_file(folder, TIMES_NAME) is not None
+    problems = []
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        name, suffix = path.name.lower(), path.suffix.lower()
+        if not path.is_file() or name == TIMES_NAME:
+            continue
+        if name.startswith(_CALIBRATION_STARTS) and path.stem != CALIBRATIONS:
+            is_format, has_other = suffix in CALIBRATION_SUFFIXES, has_calibration
+            expected, suffixes = "calibration.yaml", (*CALIBRATION_SUFFIXES, ".txt", ".xml")
+        elif name.startswith(_TIMES_STARTS):
+            is_format, has_other, expected = suffix == ".txt", has_times, TIMES_NAME
+            suffixes = (".txt", ".csv", ".tsv", ".json", ".yaml")
+        else:
+            continue
+        if suffix in suffixes and (is_format or not has_other):
+            remedy = f"rename it to {expected}" if is_format else f"convert it to {expected}"
+            problem = f"is not read: it has another name than {expected}"
+            remedy = f"{remedy} (docs/recordings.md), or move it away"
+            problems.append(Problem(path=path, problem=problem, remedy=remedy))
     return problems
 
 
@@ -161,7 +213,10 @@ def read_times(path: Path) -> dict[str, Decimal]:
             problem = f"line {number} has no frame name and time in seconds"
             raise FileError(path, problem, _REMEDY)
         name, seconds = words[0].strip(), words[1]
-        parse_numbers([seconds], path, f"line {number}:")
+        (value,) = parse_numbers([seconds], path, f"line {number}:", limit=_MAX_STAMP)
+        if abs(value) > _MAX_TIME_S:
+            problem = f"line {number}: {seconds} is no time in seconds, probably in {_unit(value)}"
+            raise FileError(path, problem, f"divide the times, and {_REMEDY}")
         if name in times:
             problem = f"line {number} repeats frame {shortened(name)} of line {lines[name]}"
             raise FileError(path, problem, "keep one line per frame")
@@ -177,7 +232,7 @@ def check_times(path: Path, frames: Sequence[str]) -> list[Problem]:
 
 
 def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]) -> list[Problem]:
-    """Find differences between times and frames, and times that do not increase.
+    """Find differences between times and frames, gaps, and times that do not increase.
 
     Args:
         path: The file.
@@ -202,6 +257,9 @@ def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]
             f"lacks a time of {len(untimed)} of {len(frames)} frames ({describe_absent(untimed)})"
         )
         faults.append((problem, "give each frame a line"))
+    steps = doubtful_steps([(name, times[name]) for name in timed])
+    if steps is not None:
+        faults.append(steps)
     not_rising = [after for before, after in pairwise(timed) if times[after] <= times[before]]
     if not_rising:
         num_equal = sum(times[after] == times[before] for before, after in pairwise(timed))
@@ -215,3 +273,47 @@ def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]
             )
         )
     return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
+
+
+def doubtful_steps(timed: Sequence[tuple[str, Decimal]]) -> tuple[str, str] | None:
+    """Find times in another unit than seconds, and gaps.
+
+    Args:
+        timed: Names and times [s] of frames, in order.
+
+    Returns:
+        The problem, in words that continue a sentence about the file, and the remedy. None: there
+        is no doubt, or times do not rise.
+    """
+    steps = [(after[1] - before[1], before[0], after[0]) for before, after in pairwise(timed)]
+    if len(steps) < _MIN_STEPS or any(step <= 0 for step, _, _ in steps):
+        return None
+    middle = sorted(step for step, _, _ in steps)[len(steps) // 2]
+    if middle >= _MAX_STEP_S:
+        return (
+            f"has frames that are {float(middle):.6g} s apart, so its times are probably in "
+            f"{_unit_of_step(float(middle))}",
+            "give seconds",
+        )
+    gaps = [each for each in steps if each[0] >= max(_GAP_STEPS * middle, Decimal(_MIN_GAP_S))]
+    if not gaps:
+        return None
+    longest, before, after = max(gaps)
+    others = f" and {len(gaps) - 1} more" if len(gaps) > 1 else ""
+    names = f"{shortened(before)} and {shortened(after)}"
+    return (
+        f"has a gap of {float(longest):.6g} s between {names}{others}; "
+        f"other frames are {float(middle):.3g} s apart",
+        "correct the times if they are wrong; else give the parts as recordings of their own, as "
+        "alarms and tracks go on over a gap",
+    )
+
+
+def _unit(value: float) -> str:
+    """Unit of a time since 1970 that is too large for seconds."""
+    return next(name for limit, name in _UNITS_SINCE_1970 if abs(value) < limit)
+
+
+def _unit_of_step(step: float) -> str:
+    """Unit of the time between two frames that is too large for seconds."""
+    return next(name for limit, name in _UNITS_OF_STEPS if step < limit)

@@ -17,7 +17,8 @@ _IOU_MARGIN: Final = 0.1
 """Difference of IoU from which one convention fits a box better than another one."""
 _MIN_SHARE: Final = 0.2
 """Minimum share of the boxes that another convention must fit better."""
-_SCORED: Final = ("Car", "Pedestrian", "Cyclist")  # they stand on the road
+SCORED_CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
+"""Classes that KITTI scores; they stand on the road."""
 
 Boxes = Float64[np.ndarray, "num_boxes 4"]
 
@@ -53,7 +54,7 @@ class ScoredBoxes:
 def scored_boxes(objects: KittiObjects) -> ScoredBoxes:
     """Select the objects of scored classes."""
     names = np.array([name.capitalize() for name in objects.class_names], dtype=object)
-    kept = np.isin(names, _SCORED)
+    kept = np.isin(names, SCORED_CLASSES)
     lacks_3d = (objects.dimensions_hwl <= 0).any(axis=1)
     lacks_3d |= (objects.locations == NO_LOCATION).any(axis=1)
     scores = np.zeros(len(names)) if objects.scores is None else objects.scores

@@ -1,5 +1,6 @@
 """Doubts about result files without labels: boxes, angles and scores in another convention."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -7,11 +8,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.kitti_boxes import box_corners, project_box
-from sightline.data.kitti_labels import NO_ALPHA, NO_ROTATION, KittiObjects
+from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, NO_ROTATION, KittiObjects
 from sightline.data.label_checks import in_degrees, is_empty_box2d, order_of_sizes
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
     MIN_RESULTS,
+    SCORED_CLASSES,
     Boxes,
     ScoredBoxes,
     angle_between,
@@ -50,6 +52,10 @@ _EQUAL_ANGLES_RAD: Final = 0.05
 """Largest difference of equal angles; KITTI's files have two digits."""
 _CONTRADICTION_RAD: Final = 0.5
 """Difference of alpha from its formula from which they contradict each other."""
+_MAX_AWAY_M: Final = 600.0
+"""Distance along an axis at which no camera shows a road user."""
+_MAX_SIZE_M: Final = 60.0
+"""Size beyond every road user, trams of several cars included."""
 _PERCENT: Final = 100.0
 _SOUND_CORRELATION: Final = 0.1
 """Rank correlation of scores and heights of 2D boxes that shows sound scores, even if all are
@@ -68,6 +74,7 @@ def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
     scored = [scored_boxes(each) for each in frames]
     boxes = join_boxes(scored)
     yield from remarks_on_repeats(sum(each.num_repeated() for each in scored), len(boxes.names))
+    yield from remarks_on_impossible([count_impossible(each) for each in frames], len(boxes.names))
     yield from _remarks_on_sizes(boxes)
     num_degrees = sum(int(in_degrees(each).sum()) for each in frames)
     if num_degrees:
@@ -76,7 +83,7 @@ def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
             "have radians, from -pi to pi."
         )
     in_image = (*remarks_on_boxes2d(boxes),) or (*_remarks_on_projection(boxes),)
-    yield from in_image
+    yield from in_image or remarks_on_far_boxes2d(boxes)
     behind = (*remarks_on_depths(boxes),)
     locations = behind or (() if in_image else (*_remarks_on_bottoms(boxes),))
     yield from locations
@@ -85,6 +92,50 @@ def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
         yield from rotations or (() if behind else remarks_on_alphas(boxes))
     yield from remarks_on_scores(scored)
     yield from _remarks_on_rank(boxes)
+
+
+def count_impossible(objects: KittiObjects) -> Counter[str]:
+    """Count the results of scored classes with values that no road user has, by a description."""
+    has_3d = (objects.locations != NO_LOCATION).all(axis=1)
+    sizes = objects.dimensions_hwl
+    is_scored = np.isin([name.capitalize() for name in objects.class_names], SCORED_CLASSES)
+    masks = {
+        f"a 3D box with a size of 0 or less: write the sizes, or {NO_LOCATION:g} for x, y and z "
+        "where there is no 3D box": has_3d & (sizes <= 0).any(axis=1),
+        f"a 3D box with a size above {_MAX_SIZE_M:g} m": has_3d & (sizes > _MAX_SIZE_M).any(axis=1),
+        f"a 3D box more than {_MAX_AWAY_M:g} m away": has_3d
+        & (np.abs(objects.locations) > _MAX_AWAY_M).any(axis=1),
+    }
+    return Counter({fault: int((mask & is_scored).sum()) for fault, mask in masks.items()})
+
+
+def remarks_on_impossible(counts: Sequence[Counter[str]], total: int) -> Iterator[str]:
+    """Yield a sentence on each kind of impossible values.
+
+    Args:
+        counts: Results of `count_impossible`, of each frame.
+        total: Number of results.
+    """
+    for fault, number in sum(counts, Counter[str]()).items():
+        verb = "has" if number == 1 else "have"
+        yield (
+            f"{number:,} of {total:,} results of scored classes {verb} {fault}; such a box matches "
+            "no object."
+        )
+
+
+def remarks_on_far_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on 2D boxes that end far beyond KITTI's images."""
+    height, width = _IMAGE_SIZE
+    low, high = (-width, -height), (2 * width, 2 * height)
+    is_far = ((boxes.boxes2d[:, :2] < low) | (boxes.boxes2d[:, 2:] > high)).any(axis=1)
+    number = int(is_far.sum())
+    if number:
+        largest = float(np.abs(boxes.boxes2d[is_far]).max())
+        yield (
+            f"{number:,} of {len(is_far):,} 2D boxes of results {'end' if number > 1 else 'ends'} "
+            f"far beyond KITTI's images of at most {width} x {height} px, at up to {largest:g} px."
+        )
 
 
 def remarks_on_repeats(repeated: int, total: int) -> Iterator[str]:
@@ -261,7 +312,9 @@ def _remarks_on_rotations(boxes: ScoredBoxes) -> Iterator[str]:
 
 def _projected(boxes: ScoredBoxes, *, rotation_sign: int = 1) -> tuple[Boxes, Boxes]:
     """Project the 3D boxes ahead of the camera; the second array is of their 2D boxes."""
-    ahead = np.flatnonzero(boxes.has_3d & (np.nan_to_num(boxes.locations[:, 2]) > 1))
+    locations = np.nan_to_num(boxes.locations)
+    is_near = (np.abs(locations) <= _MAX_AWAY_M).all(axis=1)
+    ahead = np.flatnonzero(boxes.has_3d & is_near & (locations[:, 2] > 1))
     chosen = ahead[:: max(len(ahead) // _MAX_PROJECTED, 1)]
     bounds = [
         project_box(

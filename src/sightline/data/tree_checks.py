@@ -74,7 +74,7 @@ from sightline.data.unread_files import (
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem, plain_line
-from sightline.files.safe_names import unprintable_names
+from sightline.files.safe_names import unusable_names
 
 TRACKLETS = "tracklet_labels.xml"
 """File with labels of a raw drive, in their own format."""
@@ -385,7 +385,7 @@ def _tree(
 ) -> Tree | None:
     if not frames:
         return None
-    misnamed = unprintable_names(folder, (frame.sample_id for frame in frames))
+    misnamed = unusable_names(folder, (frame.sample_id for frame in frames))
     parts: list[PartCount] = []
     gaps = [] if misnamed is None else [misnamed]
     for part in expected:

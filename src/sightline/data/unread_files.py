@@ -146,10 +146,15 @@ def depth_folders(root: Path, split: DriveSplit | SelectedSplit) -> list[PartFol
 def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
     """Find folders with ignored files or subfolders.
 
-    Hidden files, notes (such as timestamps.txt) beside other files, and files with the same name as
-    a read one are not counted.
+    Notes (such as timestamps.txt) beside other files, and files with the same name as a read one
+    are not counted. Hidden files are counted apart, if their suffix is one of the part's.
     """
-    found = [_find_unread_in(each) for each in folders if not each.only]
+    found = [
+        unread
+        for each in folders
+        if not each.only
+        for unread in (_find_unread_in(each), _find_hidden_in(each))
+    ]
     return [each for each in found if each is not None]
 
 
@@ -201,6 +206,30 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
             )
             return UnreadFiles(problem=described, part=place.part, all_unread=True)
     return None
+
+
+def _find_hidden_in(place: PartFolder) -> UnreadFiles | None:
+    """Find hidden files; macOS's companions of other files (`._NAME`) are no data."""
+    if not place.folder.is_dir():
+        return None
+    names = {path.name for path in place.folder.iterdir()}
+    hidden = sorted(
+        name
+        for name in names
+        if name.startswith(".")
+        and Path(name).suffix.lower() in place.suffixes
+        and not (name.startswith("._") and name[2:] in names)
+    )
+    if not hidden:
+        return None
+    files = "a hidden file that is" if len(hidden) == 1 else f"{len(hidden)} hidden files that are"
+    described = Problem(
+        path=place.folder,
+        problem=f"holds {files} not read, such as {shortened(hidden[0])}",
+        remedy="remove the dot before their names, or move them away",
+    )
+    all_unread = not list_files(place.folder, place.suffixes)
+    return UnreadFiles(problem=described, part=place.part, all_unread=all_unread)
 
 
 def _find_unread_in(place: PartFolder) -> UnreadFiles | None:

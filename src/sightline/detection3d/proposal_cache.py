@@ -39,7 +39,7 @@ from sightline.files.problem import FileError
 from sightline.files.settings import config_to_dict
 from sightline.inference.network import load_network
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
-from sightline.jobs.run import JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
 SUFFIX: Final = ".safetensors"
@@ -184,7 +184,7 @@ def cache_proposals(
     pending = [index for index in indices if dataset.sample_ids[index] not in there]
     stages = StageRunners(loaded, device=device, threads=1)  # threads of each worker
     works = [_ProposalWork(dataset, index, stages, identity, out) for index in pending]
-    run_job(works, workers, description=f"proposals by {loaded.name}")
+    run_job(works, workers, description=f"proposals by {loaded.name}", leave_out=LEAVE_OUT)
     return JobResult(written=len(pending), skipped=len(done))
 
 

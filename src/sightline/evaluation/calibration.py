@@ -137,6 +137,7 @@ def evaluate_calibration(
         min_score=settings.min_score,
         target=settings.target,
         entries=entries,
+        num_results=measured.num_results,
         remarks=measured.remarks,
     )
 
@@ -186,6 +187,7 @@ class _Measured:
     strict: MatchingData
     loose: MatchingData
     settings: CalibrationSettings
+    num_results: int
     remarks: tuple[str, ...]
 
     def task(self, code: int, *, any_overlap: bool = False) -> MatchingTask:
@@ -218,7 +220,11 @@ def _read(data: ScoredFrames, settings: CalibrationSettings, *, progress: bool) 
     if data.sample_list is None:
         unread = unread_files(data.results_dir, data.labels_dir, names)
     return _Measured(
-        strict=strict, loose=loose, settings=settings, remarks=(*unread, *tally.remarks())
+        strict=strict,
+        loose=loose,
+        settings=settings,
+        num_results=sum(map(len, found)),
+        remarks=(*unread, *tally.remarks()),
     )
 
 

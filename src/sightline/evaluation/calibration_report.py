@@ -103,6 +103,8 @@ class CalibrationReport:
     target: str
     """Target of the calibrators."""
     entries: tuple[CalibrationEntry, ...]
+    num_results: int = 0
+    """Number of all results, of any class and metric."""
     remarks: tuple[str, ...] = ()
     """Remarks on omitted files and objects."""
 
@@ -125,7 +127,12 @@ class CalibrationReport:
 
         title = f"calibration by {self.metric}, {self.difficulty}, {self.frames:,} frames, percent"
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        nothing = "nothing was found in any frame, so there is nothing to calibrate"
+        nothing = (
+            f"none of {self.num_results:,} results is of a class and has values that {self.metric} "
+            "measures, so there is nothing to calibrate"
+            if self.num_results
+            else "nothing was found in any frame, so there is nothing to calibrate"
+        )
         add_notes(table, (*(() if self.entries else (nothing,)), *self.remarks))
         for name in ("class", "scores"):
             table.add_column(name, no_wrap=True)

@@ -5,6 +5,7 @@ read in another way than as they are written, they are probably in that conventi
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -26,9 +27,12 @@ from sightline.data.result_boxes import (
     scored_boxes,
 )
 from sightline.data.result_checks import (
+    count_impossible,
     remarks_on_alphas,
     remarks_on_boxes2d,
     remarks_on_depths,
+    remarks_on_far_boxes2d,
+    remarks_on_impossible,
     remarks_on_repeats,
     remarks_on_scores,
 )
@@ -71,12 +75,15 @@ class ResultConventions:
 
     results: list[ScoredBoxes] = field(default_factory=list)
     labels: list[ScoredBoxes] = field(default_factory=list)
+    impossible: list[Counter[str]] = field(default_factory=list)
+    """Counts of impossible values of each frame's results."""
     counts_repeats: bool = True
     """Whether duplicate results within a frame are counted in a remark."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""
         self.results.append(scored_boxes(results))
+        self.impossible.append(count_impossible(results))
         self.labels.append(scored_boxes(labels))
 
     def remarks(self) -> Iterator[str]:
@@ -90,11 +97,12 @@ class ResultConventions:
         if self.counts_repeats:
             repeated = sum(each.num_repeated() for each in self.results)
             yield from remarks_on_repeats(repeated, len(results.names))
+        yield from remarks_on_impossible(self.impossible, len(results.names))
         compared = _ComparedResults.of(self.results, self.labels)
         in_image = (*(remarks_on_boxes2d(results) if len(labels.names) else ()),)
         in_image = in_image or (*compared.remarks_on_boxes2d(),) or (*_remarks_on_corners(results),)
         in_space = (*_remarks_on_sizes(results, labels), *_remarks_on_places(results, compared))
-        yield from in_image
+        yield from in_image or remarks_on_far_boxes2d(results)
         scores = (*remarks_on_scores(self.results),)
         yield from scores or compared.remarks_on_order()
         yield from in_space

@@ -1,5 +1,6 @@
 """Problems of files, each with a remedy."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,6 +19,11 @@ def escaped(text: str) -> str:
 def plain_line(text: str) -> str:
     """Turn any text into one line for terminals, logs and pages."""
     return escaped(" ".join(text.split()))
+
+
+def kind_of_message(text: str) -> str:
+    """Remove the file, the part before ": ", and all digits: messages of one kind become equal."""
+    return re.sub(r"\d+", "", text.partition(": ")[2] or text)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

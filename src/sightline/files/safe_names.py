@@ -42,14 +42,24 @@ def checked_name(
     raise FileError(source, f"{place} {printable} {fault}, expected a plain file name", _REMEDY)
 
 
-def unprintable_names(folder: Path, names: Iterable[str]) -> Problem | None:
-    """Find names of frames that are impossible for outputs; None: all are text."""
-    unprintable = [name for name in names if not name.isprintable()]
-    if not unprintable:
+def unusable_names(folder: Path, names: Iterable[str]) -> Problem | None:
+    """Find names of frames that no list of frames or output may have; None: all are plain."""
+    faults = {name: fault for name in names if (fault := _frame_fault(name)) is not None}
+    if not faults:
         return None
-    problem = f"has {len(unprintable)} frames with names that are unprintable or no UTF-8, such as"
+    name, fault = next(iter(faults.items()))
+    problem = f"has {len(faults)} frames with names that are no plain file names, such as"
     return Problem(
-        path=folder, problem=f"{problem} {shortened(unprintable[0])}", remedy="rename their files"
+        path=folder,
+        problem=f"{problem} {shortened(repr(name))}, which {fault}",
+        remedy="rename their files",
+    )
+
+
+def _frame_fault(name: str) -> str | None:
+    """Return the first fault of the parts of a frame's name; see `relative_parts`."""
+    return next(
+        filter(None, (_name_fault(part, _MAX_PART_BYTES) for part in name.split("/"))), None
     )
 
 

@@ -1,6 +1,7 @@
 """Network settings as plain values for weights and checkpoints."""
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any, ClassVar, Final, Protocol, TypeVar, runtime_checkable
@@ -63,6 +64,13 @@ def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
         raise ValueError(shorten_parser_error(str(error))) from error
     assert isinstance(parsed, kind), "the parser returns the requested type"
     return parsed
+
+
+def without_backspaces(text: str) -> str:
+    """Apply the backspaces of a text, each of which removes the character before it."""
+    while "\b" in text:
+        text = re.sub("[^\b]?\b", "", text, count=1)
+    return text
 
 
 def shorten_parser_error(message: str) -> str:

@@ -34,6 +34,9 @@ _IDENTITY_DEG = 0.01
 _MIN_CENTRE_SHARES: Final = (0.3, 0.2)
 """Smallest shares of width and height from an edge to the principal point; KITTI's have 0.48 and
 0.46, nuScenes' 0.48 and 0.42, KITTI's depth benchmark, cropped at the top, 0.49 and 0.42."""
+_CENTRAL_SHARE: Final = 0.1
+"""Largest distance of the principal point from the middle, as a share of the width, of an image
+that has been cropped or extended at its top or bottom only."""
 _OTHER_RESOLUTION = 1.35  # ratio of the image's middle and the principal point, similar in x and y
 _SIMILAR_RATIO = 1.2
 _LIDAR_DIRECTIONS = ("forward", "left", "up")
@@ -195,7 +198,13 @@ def resolution_doubt(
 def off_centre_doubt(
     camera_matrix: Float64[np.ndarray, "3 columns"], image_size: tuple[int, int]
 ) -> str | None:
-    """Find a principal point far from the image's centre; None: it is near.
+    """Find a principal point far from the image's centre; None: it is near, or it was moved there.
+
+    An image that was resized or cropped without its matrix keeps the principal point of a larger
+    image, in whose middle it is. So a point above the upper part, midway between the sides, is of
+    an image whose top was cropped with its matrix. A point below the lower part that is farther
+    from the top than the focal length would be the middle of a view of more than 90 degrees, which
+    no such lens has: the image was extended at the top, as the simulator does.
 
     Args:
         camera_matrix: In pixels.
@@ -207,6 +216,9 @@ def off_centre_doubt(
     x, y = camera_matrix[:2, 2]
     shares = np.array((x, y)) / image_size[::-1]
     if (np.minimum(shares, 1 - shares) >= _MIN_CENTRE_SHARES).all():
+        return None
+    is_central = abs(shares[0] - 0.5) <= _CENTRAL_SHARE
+    if is_central and (shares[1] < 0.5 or y > camera_matrix[1, 1]):
         return None
     return (
         f"has its principal point at ({x:.6g}, {y:.6g}), away from the centre of an image of "

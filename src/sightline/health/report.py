@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from jaxtyping import Bool
@@ -14,22 +14,67 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-def doubts(frames: Sequence[FrameHealth]) -> tuple[str, ...]:
-    """List sensors that are bad in most frames: the limits may be for other sensors."""
+_FITTED_SIZE: Final = (375, 1242)
+"""Height, width [px] of the images that the included limits were fitted on, simulated as KITTI's:
+they show 14 degrees above the horizon."""
+_OTHER_SIZE: Final = 1.1
+"""Ratio of heights or widths from which images show another part of the street; images of
+352 x 1216 do not."""
+_EXPECTED_BAD_SHARE: Final = 0.05  # of sound frames of the fitted size, with room for few frames
+
+
+def doubts(
+    frames: Sequence[FrameHealth], image_size: tuple[int, int] | None = None
+) -> tuple[str, ...]:
+    """List reasons why the included limits may be for other sensors.
+
+    A sensor is bad in most frames, or a camera in some and its images are of another size. A larger
+    image shows more of the sky, whose clouds resemble stray light ('lifted') and whose even parts
+    resemble a cover ('still').
+
+    Args:
+        frames: Judged frames.
+        image_size: Height, width [px] of the images. None: not known.
+    """
     doubtful = []
+    is_camera_doubtful = False
     for name, data_name in (("camera", "images"), ("lidar", "sweeps")):
         judged: list[Health] = [getattr(frame.health, name) for frame in frames]
         delivered = [each for each in judged if each.worst_check != "absent" and each.score > 0]
         worst = Counter(each.worst_check for each in delivered if each.is_alarm)
         if 2 * worst.total() <= len(delivered):
             continue
+        is_camera_doubtful |= name == "camera"
         checks = ", ".join(f"'{check}' ({count})" for check, count in worst.most_common(3))
         doubtful.append(
             f"{worst.total()} of {len(delivered)} {data_name} are bad by {checks}; if this is "
             "normal for your sensor, its scores are meaningless: fit limits to its first frames by "
             "--fit-first 30, or to clean data by sightline health-limits, given as --limits"
         )
+    if not is_camera_doubtful:
+        doubtful += _doubt_of_size(frames, image_size)
     return tuple(doubtful)
+
+
+def _doubt_of_size(frames: Sequence[FrameHealth], image_size: tuple[int, int] | None) -> list[str]:
+    if image_size is None:
+        return []
+    pairs = list(zip(image_size, _FITTED_SIZE, strict=True))
+    if all(1 / _OTHER_SIZE < side / fitted < _OTHER_SIZE for side, fitted in pairs):
+        return []
+    delivered = [frame.health.camera for frame in frames if frame.health.camera.score > 0]
+    worst = Counter(each.worst_check for each in delivered if each.is_alarm)
+    if worst.total() <= _EXPECTED_BAD_SHARE * len(delivered):
+        return []
+    checks = ", ".join(f"'{check}' ({count})" for check, count in worst.most_common(3))
+    (height, width), (fitted_height, fitted_width) = image_size, _FITTED_SIZE
+    return [
+        f"{worst.total()} of {len(delivered)} images are bad by {checks}, but the camera's limits "
+        f"were fitted on simulated images of {fitted_height}x{fitted_width} (height x width), and "
+        f"these are {height}x{width}: images that show more of the sky have such scores without a "
+        "fault; fit limits to sound frames by --fit-first 30, or by sightline health-limits, given "
+        "as --limits"
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

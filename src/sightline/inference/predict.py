@@ -10,7 +10,7 @@ from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.output_dirs import Claim, check_outside_dataset, claim_folders, data_name
-from sightline.jobs.run import JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
 Places = tuple[tuple[Output, Path], ...]
@@ -79,7 +79,7 @@ def predict(
         _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)
         for index in pending
     ]
-    run_job(works, workers, description=f"{task.name} by {predictor.name}")
+    run_job(works, workers, description=f"{task.name} by {predictor.name}", leave_out=LEAVE_OUT)
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))
 
 

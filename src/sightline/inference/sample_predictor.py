@@ -1,7 +1,10 @@
 """Base class of predictors, for one sample or a list of samples."""
 
 from abc import ABC, abstractmethod
+from dataclasses import fields
 from typing import Generic, TypeVar, overload
+
+from torch import Tensor
 
 from sightline.files.weights import plain_defaults
 from sightline.geometry.arguments import type_name
@@ -46,7 +49,8 @@ class SamplePredictor(ABC, Generic[Prediction]):
         Raises:
             TypeError: `sample` is neither (the error contains the type, and in a list the
                 position), or there are `others`.
-            ValueError: A sample lacks a required part.
+            ValueError: A sample lacks a required part, or has a tensor without values (on PyTorch's
+                device meta), or one that requires gradients.
         """
         if others:
             raise TypeError(
@@ -55,6 +59,7 @@ class SamplePredictor(ABC, Generic[Prediction]):
             )
         keep_pytorch_to_one_thread_in_forks()
         if isinstance(sample, CameraLidarSample):
+            _check_tensors(sample)
             with plain_defaults():
                 return self.predict(sample)
         if not isinstance(sample, list | tuple):
@@ -62,8 +67,28 @@ class SamplePredictor(ABC, Generic[Prediction]):
         for position, each in enumerate(sample):
             if not isinstance(each, CameraLidarSample):
                 raise _wrong_type(each, f" at position {position} of the list")
+            _check_tensors(each)
         with plain_defaults():
             return [self.predict(each) for each in sample]
+
+
+def _check_tensors(sample: CameraLidarSample) -> None:
+    """Refuse tensors without values, and gradients, which predictions do not have."""
+    for holder, prefix in ((sample, ""), (sample.calibration, "calibration.")):
+        for field in fields(holder):
+            tensor = getattr(holder, field.name)
+            if not isinstance(tensor, Tensor):
+                continue
+            subject = f"{prefix}{field.name} of sample {sample.sample_id}"
+            if tensor.is_meta:
+                raise ValueError(
+                    f"{subject} is on PyTorch's device meta and has no values; give data"
+                )
+            if tensor.requires_grad:
+                raise ValueError(
+                    f"{subject} requires gradients, and predictions have none; give "
+                    f"{field.name}.detach()"
+                )
 
 
 def _wrong_type(given: object, where: str) -> TypeError:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.files.problem import memory_fault
 from sightline.jobs.pool import run_pieces
@@ -60,23 +60,40 @@ def shard(items: Sequence[Item], index: int, count: int) -> Sequence[Item]:
     return items[index::count]
 
 
-def run_job(works: Sequence[Work], workers: int, *, description: str) -> None:
+LEAVE_OUT: Final = "leave it out by a sample_list of the others"
+"""Remedy for a faulty sample of a job that takes a list of samples."""
+
+
+def run_job(works: Sequence[Work], workers: int, *, description: str, leave_out: str = "") -> None:
     """Runs the pieces of a job in parallel.
 
     Args:
         works: The pieces.
         workers: Number of worker processes; 1: only this process.
         description: Description of the job for the display of progress.
+        leave_out: Way to continue without a faulty piece.
 
     Raises:
-        ValueError: There is no worker, or a piece fails: the error names it. The results of earlier
-            pieces stay.
+        ValueError: There is no worker, or a piece fails: the error names it, the number of earlier
+            pieces, whose results stay, and the number of pieces left.
     """
     check_workers(workers)
     errors = run_pieces(_Attempt(works), len(works), workers)
-    for error in track(errors, description=description, total=len(works)):
+    tracked = track(errors, description=description, total=len(works))
+    for num_done, error in enumerate(tracked):
         if error:
-            raise ValueError(error)
+            raise ValueError(f"{error}{_progress(num_done, len(works), leave_out)}")
+
+
+def _progress(num_done: int, total: int, leave_out: str) -> str:
+    """Describe the state of a job that a faulty piece has stopped; empty: it had one piece."""
+    if total == 1:
+        return ""
+    way_on = f", or {leave_out}" if leave_out else ""
+    return (
+        f". {num_done:,} of {total:,} are done and stay, {total - num_done:,} are left: correct "
+        f"this one and run the same again{way_on}"
+    )
 
 
 def check_workers(workers: int) -> None:

@@ -19,7 +19,7 @@ from sightline.inference.predict import (
     write_prediction,
 )
 from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
-from sightline.jobs.run import JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.perception.kept_lines import Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor
@@ -143,7 +143,7 @@ def perceive(
         for index, name in zip(indices, names, strict=True)
         if name not in done
     ]
-    run_job(works, workers, description=JOB_NAME)
+    run_job(works, workers, description=JOB_NAME, leave_out=LEAVE_OUT)
     files = _line_files(out)  # before they are read: other shards may go on writing meanwhile
     lines = _join_lines(out)
     _warn_of_missing(out, files, lines, _join_timings(out))

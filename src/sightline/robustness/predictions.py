@@ -7,7 +7,7 @@ from pathlib import Path
 from sightline.corruptions.suites import Case
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
-from sightline.jobs.run import JobResult, check_workers, run_job
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
 _CASES_PER_READ = 8  # of a frame: few enough for many workers on few frames
@@ -75,7 +75,7 @@ def predict_in_cases(
         for start in range(0, len(pending), _CASES_PER_READ):
             cases_of_read = tuple(pending[start : start + _CASES_PER_READ])
             works.append(_FrameWork(dataset, index, name, writer, seed, cases_of_read))
-    run_job(works, workers, description=description)
+    run_job(works, workers, description=description, leave_out=LEAVE_OUT)
     total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)
 

@@ -23,6 +23,7 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.training.arguments import check_data_number
 from sightline.training.loader import BatchLoader, FailedBatch, ResumableLoader
 from sightline.training.module import TrainingModule
+from sightline.training.quiet import warning_once
 from sightline.training.sampling import (
     EpochPosition,
     SampleKey,
@@ -232,6 +233,7 @@ class CameraLidarData(lightning.LightningDataModule):
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
         self._training_frames: dict[Path, set[str]] = {}  # names of the training frames by folder
         self._printed: set[str] = set()
+        self._warned: set[tuple[str, str]] = set()
 
     def setup(self, stage: str) -> None:
         """Hands the network's settings to the preparation; trains without validation samples.
@@ -290,13 +292,14 @@ class CameraLidarData(lightning.LightningDataModule):
         for source in sources:
             tree = data_tree(source, self.root)
             try:
-                dataset = open_source(
-                    source,
-                    self.root,
-                    self.preparation.parts,
-                    held_out_for=self._held_out_uses(tree),
-                    notify=self._print_once,
-                )
+                with warning_once(self._warned, str(tree)):  # a folder is opened for each use
+                    dataset = open_source(
+                        source,
+                        self.root,
+                        self.preparation.parts,
+                        held_out_for=self._held_out_uses(tree),
+                        notify=self._print_once,
+                    )
             except ValueError as error:
                 flags = f"--data.init_args.root and --data.init_args.{name}"
                 raise ValueError(f"{error} (the {name} samples: {flags})") from error

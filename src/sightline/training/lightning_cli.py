@@ -21,7 +21,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
 
 from sightline.files.atomic import atomic_write_text, disk_fault
-from sightline.files.settings import shorten_parser_error
+from sightline.files.settings import shorten_parser_error, without_backspaces
 from sightline.files.weights import read_checkpoint_weights
 from sightline.files.weights_header import has_weights
 from sightline.jobs.output_dirs import check_outside_dataset
@@ -126,6 +126,9 @@ class _Parser(LightningArgumentParser):
 
     def __init__(self, *positional: Any, **named: Any) -> None:  # noqa: ANN401 - as base
         super().__init__(*positional, **{"allow_abbrev": False, **named})
+
+    def format_help(self) -> str:
+        return without_backspaces(super().format_help())
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         if isinstance(ex, ArgumentError):

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
+from sightline.files.problem import kind_of_message
+
 LIGHTNING_NOISE = (
     "The '.*_dataloader' does not have many workers",
     "The number of training batches .* is smaller than the logging interval",
@@ -19,6 +21,26 @@ LIGHTNING_NOISE = (
     r"\s*``instantiate_classes`` was deprecated",
 )
 """Beginnings of Lightning's warnings that users of a recipe cannot act on or can ignore."""
+
+
+@contextmanager
+def warning_once(seen: set[tuple[str, str]], subject: str) -> Iterator[None]:
+    """Emits each kind of warning within blocks of one subject once, at the block's end.
+
+    Args:
+        seen: Subjects and kinds of the warnings so far; extended.
+        subject: Subject of the block's warnings, such as a folder.
+    """
+    caught: list[warnings.WarningMessage] = []
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            yield
+    finally:
+        for each in caught:
+            entry = subject, kind_of_message(str(each.message))
+            if entry not in seen:
+                seen.add(entry)
+                warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
 
 
 @contextmanager
