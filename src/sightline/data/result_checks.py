@@ -129,12 +129,13 @@ def remarks_on_far_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
     height, width = _IMAGE_SIZE
     low, high = (-width, -height), (2 * width, 2 * height)
     is_far = ((boxes.boxes2d[:, :2] < low) | (boxes.boxes2d[:, 2:] > high)).any(axis=1)
-    number = int(is_far.sum())
+    number = int(np.count_nonzero(is_far))
     if number:
         largest = float(np.abs(boxes.boxes2d[is_far]).max())
+        verb = "end" if number > 1 else "ends"
         yield (
-            f"{number:,} of {len(is_far):,} 2D boxes of results {'end' if number > 1 else 'ends'} "
-            f"far beyond KITTI's images of at most {width} x {height} px, at up to {largest:g} px."
+            f"{number:,} of {len(boxes.boxes2d):,} 2D boxes of results {verb} far beyond "
+            f"KITTI's images of at most {width} x {height} px, at up to {largest:g} px."
         )
 
 
