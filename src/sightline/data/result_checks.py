@@ -132,8 +132,9 @@ def remarks_on_far_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
     number = int(is_far.sum())
     if number:
         largest = float(np.abs(boxes.boxes2d[is_far]).max())
+        verb = "end" if number > 1 else "ends"
         yield (
-            f"{number:,} of {len(is_far):,} 2D boxes of results {'end' if number > 1 else 'ends'} "
+            f"{number:,} of {len(boxes.boxes2d):,} 2D boxes of results {verb} "
             f"far beyond KITTI's images of at most {width} x {height} px, at up to {largest:g} px."
         )
 
