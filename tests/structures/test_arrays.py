@@ -50,9 +50,10 @@ def test_a_principal_point_of_another_image_is_doubted():
 def test_the_height_of_the_lidar_is_estimated_from_the_points_if_it_is_not_given():
     made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=POINTS)
     assert made.lidar_height_m == pytest.approx(1.73, abs=0.1)
-    higher = CameraLidarSample.from_arrays(
-        CALIBRATION, image=IMAGE, points=POINTS, lidar_height_m=2.23
-    )
+    with pytest.warns(UserWarning, match=r"lidar_height_m is 2.23, but the road .* gives 1.7"):
+        higher = CameraLidarSample.from_arrays(
+            CALIBRATION, image=IMAGE, points=POINTS, lidar_height_m=2.23
+        )
     assert higher.higher_than_kitti_m == pytest.approx(0.5)
     assert SAMPLE.higher_than_kitti_m == 0
 

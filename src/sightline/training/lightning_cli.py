@@ -127,8 +127,8 @@ class _Parser(LightningArgumentParser):
     def __init__(self, *positional: Any, **named: Any) -> None:  # noqa: ANN401 - as base
         super().__init__(*positional, **{"allow_abbrev": False, **named})
 
-    def format_help(self, *formatter: Any) -> str:  # noqa: ANN401 - as base
-        return without_backspaces(super().format_help(*formatter))
+    def format_help(self, *positional: Any, **named: Any) -> str:  # noqa: ANN401 - as base
+        return without_backspaces(super().format_help(*positional, **named))
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         if isinstance(ex, ArgumentError):
