@@ -122,9 +122,10 @@ def label_frame(
 
     Boxes stand upright on the car's level, whatever the camera's pitch and roll: 2D boxes bound the
     upright boxes, rotation_y is about the vertical, and the location is the one from which readers
-    compute the box's true middle, half of its height along the camera's y axis. `owners` are the indices of
-    the actors at each pixel, negative for none; the LiDAR, the calibration's reference frame, is
-    `lidar_height_m` above the ego's footprint.
+    compute the box's true middle, half of its height along the camera's y axis.
+
+    `owners` are the indices of the actors at each pixel, negative for none; the LiDAR, the
+    calibration's reference frame, is `lidar_height_m` above the ego's footprint.
     """
     lidar_from_world = np.linalg.inv(world_from_footprint(scene.ego, lidar_height_m))
     observer = _Observer(

@@ -22,8 +22,8 @@ from sightline.simulation.rays.surfaces import (
     face_normal,
     mesh_tables,
 )
-from sightline.simulation.scene import SURFACES, Material, Motion, Scene, world_from_footprint
 from sightline.simulation.rigs import LidarModel, Rosette
+from sightline.simulation.scene import SURFACES, Material, Motion, Scene, world_from_footprint
 from sightline.simulation.tables import read_table
 
 _MID_GREY = 0.25  # linear albedo of the sample for `Surface.lidar_reflectance`

@@ -42,7 +42,10 @@ def _random_camera(rng: np.random.Generator, lidar_height_m: float) -> CameraRig
     pitch_deg = np.clip(
         _peaked(rng, _MAX_PITCH_DEG), max(lowest, -_MAX_PITCH_DEG), min(highest, _MAX_PITCH_DEG)
     )
-    height_m = float(np.clip(lidar_height_m - rng.uniform(-0.2, 1.0), *_CAMERA_HEIGHT_M))
+    lowest_m, highest_m = _CAMERA_HEIGHT_M
+    height_m = float(
+        rng.uniform(max(lowest_m, lidar_height_m - 1), min(highest_m, lidar_height_m + 0.2))
+    )
     gain = float(rng.uniform(0.85, 1.18))
     has_bonnet = rng.random() < _BONNET_SHARE
     bonnet_m = float(rng.uniform(0.8, 1.1)) if has_bonnet else 0.0
@@ -67,7 +70,7 @@ def _random_lidar(rng: np.random.Generator, height_m: float) -> LidarRig:
         rosette, elevations = _random_rosette(rng), ()
     is_level = rng.random() < _LEVEL_SHARE
     pitch_deg, roll_deg = (0.0 if is_level else _peaked(rng, 3.0) for _ in range(2))
-    dense = len(elevations) > 64  # noqa: PLR2004
+    dense = len(elevations) > 64
     hides_rear = rng.random() < 0.5
     return LidarRig(
         elevations_deg=elevations,

@@ -189,7 +189,7 @@ def choose_rig(given: str) -> Rig | Drawn:
     Raises:
         ValueError: There is no such rig or file, or the file is invalid.
     """
-    if given == "random" or given == "named":  # noqa: PLR1714 - for mypy
+    if given == "random" or given == "named":
         return given
     if given in RIG_NAMES:
         return named_rig(given)
@@ -253,22 +253,17 @@ def _converted(name: str, value: Any, hint: Any) -> Any:  # noqa: ANN401 - any p
         return None if value is None else _converted(name, value, parts[0])
     if is_dataclass(hint):
         return _built(name, value, hint)
-    is_listed = isinstance(value, list | tuple)
-    if origin is tuple and name == "image_size" and isinstance(value, Mapping):
-        if set(value) == {"width", "height"}:
-            value, is_listed = (value["height"], value["width"]), True
-    elif origin is tuple and name == "image_size":
-        is_listed = False  # the order would be doubtful
-    if origin is tuple and is_listed:
+    if name == "image_size":  # named sides, as the order of a list would be doubtful
+        is_size = isinstance(value, Mapping) and set(value) == {"width", "height"}
+        value = (value["height"], value["width"]) if is_size else None
+    if origin is tuple and isinstance(value, list | tuple):
         kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
         if len(kinds) == len(value):
-            return tuple(_converted(name, *pair) for pair in zip(value, kinds, strict=True))
-    if origin is Literal and value in parts:
-        return value
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is float and is_number and math.isfinite(value):
+            each = zip(kinds, value, strict=True)
+            return tuple(_converted(f"an entry of {name}", one, kind) for kind, one in each)
+    if hint is float and type(value) in (int, float) and math.isfinite(value):
         return float(value)
-    if hint in (int, str) and type(value) is hint:
+    if (hint in (int, str) and type(value) is hint) or (origin is Literal and value in parts):
         return value
     raise ValueError(f"{name} is {shortened(str(value), 40)!r}, expected {_described(name, hint)}")
 
@@ -296,7 +291,9 @@ def _built(name: str, content: object, kind: Any) -> Any:  # noqa: ANN401 - a da
             f"{name} has the unknown entry {shortened(unknown[0], 40)!r}, expected "
             f"{', '.join(listed)}"
         )
-    lacking = [key for key, each in listed.items() if each.default is MISSING and key not in content]
+    lacking = [
+        key for key, each in listed.items() if each.default is MISSING and key not in content
+    ]
     if lacking:
         raise ValueError(f"{name} lacks {lacking[0]}")
     hints = get_type_hints(kind, include_extras=True)

@@ -11,14 +11,16 @@ from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
 from sightline.geometry.road_height import LidarPose
+from sightline.simulation.bodies.bonnet import bonnet
 from sightline.simulation.camera.camera import CameraConfig, render_camera
+from sightline.simulation.camera.stored_image import stored_image
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, mounted, take_sweep
 from sightline.simulation.random_rigs import random_rig
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.rig_sensors import Sensors, mount
-from sightline.simulation.rigs import RIG_NAMES, Rig, named_rig
-from sightline.simulation.scene import Street, world_from_footprint
+from sightline.simulation.rigs import RIG_NAMES, CameraRig, Rig, named_rig
+from sightline.simulation.scene import Mesh, Scene, Street, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.street import make_street
 
@@ -33,7 +35,7 @@ _IMAGE_FROM_CAMERA = (
 _CAMERA_FROM_LIDAR = (
     (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, -0.08), (1.0, 0.0, 0.0, -0.27), (0.0, 0.0, 0.0, 1.0),
 )  # fmt: skip
-_RIG_STREAM = 38  # separates the draws of rigs from those of streets and sensors
+_RIG_STREAM, _BONNET_STREAM = 38, 39  # separate their draws from those of streets and sensors
 _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
@@ -76,9 +78,7 @@ def sensors_of(config: SimulationConfig, drive: int) -> Sensors:
             lidar=lidar_of(config),
         )
     sensors = mount(rig)
-    return replace(
-        sensors, lidar=replace(sensors.lidar, rolling_shutter=config.rolling_shutter)
-    )
+    return replace(sensors, lidar=replace(sensors.lidar, rolling_shutter=config.rolling_shutter))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -141,13 +141,15 @@ def simulate_frame(
     drive, step = divmod(index, config.sequence_length)
     street = simulate_street(config, drive, streets)
     time_s = step * FRAME_S
+    sensors = sensors_of(config, drive)
     scene = street.snapshot(time_s)
+    if sensors.camera is not None and sensors.camera.bonnet_m:
+        scene = _with_bonnet(scene, sensors.camera, config, drive)
     raycaster = Raycaster(scene.mesh)
     camera_rng, lidar_rng = (
         np.random.default_rng(child)
         for child in np.random.SeedSequence([config.seed, drive, step]).spawn(2)
     )
-    sensors = sensors_of(config, drive)
     lidar = sensors.lidar
     camera = CameraConfig(
         picture=config.camera,
@@ -172,7 +174,7 @@ def simulate_frame(
     return SimulatedFrame(
         sample_id=f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}",
         calibration=sensors.calibration,
-        image=picture.image,
+        image=_stored(picture.image, sensors.camera),
         points=points,
         objects=labels.objects,
         visible_boxes=labels.visible_boxes,
@@ -182,6 +184,24 @@ def simulate_frame(
         time_s=time_s,
         lidar_pose=sensors.lidar_pose,
     )
+
+
+def _with_bonnet(scene: Scene, camera: CameraRig, config: SimulationConfig, drive: int) -> Scene:
+    """Add the bonnet of the own car, which belongs to no actor, in front of the camera."""
+    rng = np.random.default_rng([config.seed, drive, _BONNET_STREAM])
+    part = bonnet(
+        rng, ahead_m=camera.ahead_m, left_m=camera.left_m, height_m=camera.bonnet_m
+    ).placed(scene.ego)
+    owners = np.concatenate((np.full(len(part.faces), -1, np.int32), scene.owners))
+    return replace(scene, mesh=Mesh.joined([part, scene.mesh]), owners=owners)
+
+
+def _stored(
+    image: UInt8[np.ndarray, "height width 3"] | None, camera: CameraRig | None
+) -> UInt8[np.ndarray, "height width 3"] | None:
+    if image is None or camera is None:
+        return image
+    return stored_image(image, camera.white_balance, camera.jpeg_quality)
 
 
 @lru_cache(maxsize=1)  # the frames of a drive come one after the other
