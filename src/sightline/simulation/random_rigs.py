@@ -9,7 +9,7 @@ from sightline.simulation.rigs import CameraRig, LidarRig, Rig, Rosette
 
 _RINGS: Final = (16, 32, 40, 64, 128)
 _FOCAL_PX: Final = (500.0, 2500.0)
-_WIDTH_PX: Final = (800, 2048)
+_WIDTH_PX: Final = (800.0, 2048.0)
 _WIDTH_DEG: Final = (30.0, 100.0)
 _ASPECT: Final = (0.3, 0.75)  # height by width
 _HORIZON: Final = (0.15, 0.75)  # limits of the horizon's row, as a share of the height
