@@ -150,7 +150,7 @@ def test_names_that_there_are_not_are_refused_with_the_list():
         ValueError, match=r"rig must be random, named, a YAML file, or one of kitti"
     ):
         choose_rig("kity")
-    with pytest.raises(FileError, match="none.yaml"):
+    with pytest.raises(FileError, match=r"none\.yaml"):
         choose_rig("none.yaml")
 
 

@@ -189,8 +189,10 @@ def choose_rig(given: str) -> Rig | Drawn:
     Raises:
         ValueError: There is no such rig or file, or the file is invalid.
     """
-    if given == "random" or given == "named":
-        return given
+    if given == "random":
+        return "random"
+    if given == "named":
+        return "named"
     if given in RIG_NAMES:
         return named_rig(given)
     path = Path(given)

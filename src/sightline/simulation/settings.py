@@ -87,7 +87,10 @@ class SimulationConfig:
         if self.rig is None:
             return
         if not isinstance(self.rig, Rig) and self.rig not in DRAWN:
-            raise ValueError(f"rig must be a Rig or one of {', '.join(DRAWN)}, got {self.rig!r}")
+            raise ValueError(
+                f"rig must be a Rig or one of {', '.join(DRAWN)}, got {self.rig!r}; "
+                "rigs.choose_rig finds a name or reads a file"
+            )
         own = ("image_size", "focal_px", "lidar")
         given = [
             each.name

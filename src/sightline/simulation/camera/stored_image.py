@@ -23,4 +23,6 @@ def stored_image(
     if jpeg_quality >= 100:
         return image
     _, packed = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
-    return np.ascontiguousarray(cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1])
+    unpacked = cv2.imdecode(packed, cv2.IMREAD_COLOR)
+    assert unpacked is not None, "OpenCV has just written it"
+    return np.ascontiguousarray(unpacked[..., ::-1]).astype(np.uint8, copy=False)
