@@ -38,8 +38,9 @@ _REACH_SPREAD_M = 6.0
 _KITTI_REACH_M: Final = 74.0
 _BEHIND_GLASS_M = 1e-3
 _TURN_S = 0.1
-# Turns of a rosette's prisms in a frame: about those of Livox's, in opposite directions.
-_PRISM_RATES: Final = (729.0 / 10 + 0.13, -468.0 / 10 + 0.07)
+# Turns of a rosette's prisms in a frame, about Livox's, in opposite directions; their ratio is the
+# golden one, which closes latest, so that loops are spread evenly.
+_PRISM_RATES: Final = (73.03, -45.13)
 
 # Fitted to the reflectances of KITTI's files: overall, by range, between shots and on cars.
 # The reading is roughly the logarithm of the echo, independent of the slant of rough surfaces.

@@ -16,8 +16,11 @@ _HORIZON: Final = (0.15, 0.75)  # limits of the horizon's row, as a share of the
 _MAX_PITCH_DEG, _MAX_ROLL_DEG = 8.0, 3.0
 _CAMERA_HEIGHT_M: Final = (1.1, 2.5)
 _LIDAR_HEIGHT_M: Final = (1.2, 2.5)
-_NO_REFLECTANCE_SHARE, _ROSETTE_SHARE, _LEVEL_SHARE, _BONNET_SHARE = 0.15, 0.1, 0.4, 0.3
-_MIN_BONNET_GAP_M: Final = 0.25
+_NO_REFLECTANCE_SHARE, _ROSETTE_SHARE, _LEVEL_SHARE, _BONNET_SHARE = 0.15, 0.1, 0.4, 0.5
+_BONNET: Final = (0.72, 0.98)  # limits of the bonnet's upper edge, as a share of the height
+_BONNET_AWAY_M: Final = 1.3  # about the distance of this edge
+_BONNET_HEIGHT_M: Final = (0.75, 1.6)
+_MIN_BONNET_GAP_M: Final = 0.12
 
 
 def random_rig(rng: np.random.Generator) -> Rig:
@@ -47,8 +50,12 @@ def _random_camera(rng: np.random.Generator, lidar_height_m: float) -> CameraRig
         rng.uniform(max(lowest_m, lidar_height_m - 1), min(highest_m, lidar_height_m + 0.2))
     )
     gain = float(rng.uniform(0.85, 1.18))
+    # A bonnet is as high as it takes to reach a row of the image, where a car's can be so high.
+    below_deg = pitch_deg + math.degrees(math.atan((rng.uniform(*_BONNET) * height - y) / focal_px))
+    bonnet_m = height_m - _BONNET_AWAY_M * math.tan(math.radians(below_deg))
     has_bonnet = rng.random() < _BONNET_SHARE
-    bonnet_m = float(rng.uniform(0.8, 1.1)) if has_bonnet else 0.0
+    lowest_m, highest_m = _BONNET_HEIGHT_M
+    has_bonnet &= lowest_m < bonnet_m < min(highest_m, height_m - _MIN_BONNET_GAP_M)
     return CameraRig(
         image_size=(height, width),
         focal_px=round(focal_px, 2),
@@ -60,7 +67,7 @@ def _random_camera(rng: np.random.Generator, lidar_height_m: float) -> CameraRig
         roll_deg=round(_peaked(rng, _MAX_ROLL_DEG), 2),
         white_balance=(round(gain, 3), 1.0, round(float(1 / gain * rng.uniform(0.93, 1.07)), 3)),
         jpeg_quality=int(rng.integers(60, 100)) if rng.random() < 0.7 else 100,
-        bonnet_m=round(bonnet_m, 2) if bonnet_m < height_m - _MIN_BONNET_GAP_M else 0.0,
+        bonnet_m=round(float(bonnet_m), 2) if has_bonnet else 0.0,
     )
 
 
