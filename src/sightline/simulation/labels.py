@@ -12,7 +12,7 @@ from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects, objects_from_rows
 from sightline.data.pixels import wrap_angle
-from sightline.simulation.camera.samples import View, camera_view
+from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES, View, camera_view
 from sightline.simulation.rays.raycast import EmbreeScene
 from sightline.simulation.scene import Actor, Scene, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX
@@ -72,8 +72,6 @@ _PERSON_MARGIN_M: Final = 0.02
 """Gap between a pedestrian and either side of the box, which then has 0.72 of the width of the
 projected 3D box (median; 0.55 to 0.9 for nine in ten) as in KITTI's files."""
 _DONT_CARE_GAP_PX: Final = 4.0
-_LEVEL_CAMERA_AXES: Final = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-"""Rotation from a level LiDAR to a level camera that looks ahead."""
 _ROUND_ENDED_CLASSES: Final = ("Car", "Van")  # labelled only up to the flank's visible end
 _NO_BOX3D: Final = (-1.0, -1.0, NO_ALPHA, -1.0, -1.0, -1.0, *(NO_LOCATION,) * 3, NO_ALPHA)
 """Numbers on a DontCare line; its box follows the third number."""
@@ -132,7 +130,7 @@ def label_frame(
         scene=scene,
         owners=owners,
         view=camera_view(calibration, scene.ego, lidar_height_m),
-        camera_from_level=calibration.camera_from_lidar[:3, :3] @ _LEVEL_CAMERA_AXES.T,
+        camera_from_level=calibration.camera_from_lidar[:3, :3] @ LEVEL_CAMERA_AXES.T,
         camera_from_world=calibration.camera_from_lidar @ lidar_from_world,
         image_from_camera=calibration.image_from_camera,
     )

@@ -10,11 +10,10 @@ from jaxtyping import Float64
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.geometry.road_height import LidarPose
 from sightline.geometry.tilt import Tilt
+from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES
 from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig
 from sightline.simulation.rigs import CameraRig, LidarRig, Rig
 
-_CAMERA_AXES: Final = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-"""Rotation from x forward, y left, z up to a camera's right, down, forward."""
 _REACH_SHARE: Final = 0.9  # of the largest range
 _KITTI: Final = LidarConfig(lasers=(Laser(elevation_deg=0.0),))
 
@@ -70,7 +69,7 @@ def mount(rig: Rig) -> Sensors:
 def _camera_from_level(camera: CameraRig, lidar_height_m: float) -> Float64[np.ndarray, "4 4"]:
     level_from_body = Tilt(roll_deg=camera.roll_deg, pitch_deg=camera.pitch_deg).level_from_lidar
     camera_from_level = np.eye(4)
-    camera_from_level[:3, :3] = _CAMERA_AXES @ level_from_body[:3, :3].T
+    camera_from_level[:3, :3] = LEVEL_CAMERA_AXES @ level_from_body[:3, :3].T
     place = np.array((camera.ahead_m, camera.left_m, camera.height_m - lidar_height_m))
     camera_from_level[:3, 3] = -camera_from_level[:3, :3] @ place
     return camera_from_level
