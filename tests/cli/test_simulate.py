@@ -7,6 +7,7 @@ from sightline.cli import main as cli
 from sightline.data.image_header import read_image_size
 from sightline.jobs.run import JobResult
 from sightline.simulation import generate
+from sightline.simulation.rigs import named_rig
 from sightline.simulation.settings import PRESETS, SimulatedSet, SimulationConfig
 
 
@@ -106,6 +107,18 @@ def test_a_preset_gives_unspecified_settings_wherever_it_stands(calls: list[dict
     assert calls[0]["config"] == SimulationConfig(seed=0, image_size=preset.config.image_size)
 
 
+def test_a_rig_is_given_by_its_name_or_file_or_drawn(calls: list[dict], tmp_path: Path):
+    mine = tmp_path / "mine.yaml"
+    camera, lidar = "{image_size: {width: 64, height: 48}, focal_px: 60}", "{model: vlp-16}"
+    mine.write_text(f"camera: {camera}\nlidar: {lidar}\n")
+    for rig in ("waymo", "random", str(mine)):
+        assert run("--rig", rig) == 0
+    named, drawn, read = (call["config"].rig for call in calls)
+    assert named == named_rig("waymo")
+    assert drawn == "random"
+    assert read.camera.image_size == (48, 64)
+
+
 def test_hard_streets_of_a_preset_can_be_refused(calls: list[dict]):
     run("--preset", "street-hard-500")
     run("--preset", "street-hard-500", "--no-hard")
@@ -130,6 +143,10 @@ def test_hard_streets_of_a_preset_can_be_refused(calls: list[dict]):
         (["--shard-index", "2", "--num-shards", "2"], "got 2 of 2"),
         (["--lidar", "sonar"], "sonar"),
         (["--preset", "street-9k"], "street-9k"),
+        (["--rig", "kity"], "rig must be random, named, a YAML file, or one of kitti, nuscenes"),
+        (["--rig", "absent.yaml"], "absent.yaml: cannot be read: no such file"),
+        (["--rig", "waymo", "--lidar", "vlp-16"], "a rig has its own lidar; leave out lidar or"),
+        (["--rig", "random", "--sequence-length", "3"], "a drive has one rig for all frames"),
     ],
 )
 def test_senseless_settings_are_refused_in_one_line_before_the_folder_is_claimed(

@@ -11,8 +11,10 @@ from sightline.data.kitti_calibration import (
     CalibrationMatrices,
     check_intrinsics,
     check_matrices,
+    object_calibration_text,
     read_intrinsics,
     read_object_matrices,
+    read_object_pose,
     read_raw_matrices,
     read_rectified_intrinsics,
 )
@@ -22,7 +24,10 @@ from sightline.data.kitti_files import (
     write_object_calibration,
     write_raw_calibration,
 )
+from sightline.files.problem import FileError
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.road_height import LidarPose
+from sightline.geometry.tilt import Tilt
 from tests.data.trees import calibration, intrinsics_text
 
 ENTRIES = {
@@ -260,3 +265,43 @@ def test_the_camera_matrix_of_another_resolution_is_doubted():
     (problem,) = check_matrices(matrices(), (188, 621), PATH)
     assert problem.problem.startswith("holds a camera matrix that has its principal point in the")
     assert check_matrices(matrices(), (352, 1216), PATH) == []  # a crop
+
+
+TILTED = LidarPose(height_m=1.9, tilt=Tilt(roll_deg=-1.5, pitch_deg=2.5))
+MATRICES = CalibrationMatrices(
+    image_from_camera=np.array(
+        [[700.0, 0.0, 600.0, 0.0], [0.0, 700.0, 180.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    ),
+    camera_from_lidar=np.array(
+        [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    ),
+)
+
+
+@pytest.mark.parametrize("pose", [None, LidarPose(height_m=2.1, tilt=None), TILTED])
+def test_the_mount_over_the_road_is_read_as_it_was_written(tmp_path, pose):
+    path = tmp_path / "calib.txt"
+    path.write_text(object_calibration_text(MATRICES, pose))
+    assert read_object_pose(path) == pose
+    read = read_object_matrices(path)
+    np.testing.assert_array_equal(read.camera_from_lidar, MATRICES.camera_from_lidar)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("lidar_height_m: 1.9", "lidar_height_m: 19", "lidar_height_m is 19 m, expected -0.3 to"),
+        ("lidar_height_m: 1.9", "lidar_height_m: high", "lidar_height_m"),
+        ("lidar_height_m: 1.9", "height: 1.9", "lacks lidar_height_m"),
+        ("lidar_tilt_deg: -1.5", "lidar_tilt_deg: -70", "lidar_tilt_deg exceeds 45 degrees"),
+        ("lidar_tilt_deg: -1.5", "lidar_tilt_deg: 1 2", "lidar_tilt_deg holds 3 values"),
+    ],
+)
+def test_a_mount_that_is_not_plausible_is_named(tmp_path, old, new, message):
+    path = tmp_path / "calib.txt"
+    text = object_calibration_text(MATRICES, TILTED)
+    text = text.replace("1.8999999999999999e+00", "1.9").replace("-1.5000000000000000e+00", "-1.5")
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(FileError, match=message):
+        read_object_pose(path)

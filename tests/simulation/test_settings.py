@@ -13,6 +13,8 @@ def test_presets_split_into_training_and_validation():
         "street-8k": (8000, 500),
         "street-hard-500": (0, 500),
         "street-negatives-4k": (4000, 500),
+        "street-rigs-8k": (8000, 500),
+        "rigs-val-600": (0, 600),
     }
     assert PRESETS["street-2k"].config.image_size == (352, 1216)
     assert PRESETS["street-8k"].config == SimulationConfig(seed=8000)
@@ -29,6 +31,7 @@ def test_no_two_presets_share_a_street():
     ("wrong", "message"),
     [
         ({"lidar": "hdl-16e"}, "lidar must be one of hdl-64e, hdl-32e, vlp-16, got 'hdl-16e'"),
+        ({"rig": "kity"}, "rig must be a Rig or one of random, named, got 'kity'"),
         ({"samples_per_pixel": 2}, "samples_per_pixel must be 1 or 4, got 2"),
     ],
 )

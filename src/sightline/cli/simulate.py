@@ -10,6 +10,7 @@ from docstring_parser import parse_from_object
 
 from sightline.cli.declared import declare
 from sightline.cli.output import say
+from sightline.simulation.rigs import choose_rig
 from sightline.simulation.settings import PresetName, SimulatedSet, SimulationConfig, choose_set
 
 _HELP = """Simulates street frames or drives in KITTI's format, with dense depth and labels.
@@ -42,7 +43,8 @@ def simulate_command() -> Callable[..., None]:
         for setting in fields(settings_type):
             if setting.default is MISSING:  # the configuration; its fields follow
                 continue
-            options[setting.name] = (types[setting.name], SUPPRESS)
+            kind = str if setting.name == "rig" else types[setting.name]  # `choose_rig` reads it
+            options[setting.name] = (kind, SUPPRESS)
             explained += f"    {setting.name}: {_help(setting, texts[setting.name])}\n"
     options |= {"workers": (int, 2), "shard_index": (int, 0), "num_shards": (int, 1)}
     return declare(command, {"out": Path}, options, help_text=_HELP.format(settings=explained))
@@ -51,6 +53,8 @@ def simulate_command() -> Callable[..., None]:
 def _help(setting: Field[Any], text: str) -> str:
     default: Any = setting.default
     text = " ".join(text.split())
+    if default is None:
+        return text
     if setting.name == "image_size":  # KITTI's users write the width first; `_run` swaps
         text, default = text.replace("Height, width", "Width, height"), f"{default[1]} {default[0]}"
     return f"{text} Default: {default}."
@@ -69,6 +73,8 @@ def _run(
 
     if "image_size" in given:  # KITTI's users write the width first; settings have the height first
         given["image_size"] = given["image_size"][::-1]
+    if "rig" in given:
+        given["rig"] = choose_rig(given["rig"])
     chosen = choose_set(preset, given)
     result = simulate(
         out,

@@ -28,11 +28,19 @@ from sightline.geometry.mount import (
     resolution_doubt,
     stretch_doubt,
 )
+from sightline.geometry.road_height import (
+    MAX_LIDAR_HEIGHT_M,
+    MAX_TILT_DEG,
+    MIN_LIDAR_HEIGHT_M,
+    LidarPose,
+)
 from sightline.geometry.rotations import rotation_fault
+from sightline.geometry.tilt import Tilt
 
 _LIMIT = 1e9  # far above any focal length, baseline or mounting; products stay finite
 _LAST_ROW_TOLERANCE = 1e-9
 _REMEDY = "correct it or extract the calibration archive again"
+_HEIGHT_ENTRY, _TILT_ENTRY = "lidar_height_m", "lidar_tilt_deg"
 _MAX_SKEW_SHARE: Final = 0.01
 """Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
 
@@ -131,21 +139,57 @@ def read_rigid_transform(path: Path | str) -> Float64[np.ndarray, "4 4"]:
     return target_from_source
 
 
-def object_calibration_text(matrices: CalibrationMatrices) -> str:
+def object_calibration_text(matrices: CalibrationMatrices, pose: LidarPose | None = None) -> str:
     """The text of an object benchmark's calibration file, exact to the last bit.
 
     The given camera is written for all four (P0 to P3), the rectification is the identity and
     Tr_velo_to_cam is the complete transform to the rectified camera. Tr_imu_to_velo is not used
-    here and is the identity.
+    here and is the identity. A known mount over the road follows, as `read_object_pose` reads it.
     """
     identity = np.eye(4)
-    entries = [(f"P{camera}", matrices.image_from_camera) for camera in range(4)]
+    entries: list[tuple[str, Float64[np.ndarray, "..."]]] = [
+        (f"P{camera}", matrices.image_from_camera) for camera in range(4)
+    ]
     entries += [
         ("R0_rect", identity[:3, :3]),
         ("Tr_velo_to_cam", matrices.camera_from_lidar[:3]),
         ("Tr_imu_to_velo", identity[:3]),
     ]
+    if pose is not None and pose.height_m is not None:
+        tilt_deg = (0.0, 0.0) if pose.tilt is None else (pose.tilt.roll_deg, pose.tilt.pitch_deg)
+        entries += [
+            (_HEIGHT_ENTRY, np.array([pose.height_m])),
+            (_TILT_ENTRY, np.array(tilt_deg)),
+        ]
     return _entries_text(entries)
+
+
+def read_object_pose(path: Path | str) -> LidarPose | None:
+    """Reads the mount of the LiDAR over the road, an addition to KITTI's format; None: not given.
+
+    It has two lines, which other readers of KITTI's files ignore: the height [m], and roll and
+    pitch [degrees] as in `Tilt`.
+
+    Raises:
+        FileError: One of the two is missing, not numeric or not plausible.
+    """
+    entries = _read_entries(path)
+    if _HEIGHT_ENTRY not in entries and _TILT_ENTRY not in entries:
+        return None
+    height_m = float(_matrix(entries, _HEIGHT_ENTRY, (1, 1), path)[0, 0])
+    roll_deg, pitch_deg = _matrix(entries, _TILT_ENTRY, (1, 2), path)[0].tolist()
+    if not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M:
+        problem = (
+            f"{_HEIGHT_ENTRY} is {height_m:g} m, expected {MIN_LIDAR_HEIGHT_M:g} to "
+            f"{MAX_LIDAR_HEIGHT_M:g}"
+        )
+        raise FileError(path, problem, _REMEDY)
+    if max(abs(roll_deg), abs(pitch_deg)) > MAX_TILT_DEG:
+        problem = f"{_TILT_ENTRY} exceeds {MAX_TILT_DEG:g} degrees, expected a LiDAR nearly level"
+        raise FileError(path, problem, _REMEDY)
+    is_tilted = bool(roll_deg or pitch_deg)
+    tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg) if is_tilted else None
+    return LidarPose(height_m=height_m, tilt=tilt)
 
 
 def raw_calibration_texts(matrices: CalibrationMatrices) -> tuple[str, str]:

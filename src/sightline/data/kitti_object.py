@@ -20,7 +20,7 @@ from sightline.data.kitti_trees import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
+from sightline.data.lidar_mount import pose_of_tree, stated_pose, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
@@ -37,7 +37,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
     not in the middle of a training; their contents are read frame by frame. If the LiDAR is rotated
     (the camera points more than 5 degrees away from its x axis) or tilted (by 4 degrees or more
     against the road in some clouds, with a warning), samples have a `level_from_lidar`. If it sits
-    more than 0.5 m higher or lower than KITTI's, with a warning, they have its height.
+    more than 0.5 m higher or lower than KITTI's, with a warning, they have its height. Calibration
+    files of simulated rigs give height and tilt, frame by frame, which then replace estimates.
     """
 
     def __init__(
@@ -124,7 +125,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         sized = frame.image or frame.depth or self._any_picture
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)
-        level_from_lidar = level_from_mount(calibration, self._pose.tilt)
+        pose = stated_pose(frame) or self._pose
+        level_from_lidar = level_from_mount(calibration, pose.tilt)
         objects = None
         if frame.objects is not None:
             level = level_calibration(calibration, level_from_lidar)
@@ -153,7 +155,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             points=None if frame.points is None else read_points(frame.points),
             objects=objects,
             depth=depth,
-            lidar_height_m=self._pose.height_m,
+            lidar_height_m=pose.height_m,
             level_from_lidar=level_from_lidar,
         )
 

@@ -11,7 +11,7 @@ from jaxtyping import Float32
 
 from sightline.data.entry_checks import select_spread
 from sightline.data.frame_checks import read_or_note
-from sightline.data.kitti_calibration import CalibrationMatrices
+from sightline.data.kitti_calibration import CalibrationMatrices, read_object_pose
 from sightline.data.kitti_trees import DriveFrame, ObjectFrame
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
@@ -43,10 +43,14 @@ def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarP
 
     A LiDAR tilted by less than 4 degrees is assumed to be level, and one whose height differs by
     less than 0.5 m from KITTI's, or whose clouds hardly show the road, to be mounted like KITTI's.
+    Where the calibration files give the mount of each frame (`stated_pose`), nothing is estimated.
 
     Args:
         frames: All frames of a tree, so that any selection has the same pose.
     """
+    first = next((frame for frame in frames if isinstance(frame, ObjectFrame)), None)
+    if first is not None and stated_pose(first) is not None:
+        return _KITTI_POSE
     paths = select_spread([frame.points for frame in frames if frame.points is not None])
     read = (read_or_note(read_sweep, path, []) for path in paths)
     sweeps = [sweep for sweep in read if sweep is not None]  # others: reported by their readers
@@ -58,6 +62,11 @@ def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarP
     # Clouds with other axes have no such pose: they are reported by their own check.
     has_other_axes = any(upright_turn(sweep) is not None for sweep in sweeps)
     return _KITTI_POSE if has_other_axes else pose
+
+
+def stated_pose(frame: ObjectFrame) -> LidarPose | None:
+    """Read the LiDAR's mount from a frame's calibration file; None: not given, or unreadable."""
+    return read_or_note(read_object_pose, frame.calibration, [])
 
 
 def warn_of_mount(pose: LidarPose, folder: Path) -> None:

@@ -13,6 +13,7 @@ from sightline.geometry.calibration import Calibration
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import SimulatedFrame, StreetMaker, simulate_frame
 from sightline.simulation.street import make_street
+from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -23,16 +24,21 @@ def sample_of(frame: SimulatedFrame) -> CameraLidarSample:
         image_from_camera=torch.from_numpy(frame.calibration.image_from_camera),
         camera_from_lidar=torch.from_numpy(frame.calibration.camera_from_lidar),
     )
+    pose = frame.lidar_pose
+    level_from_lidar = level_from_mount(calibration, None if pose is None else pose.tilt)
+    level = level_calibration(calibration, level_from_lidar)
     return CameraLidarSample(
         sample_id=frame.sample_id,
         calibration=calibration,
         image_size=frame.image_size,
         image=None if image is None else torch.from_numpy(image),
         points=torch.from_numpy(frame.points),
-        objects=labels_from_kitti(frame.objects, calibration),
+        objects=mounted_labels(labels_from_kitti(frame.objects, level), level_from_lidar),
         depth=torch.from_numpy(frame.depth_m),
         world_from_lidar=torch.from_numpy(frame.world_from_lidar),
         timestamp_s=frame.time_s,
+        lidar_height_m=None if pose is None else pose.height_m,
+        level_from_lidar=level_from_lidar,
     )
 
 

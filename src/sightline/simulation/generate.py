@@ -30,7 +30,7 @@ from sightline.simulation.simulator import (
     FRAME_S,
     SimulatedFrame,
     StreetMaker,
-    calibration_of,
+    sensors_of,
     simulate_course,
     simulate_frame,
 )
@@ -77,7 +77,8 @@ class FrameFiles:
         write_depth_png(self.sparse_depth, sparse_depth)
         write_instance_png(self.instances, frame.instances)
         if self.calibration is not None:
-            atomic_write_text(self.calibration, object_calibration_text(frame.calibration))
+            text = object_calibration_text(frame.calibration, frame.lidar_pose)
+            atomic_write_text(self.calibration, text)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -301,13 +302,15 @@ def simulate(
         "validation_frames": validation_frames,
         **asdict(config),
     }
+    if config.rig is None:  # as before there were rigs, so that older folders can be resumed
+        del settings["rig"]
     acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
     works: list[_Work] = []
     layout: Layout
     if config.sequence_length > 1:
         layout = DriveLayout(root=out, sequence_length=config.sequence_length)
         drives = list(layout.drives(layout.num_planned(frames)))
-        layout.write_calibration(calibration_of(config))
+        layout.write_calibration(sensors_of(config, 0).calibration)
         indices: list[int] = []
         for drive, length in shard(drives, shard_index, num_shards):
             first = drive * layout.sequence_length

@@ -12,7 +12,7 @@ from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects, objects_from_rows
 from sightline.data.pixels import wrap_angle
-from sightline.simulation.camera.samples import View, camera_view
+from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES, View, camera_view
 from sightline.simulation.rays.raycast import EmbreeScene
 from sightline.simulation.scene import Actor, Scene, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX
@@ -116,15 +116,21 @@ def label_frame(
     person, not as the 3D box. `labelled_ends` gives the ends of cars and vans. Occlusion is 0, 1 or
     2 by the visible share of the object's pixels within the image; a largely hidden object cut by
     the image border has 3, as do 95 % of KITTI's cars of that level. Objects too small, far or
-    hidden to label are DontCare, with close ones merged into one box. `owners` are the indices of
-    the actors at each pixel, negative for none; the LiDAR, the calibration's reference frame, is
-    `lidar_height_m` above the ego's footprint.
+    hidden to label are DontCare, with close ones merged into one box.
+
+    Boxes stand upright on the car's level, whatever the camera's pitch and roll: 2D boxes bound the
+    upright boxes, rotation_y is about the vertical, and the location is the one from which readers
+    compute the box's true middle, half of its height along the camera's y axis.
+
+    `owners` are the indices of the actors at each pixel, negative for none; the LiDAR, the
+    calibration's reference frame, is `lidar_height_m` above the ego's footprint.
     """
     lidar_from_world = np.linalg.inv(world_from_footprint(scene.ego, lidar_height_m))
     observer = _Observer(
         scene=scene,
         owners=owners,
         view=camera_view(calibration, scene.ego, lidar_height_m),
+        camera_from_level=calibration.camera_from_lidar[:3, :3] @ LEVEL_CAMERA_AXES.T,
         camera_from_world=calibration.camera_from_lidar @ lidar_from_world,
         image_from_camera=calibration.image_from_camera,
     )
@@ -158,6 +164,8 @@ class _Observer:
     owners: Int32[np.ndarray, "height width"]
     view: View
     camera_from_world: Float64[np.ndarray, "4 4"]
+    camera_from_level: Float64[np.ndarray, "3 3"]
+    """Rotation from a camera at the same place that is level like the car."""
     image_from_camera: Float64[np.ndarray, "3 4"]
 
     def measure(self, index: int, region: tuple[slice, ...], num_pixels: int) -> _VisibleActor:
@@ -165,9 +173,16 @@ class _Observer:
         actor, pose = self.scene.actors[index], self.scene.poses[index]
         camera_from_actor = self.camera_from_world @ world_from_footprint(pose, 0.0)
         size_lwh, middle = self._labelled(index, camera_from_actor)
-        location = camera_from_actor[:3, 3] + camera_from_actor[:3, 0] * middle
-        rotation_y = float(np.arctan2(-camera_from_actor[2, 0], camera_from_actor[0, 0]))
-        corners = box_corners(location, np.array(size_lwh[::-1]), rotation_y)
+        bottom = camera_from_actor[:3, 3] + camera_from_actor[:3, 0] * middle
+        heading = self.camera_from_level.T @ camera_from_actor[:3, 0]
+        rotation_y = float(np.arctan2(-heading[2], heading[0]))
+        upright = box_corners(
+            self.camera_from_level.T @ bottom, np.array(size_lwh[::-1]), rotation_y
+        )
+        corners = upright @ self.camera_from_level.T
+        # Readers raise the location along the camera's own vertical to the box's middle.
+        raised = np.array((0.0, -size_lwh[2] / 2, 0.0))
+        location = bottom + (self.camera_from_level @ raised - raised)
         height, width = self.owners.shape
         box, truncation = project_box(corners, self.image_from_camera, (height, width))
         outline, share = self._outline(index)

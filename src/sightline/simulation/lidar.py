@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float32, Float64, Int32
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.ranges import Within, check_ranges
+from sightline.geometry.tilt import Tilt
 from sightline.ops.compiled import compiled
-from sightline.simulation.arrays import RayRows, RayVectors
+from sightline.simulation.arrays import Points, RayRows, RayVectors, Values
 from sightline.simulation.rays.kernels import dot, row_of
 from sightline.simulation.rays.raycast import Hits, Raycaster
 from sightline.simulation.rays.surfaces import (
@@ -21,8 +22,8 @@ from sightline.simulation.rays.surfaces import (
     face_normal,
     mesh_tables,
 )
+from sightline.simulation.rigs import LidarModel, Rosette
 from sightline.simulation.scene import SURFACES, Material, Motion, Scene, world_from_footprint
-from sightline.simulation.settings import LidarModel
 from sightline.simulation.tables import read_table
 
 _MID_GREY = 0.25  # linear albedo of the sample for `Surface.lidar_reflectance`
@@ -33,11 +34,13 @@ _GLEAMING_ECHO = 0.10  # share of the echo from such a surface
 _GLEAMING_COSINE_POWER = 0.5  # exponent of that echo's cosine
 _THROUGH_GLASS = 0.1  # share of the light after passing a pane twice
 _STEEPNESS = 10.0  # slope of the detection probability around the detectable echo
-# Range at which returns become rarer on any surface, fitted to the depths in KITTI's images.
-_REACH_M = 74.0
 _REACH_SPREAD_M = 6.0
+_KITTI_REACH_M: Final = 74.0
 _BEHIND_GLASS_M = 1e-3
 _TURN_S = 0.1
+# Turns of a rosette's prisms in a frame, about Livox's, in opposite directions; their ratio is the
+# golden one, which closes latest, so that loops are spread evenly.
+_PRISM_RATES: Final = (73.03, -45.13)
 
 # Fitted to the reflectances of KITTI's files: overall, by range, between shots and on cars.
 # The reading is roughly the logarithm of the echo, independent of the slant of rough surfaces.
@@ -92,26 +95,37 @@ class BlindSector:
 class LidarConfig:
     """A LiDAR and its faults."""
 
-    lasers: tuple[Laser, ...]  # lasers from the top
+    lasers: tuple[Laser, ...]  # lasers from the top; none with a `rosette`
+    rosette: Rosette | None = None
     azimuth_step_deg: float = 0.1728
     """Step between two firings of a laser; 0.1728 is a Velodyne at 10 turns a second."""
     blind_sectors: tuple[BlindSector, ...] = ()
     height_m: float = KITTI_LIDAR_HEIGHT_M  # height of its origin above the road
     lean_deg: float = 0.0  # forward lean of its axis; points are nevertheless in a level frame
+    tilt: Tilt | None = None  # tilt of its frame against the car; points are in this frame
     min_range_m: float = 1.5
     max_range_m: float = 80.0
+    reach_m: Annotated[float, Within(1)] = _KITTI_REACH_M
+    """Range at which returns become rarer on any surface; fitted to the depths in KITTI's images.
+    Readings fade in proportion to it."""
     range_noise_m: Annotated[float, Within(0)] = 0.01
     """Standard deviation along the ray, around the laser's bias."""
     drop_out: Annotated[float, Within(0, 1)] = 0.01  # share of returns lost on any surface
     detectable_echo: float = 0.006
     """Echo (reflectance * cosine / (range / 40 m)^2) with detection probability 1 - 1/e."""
+    reading_scale: Annotated[float, Within(0)] = 1.0  # factor on the reflectance readings
     rolling_shutter: bool = False
     """Whether the sensor moves during its turn, which distorts the sweep as in reality."""
 
     def __post_init__(self) -> None:
         """Check the ranges, and that rings come from the top, as in KITTI's files."""
         elevations = [laser.elevation_deg for laser in self.lasers]
-        if not elevations or elevations != sorted(elevations, reverse=True):
+        if self.rosette is not None and elevations:
+            raise ValueError("a LiDAR has lasers or a rosette, got both")
+        if self.rosette is not None and self.rolling_shutter:
+            raise ValueError("rolling_shutter needs a LiDAR that turns, got a rosette")
+        falls = elevations == sorted(elevations, reverse=True)
+        if self.rosette is None and not (elevations and falls):
             raise ValueError(
                 f"a LiDAR needs lasers whose elevations fall from the top, got {elevations} degrees"
             )
@@ -199,7 +213,7 @@ def take_sweep(
             )
         world_from_lidar = _poses_in_turn(ego, time_s, firings.azimuths, config)
     else:
-        world_from_lidar = world_from_footprint(scene.ego, config.height_m)[None]
+        world_from_lidar = mounted(world_from_footprint(scene.ego, config.height_m), config)[None]
     origins, directions = _in_world(firings, world_from_lidar)
     hits, behind_glass = _cast_through_glass(scene, raycaster, origins, directions, rng)
     hit_rows = np.flatnonzero((hits.faces >= 0) & (hits.distances < config.max_range_m))
@@ -210,15 +224,16 @@ def take_sweep(
     share = np.where(gleams, _GLEAMING_ECHO * cosine**_GLEAMING_COSINE_POWER, cosine)
     echo = share * reflectance / (ranges / 40.0) ** 2
     found = (1 - config.drop_out) * -np.expm1(-((echo / config.detectable_echo) ** _STEEPNESS))
-    found /= 1 + np.exp((ranges - _REACH_M) / _REACH_SPREAD_M)
+    found /= 1 + np.exp((ranges - config.reach_m) / _REACH_SPREAD_M)
     kept = (rng.random(len(hit_rows)) < found) & (ranges > config.min_range_m)
     slant = cosine ** np.where(gleams, _GLEAMING_READING_POWER, _COSINE_POWER)
-    readings = _readings(reflectance * slant, ranges, firings.reading_biases[hit_rows], rng)
+    biases, faded_m = firings.reading_biases[hit_rows], ranges * (_KITTI_REACH_M / config.reach_m)
+    readings = _readings(reflectance * slant, faded_m, biases, rng) * config.reading_scale
     noise = firings.range_biases_m[hit_rows] + rng.normal(0.0, config.range_noise_m, len(hit_rows))
     places = firings.directions[hit_rows] * (ranges + noise)[:, None]
     places[:, 2] += firings.offsets_m[hit_rows]
     # KITTI's files store whole millimetres and hundredths.
-    points = np.column_stack((places.round(3), readings.round(2))).astype(np.float32)
+    points = np.column_stack((places.round(3), readings.clip(0, 0.99).round(2))).astype(np.float32)
     return np.asarray(points[kept])
 
 
@@ -234,24 +249,15 @@ class _Firings(NamedTuple):
 
 @lru_cache(maxsize=1)  # the same for all frames; never written to
 def _firings(config: LidarConfig) -> _Firings:
+    if config.rosette is not None:
+        return _rosette_firings(config, config.rosette)
     steps = np.deg2rad(np.arange(config.azimuth_step_deg / 2, 360.0, config.azimuth_step_deg))
     laser = np.repeat(np.arange(len(config.lasers)), len(steps))
     elevation = np.deg2rad([one.elevation_deg for one in config.lasers])[laser]
     azimuth = np.tile(steps, len(config.lasers))
-    free = np.ones(len(azimuth), dtype=bool)
-    for sector in config.blind_sectors:
-        start, end = np.deg2rad(sector.azimuth_deg)
-        hidden = (azimuth >= start) & (azimuth < end) & (elevation < np.deg2rad(sector.below_deg))
-        free &= ~hidden
+    free = _is_free(config, elevation, azimuth)
     elevation, azimuth, laser = elevation[free], azimuth[free], laser[free]
-    directions = np.stack(
-        (
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ),
-        axis=-1,
-    )
+    directions = _directions(elevation, azimuth)
     lean = np.deg2rad(config.lean_deg)
     cos, sin = np.cos(lean), np.sin(lean)
     leaning = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
@@ -262,6 +268,56 @@ def _firings(config: LidarConfig) -> _Firings:
         range_biases_m=np.array([one.range_bias_m for one in config.lasers])[laser],
         reading_biases=np.array([one.reading_bias for one in config.lasers])[laser],
     )
+
+
+def _rosette_firings(config: LidarConfig, rosette: Rosette) -> _Firings:
+    """Firings through two turning prisms, each of which bends the beam by half of the field.
+
+    They turn against each other at incommensurate rates; the rosette is stretched to the width.
+    """
+    turns = np.linspace(0.0, 1.0, rosette.points, endpoint=False) * 2 * np.pi
+    angles = [rate * turns for rate in _PRISM_RATES]
+    across, up = (
+        np.deg2rad(field_deg) / 4 * (wave(angles[0]) + wave(angles[1]))
+        for field_deg, wave in ((rosette.width_deg, np.cos), (rosette.height_deg, np.sin))
+    )
+    azimuth = np.mod(across, 2 * np.pi)
+    free = _is_free(config, up, azimuth)
+    elevation, azimuth = up[free], azimuth[free]
+    none = np.zeros(len(elevation))
+    return _Firings(
+        directions=_directions(elevation, azimuth),
+        offsets_m=none,
+        azimuths=azimuth,
+        range_biases_m=none,
+        reading_biases=none,
+    )
+
+
+def _is_free(config: LidarConfig, elevation: Values, azimuth: Values) -> Bool[np.ndarray, " count"]:
+    """Test which beams [rad] pass the blind sectors."""
+    free = np.ones(len(azimuth), dtype=bool)
+    for sector in config.blind_sectors:
+        start, end = np.deg2rad(sector.azimuth_deg)
+        hidden = (azimuth >= start) & (azimuth < end) & (elevation < np.deg2rad(sector.below_deg))
+        free &= ~hidden
+    return free
+
+
+def _directions(elevation: Values, azimuth: Values) -> Points:
+    """Compute the unit vectors of angles [rad]."""
+    cos = np.cos(elevation)
+    return np.stack((cos * np.cos(azimuth), cos * np.sin(azimuth), np.sin(elevation)), axis=-1)
+
+
+def mounted(
+    world_from_level: Float64[np.ndarray, "4 4"], config: LidarConfig
+) -> Float64[np.ndarray, "4 4"]:
+    """Compute the pose of a LiDAR in a level mount."""
+    if config.tilt is None:
+        return world_from_level
+    world_from_lidar: Float64[np.ndarray, "4 4"] = world_from_level @ config.tilt.level_from_lidar
+    return world_from_lidar
 
 
 def _in_world(
@@ -284,7 +340,7 @@ def _poses_in_turn(
     since_start = np.mod(azimuths + np.pi, 2 * np.pi) / (2 * np.pi) * _TURN_S
     moments, firing = np.unique(since_start, return_inverse=True)
     poses = [
-        world_from_footprint(ego.at(time_s + moment), config.height_m)
+        mounted(world_from_footprint(ego.at(time_s + moment), config.height_m), config)
         for moment in moments.tolist()
     ]
     return np.stack(poses)[firing]

@@ -5,13 +5,19 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final, Literal, get_args
 
 from sightline.data.kitti_trees import Velodyne
+from sightline.simulation.rigs import (
+    DRAWN,
+    MAX_SIDE_PX,
+    MIN_SIDE_PX,
+    RIG_NAMES,
+    Drawn,
+    LidarModel,
+    Rig,
+)
 
-LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
-"""Names in `lidar.LIDARS`."""
 KITTI_IMAGE_SIZE: Final = (375, 1242)
 """Height and width [px]."""
 KITTI_FOCAL_PX: Final = 721.5377
-_MIN_SIDE_PX, _MAX_SIDE_PX = 32, 8192  # together the limits of `data.image_header` for an image
 _MAX_SEQUENCE_LENGTH = 10_000  # a quarter of an hour, as long as any of KITTI's drives
 _MIN_FOCAL_PX, _MAX_FOCAL_PX = 1.0, 1e5
 
@@ -39,6 +45,9 @@ class SimulationConfig:
     """Whether the LiDAR moves with the car during its turn."""
     camera: bool = True
     """Whether images are rendered; without them all other output is unchanged, in half the time."""
+    rig: Rig | Drawn | None = None
+    """Another rig than KITTI's: its name, a YAML file, random for another rig in each frame, or
+    named for the named ones in turn. It replaces image_size, focal_px and lidar."""
     hard: bool = False
     """Whether streets are hard: objects far away, hidden and on slopes, with few points."""
     hard_negatives: bool = False
@@ -54,10 +63,10 @@ class SimulationConfig:
                 f"sequence_length must be between 1 and {_MAX_SEQUENCE_LENGTH}, got "
                 f"{self.sequence_length}"
             )
-        if not _MIN_SIDE_PX <= min(self.image_size) <= max(self.image_size) <= _MAX_SIDE_PX:
+        if not MIN_SIDE_PX <= min(self.image_size) <= max(self.image_size) <= MAX_SIDE_PX:
             height, width = self.image_size
             raise ValueError(
-                f"the image must have {_MIN_SIDE_PX} to {_MAX_SIDE_PX} pixels along each side, got "
+                f"the image must have {MIN_SIDE_PX} to {MAX_SIDE_PX} pixels along each side, got "
                 f"{width} x {height} (width x height)"
             )
         if self.samples_per_pixel not in (1, 4):
@@ -70,6 +79,30 @@ class SimulationConfig:
             raise ValueError(
                 f"focal_px must be between {_MIN_FOCAL_PX:g} and {_MAX_FOCAL_PX:g}, got "
                 f"{self.focal_px:g}"
+            )
+        self._check_rig()
+
+    def _check_rig(self) -> None:
+        """Check the rig against the other settings."""
+        if self.rig is None:
+            return
+        if not isinstance(self.rig, Rig) and self.rig not in DRAWN:
+            raise ValueError(
+                f"rig must be a Rig or one of {', '.join(DRAWN)}, got {self.rig!r}; "
+                "rigs.choose_rig finds a name or reads a file"
+            )
+        own = ("image_size", "focal_px", "lidar")
+        given = [
+            each.name
+            for each in fields(self)
+            if each.name in own and getattr(self, each.name) != each.default
+        ]
+        if given:
+            raise ValueError(f"a rig has its own {given[0]}; leave out {given[0]} or the rig")
+        if self.sequence_length > 1 and not isinstance(self.rig, Rig):
+            raise ValueError(
+                f"a drive has one rig for all frames, got {self.rig!r} rigs; name one, or make "
+                "single frames with a sequence_length of 1"
             )
 
 
@@ -87,7 +120,14 @@ class SimulatedSet:
     config: SimulationConfig = field(default_factory=SimulationConfig)
 
 
-PresetName = Literal["street-2k", "street-8k", "street-hard-500", "street-negatives-4k"]
+PresetName = Literal[
+    "street-2k",
+    "street-8k",
+    "street-hard-500",
+    "street-negatives-4k",
+    "street-rigs-8k",
+    "rigs-val-600",
+]
 PRESETS: Final[Mapping[PresetName, SimulatedSet]] = {
     # 2,000 frames for training and 200 for validation, of the size of the depth benchmark's crop.
     "street-2k": SimulatedSet(
@@ -116,6 +156,16 @@ PRESETS: Final[Mapping[PresetName, SimulatedSet]] = {
         validation_frames=500,
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=4000, hard_negatives=True),
+    ),
+    # 8,000 frames for training and 500 for validation, each with another random rig; whole turns.
+    "street-rigs-8k": SimulatedSet(
+        frames=8500, validation_frames=500, config=SimulationConfig(seed=38000, rig="random")
+    ),
+    # 50 frames of each of the named rigs, in turn: frame N has rig N modulo their number.
+    "rigs-val-600": SimulatedSet(
+        frames=50 * len(RIG_NAMES),
+        validation_frames=50 * len(RIG_NAMES),
+        config=SimulationConfig(seed=38600, rig="named"),
     ),
 }
 

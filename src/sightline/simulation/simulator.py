@@ -10,11 +10,17 @@ from jaxtyping import Float32, Float64, Int32, UInt8
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
+from sightline.geometry.road_height import LidarPose
+from sightline.simulation.bodies.bonnet import bonnet
 from sightline.simulation.camera.camera import CameraConfig, render_camera
+from sightline.simulation.camera.stored_image import stored_image
 from sightline.simulation.labels import label_frame
-from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
+from sightline.simulation.lidar import LIDARS, LidarConfig, mounted, take_sweep
+from sightline.simulation.random_rigs import random_rig
 from sightline.simulation.rays.raycast import Raycaster
-from sightline.simulation.scene import Street, world_from_footprint
+from sightline.simulation.rig_sensors import Sensors, mount
+from sightline.simulation.rigs import RIG_NAMES, CameraRig, Rig, named_rig
+from sightline.simulation.scene import Mesh, Scene, Street, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX, KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.street import make_street
 
@@ -29,6 +35,7 @@ _IMAGE_FROM_CAMERA = (
 _CAMERA_FROM_LIDAR = (
     (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, -0.08), (1.0, 0.0, 0.0, -0.27), (0.0, 0.0, 0.0, 1.0),
 )  # fmt: skip
+_RIG_STREAM, _BONNET_STREAM = 38, 39  # separate their draws from those of streets and sensors
 _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
@@ -47,6 +54,31 @@ def calibration_of(config: SimulationConfig) -> CalibrationMatrices:
 def lidar_of(config: SimulationConfig) -> LidarConfig:
     """Build the configuration of the chosen LiDAR."""
     return replace(LIDARS[config.lidar], rolling_shutter=config.rolling_shutter)
+
+
+def rig_of(config: SimulationConfig, drive: int) -> Rig | None:
+    """Choose the rig of a drive, which is a single frame if `sequence_length` is 1; None: KITTI's.
+
+    Random rigs depend on the seed and the drive alone.
+    """
+    if config.rig == "random":
+        return random_rig(np.random.default_rng([config.seed, drive, _RIG_STREAM]))
+    if config.rig == "named":
+        return named_rig(RIG_NAMES[drive % len(RIG_NAMES)])
+    return config.rig
+
+
+def sensors_of(config: SimulationConfig, drive: int) -> Sensors:
+    """Mount the sensors of a drive."""
+    rig = rig_of(config, drive)
+    if rig is None:
+        return Sensors(
+            image_size=config.image_size,
+            level_calibration=calibration_of(config),
+            lidar=lidar_of(config),
+        )
+    sensors = mount(rig)
+    return replace(sensors, lidar=replace(sensors.lidar, rolling_shutter=config.rolling_shutter))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,6 +100,8 @@ class SimulatedFrame:
     """1 + the label row of each pixel's object; 0 for all other pixels."""
     world_from_lidar: Float64[np.ndarray, "4 4"]
     time_s: float  # time since the drive's first frame
+    lidar_pose: LidarPose | None = None
+    """Mount of a rig's LiDAR over the road, in the calibration file; None: KITTI's."""
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -107,13 +141,16 @@ def simulate_frame(
     drive, step = divmod(index, config.sequence_length)
     street = simulate_street(config, drive, streets)
     time_s = step * FRAME_S
+    sensors = sensors_of(config, drive)
     scene = street.snapshot(time_s)
+    if sensors.camera is not None and sensors.camera.bonnet_m:
+        scene = _with_bonnet(scene, sensors.camera, config, drive)
     raycaster = Raycaster(scene.mesh)
     camera_rng, lidar_rng = (
         np.random.default_rng(child)
         for child in np.random.SeedSequence([config.seed, drive, step]).spawn(2)
     )
-    lidar = lidar_of(config)
+    lidar = sensors.lidar
     camera = CameraConfig(
         picture=config.camera,
         samples_per_pixel=config.samples_per_pixel,
@@ -121,8 +158,8 @@ def simulate_frame(
     )
     picture = render_camera(
         scene,
-        calibration_of(config),
-        config.image_size,
+        sensors.level_calibration,
+        sensors.image_size,
         rng=camera_rng,
         config=camera,
         raycaster=raycaster,
@@ -130,22 +167,41 @@ def simulate_frame(
     points = take_sweep(
         scene, raycaster, rng=lidar_rng, config=lidar, ego=street.ego, time_s=time_s
     )
-    labels = label_frame(scene, picture.owners, calibration_of(config), lidar.height_m)
+    labels = label_frame(scene, picture.owners, sensors.level_calibration, lidar.height_m)
     rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY index the last two
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
     return SimulatedFrame(
         sample_id=f"{index:06d}" if config.sequence_length == 1 else f"{step:010d}",
-        calibration=calibration_of(config),
-        image=picture.image,
+        calibration=sensors.calibration,
+        image=_stored(picture.image, sensors.camera),
         points=points,
         objects=labels.objects,
         visible_boxes=labels.visible_boxes,
         depth_m=np.where(picture.depth_m <= _MAX_DEPTH_M, picture.depth_m, np.float32(0)),
         instances=rows[picture.owners],
-        world_from_lidar=world_from_footprint(scene.ego, lidar.height_m),
+        world_from_lidar=mounted(world_from_footprint(scene.ego, lidar.height_m), lidar),
         time_s=time_s,
+        lidar_pose=sensors.lidar_pose,
     )
+
+
+def _with_bonnet(scene: Scene, camera: CameraRig, config: SimulationConfig, drive: int) -> Scene:
+    """Add the bonnet of the own car, which belongs to no actor, in front of the camera."""
+    rng = np.random.default_rng([config.seed, drive, _BONNET_STREAM])
+    part = bonnet(
+        rng, ahead_m=camera.ahead_m, left_m=camera.left_m, height_m=camera.bonnet_m
+    ).placed(scene.ego)
+    owners = np.concatenate((np.full(len(part.faces), -1, np.int32), scene.owners))
+    return replace(scene, mesh=Mesh.joined([part, scene.mesh]), owners=owners)
+
+
+def _stored(
+    image: UInt8[np.ndarray, "height width 3"] | None, camera: CameraRig | None
+) -> UInt8[np.ndarray, "height width 3"] | None:
+    if image is None or camera is None:
+        return image
+    return stored_image(image, camera.white_balance, camera.jpeg_quality)
 
 
 @lru_cache(maxsize=1)  # the frames of a drive come one after the other
@@ -165,7 +221,10 @@ def simulate_course(
 ) -> Float64[np.ndarray, "length 4 4"]:
     """Compute `world_from_lidar` of the first `length` frames of a drive."""
     ego = simulate_street(config, drive, streets).ego
-    height_m = lidar_of(config).height_m
+    lidar = sensors_of(config, drive).lidar
     return np.stack(
-        [world_from_footprint(ego.at(step * FRAME_S), height_m) for step in range(length)]
+        [
+            mounted(world_from_footprint(ego.at(step * FRAME_S), lidar.height_m), lidar)
+            for step in range(length)
+        ]
     )

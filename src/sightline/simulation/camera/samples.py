@@ -15,6 +15,8 @@ from sightline.simulation.rays.raycast import Hits
 from sightline.simulation.rays.surfaces import MeshTables, Rays, cast_through_foliage, face_normal
 from sightline.simulation.scene import Material, Pose, world_from_footprint
 
+LEVEL_CAMERA_AXES: Final = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""Rotation from a level LiDAR (x forward, y left, z up) to a level camera that looks ahead."""
 _LEAF: Final = int(Material.LEAF)
 _BEND: Final = 1.5e-3
 """Relative change of slope of 1 / depth over three pixels above which there is an edge.
