@@ -109,6 +109,7 @@ def test_cameras_of_a_recording_may_share_a_cloud(tmp_path):
     root = write_recording(tmp_path, ("a", "b"))
     shutil.copy(root / "points/a.pcd", root / "points/b.pcd")
     said = (root / "calibration.yaml").read_text()
+    (root / "calibration.yaml").unlink()
     (root / "calibration").mkdir()
     (root / "calibration/a.yaml").write_text(said)
     (root / "calibration/b.yaml").write_text(said)

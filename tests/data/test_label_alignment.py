@@ -202,13 +202,13 @@ def test_real_frames_are_told_only_where_they_are_changed(tmp_path, kitti_root, 
         (check,) = (each for each in tree.checks if each.subject == "agreement of frames")
         problems = [each.problem for each in check.run()]
         assert len(problems) == expected
-        assert all(said in problem for problem in problems)
+        assert all(said in problem for problem in problems), problems
 
 
 def test_real_clouds_of_other_frames_are_told_without_blaming_the_calibration(kitti_root):
     frames = [frame for frame in open_dataset(kitti_root).frames if frame.objects][:30]
     others = {
-        id(frame): other for frame, other in zip(frames, frames[1:] + frames[:1], strict=True)
+        id(frame): other for frame, other in zip(frames, frames[7:] + frames[:7], strict=True)
     }
 
     def read(frame):

@@ -35,7 +35,7 @@ ones 0.73 or more after the change that undoes the fault; clouds or labels of th
 0.34 to 0.65 after the best one.
 """
 _BETTER: Final = 1.2  # ratio of an object's scores in two clouds
-_SHIFTED_SHARE: Final = 0.5
+_SHIFTED_SHARE: Final = 0.75
 """Smallest share of all objects that must fit a neighbouring frame better for labels to be shifted;
 labels of unrelated frames do so in a fifth of the cases."""
 _DEGREES: Final = tuple(number / 2 for number in range(-12, 13))

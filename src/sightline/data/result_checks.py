@@ -127,7 +127,7 @@ def remarks_on_impossible(counts: Sequence[Counter[str]], total: int) -> Iterato
 def remarks_on_far_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
     """Yield a sentence on 2D boxes that end far beyond KITTI's images."""
     height, width = _IMAGE_SIZE
-    low, high = (-width, -height), (2 * width, 2 * height)
+    low, high = (-8 * width, -8 * height), (8 * width, 8 * height)
     is_far = ((boxes.boxes2d[:, :2] < low) | (boxes.boxes2d[:, 2:] > high)).any(axis=1)
     number = int(np.count_nonzero(is_far))
     if number:
