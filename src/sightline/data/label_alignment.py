@@ -285,7 +285,7 @@ def _doubt(
 
 
 def _are_mostly_empty(counts: Float64[np.ndarray, "num_objects num_changes 2"]) -> bool:
-    """Whether most boxes lack points, or have as many above: labels may be of another frame."""
+    """Whether most boxes of labels have few points in them, or as many in the metre above."""
     scores = counts[:, 0] @ (1.0, -_PENALTY)
     return len(counts) >= _MIN_OBJECTS and bool(np.median(scores) < _MIN_POINTS_PER_OBJECT)
 

@@ -85,7 +85,7 @@ class ObjectComparison:
 
     @property
     def has_intervals(self) -> bool:
-        """Whether the compared frames suffice for 95 % intervals: `MIN_FRAMES` or more."""
+        """Whether there are enough frames for 95 % intervals: `MIN_FRAMES` or more."""
         return self.frames >= MIN_FRAMES
 
     def to_json(self) -> dict[str, Any]:

@@ -78,7 +78,7 @@ class ResultConventions:
     impossible: list[Counter[str]] = field(default_factory=list)
     """Counts of impossible values of each frame's results."""
     counts_repeats: bool = True
-    """Whether duplicate results within a frame are counted in a remark."""
+    """Whether a remark counts the results that occur twice in their frame."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""

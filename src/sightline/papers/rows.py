@@ -49,7 +49,7 @@ class GivenNetwork:
 
     @property
     def is_papers(self) -> bool:
-        """Whether the settings are the paper's, so that the results fill the paper's row."""
+        """Whether the network has the paper's settings; its results then fill the paper's row."""
         return not self.departures
 
     @property
