@@ -46,9 +46,7 @@ class ShiftConv(nn.Module):
     ) -> Float[Tensor, "batch out_channels height width"]:
         """Shifts, mixes, and with `norm` applies BatchNorm and ReLU."""
         shift = self.shift_px
-        if (
-            maps.is_cuda
-        ):  # depthwise convolutions took most of a training there
+        if maps.is_cuda:  # depthwise convolutions took most of a training there
             shifted = translate(maps, shift)
         else:
             kernels = self.shift_kernels.to(maps.dtype)
