@@ -16,7 +16,15 @@ from sightline.data.check import check_tree
 from sightline.data.frame_checks import Findings, examine_image
 from sightline.data.image_file import read_rgb, write_rgb
 from sightline.data.kitti_trees import ObjectFrame
-from sightline.data.open import has_file, open_dataset
+from sightline.data.open import (
+    NamedSubset,
+    has_file,
+    label_file,
+    list_sample_files,
+    open_dataset,
+    refuses_gaps,
+)
+from sightline.detection2d.registration import TASK as DETECTION_2D
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 
@@ -84,7 +92,15 @@ class SmallestDataset:
 
     def __init__(self, folder):
         images = sorted(folder.glob("*.png"))
-        self.frames = tuple(ObjectFrame(sample_id=each.stem, image=each) for each in images)
+        self.frames = tuple(
+            ObjectFrame(sample_id=each.stem, image=each, objects=self.labels(each))
+            for each in images
+        )
+
+    @staticmethod
+    def labels(image: Path) -> Path | None:
+        path = image.with_suffix(".txt")
+        return path if path.exists() else None
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -117,3 +133,19 @@ def test_a_class_of_the_protocol_is_opened_and_its_first_frames_are_checked(tmp_
     assert dataset[0].sample_id == "b"
     assert has_file(dataset, 0, "image")
     assert not has_file(dataset, 0, "points")
+    assert not refuses_gaps(dataset)
+    assert label_file(dataset, 0) is None
+    assert list_sample_files(dataset) == [{"image": tmp_path / "b.png"}]
+
+
+def test_labels_of_such_a_class_are_found_in_a_subset(tmp_path):
+    for name in ("a", "b"):
+        write_rgb(tmp_path / f"{name}.png", np.zeros((4, 4, 3), np.uint8))
+    labels = tmp_path / "b.txt"
+    labels.touch()
+    dataset = NamedSubset(SmallestDataset(tmp_path), ["b", "a"])
+    assert (label_file(dataset, 0), label_file(dataset, 1)) == (labels, None)
+    assert list_sample_files(dataset)[0] == {"image": tmp_path / "b.png", "objects": labels}
+    DETECTION_2D.scoring().check(dataset)
+    with pytest.raises(ValueError, match="no labels to score"):
+        DETECTION_2D.scoring().check(NamedSubset(dataset, ["a"]))

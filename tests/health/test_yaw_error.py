@@ -11,7 +11,6 @@ from sightline.augmentation.faults import TurnedLidar
 from sightline.health.yaw_error import (
     _mean_strength,
     estimate_yaw,
-    estimate_yaw_of,
     find_depth_edges,
     match_edges,
 )
@@ -24,7 +23,7 @@ RNG = np.random.default_rng(0)
 @pytest.mark.parametrize("yaw_deg", [-2.7, -1.0, -0.3, 0.0, 0.5, 1.5, 3.0])
 def test_a_turn_is_found_again(yaw_deg):
     turned = TurnedLidar(yaw_deg=yaw_deg)(sound(), RNG)
-    assert estimate_yaw_of([turned]).yaw_deg == pytest.approx(yaw_deg, abs=0.1)
+    assert estimate_yaw(match_edges(turned)).yaw_deg == pytest.approx(yaw_deg, abs=0.1)
 
 
 def test_frames_are_worth_the_same_in_any_order_and_grouping():
@@ -34,7 +33,6 @@ def test_frames_are_worth_the_same_in_any_order_and_grouping():
     together = estimate_yaw(first + second)
     assert together.yaw_deg == pytest.approx(0.8, abs=0.05)
     assert estimate_yaw(second + first) == together
-    assert estimate_yaw_of(frames) == together
     assert (first + second).num_edges == first.num_edges + second.num_edges
     assert estimate_yaw(first.faded(0.0) + second).yaw_deg == estimate_yaw(second).yaw_deg
 
@@ -43,7 +41,8 @@ def test_whole_sweeps_and_those_cut_to_the_view_tell_the_same():
     behind = sound().points.clone()
     behind[:, :2] *= -1
     whole = replace(sound(), points=torch.cat((sound().points, behind)))
-    assert estimate_yaw_of([whole]).yaw_deg == estimate_yaw_of([sound()]).yaw_deg
+    cut, uncut = (estimate_yaw(match_edges(each)) for each in (sound(), whole))
+    assert uncut.yaw_deg == cut.yaw_deg
 
 
 def test_without_a_sensor_or_edges_nothing_is_told():
@@ -51,7 +50,6 @@ def test_without_a_sensor_or_edges_nothing_is_told():
         assert match_edges(replace(sound(), **{lacking: None})) is None
     assert match_edges(replace(sound(), points=torch.zeros(0, 4))) is None
     assert match_edges(replace(sound(), points=torch.ones(500, 4))) is None
-    assert estimate_yaw_of([]) is None
 
 
 def test_a_blank_image_tells_no_turn():

@@ -1,9 +1,10 @@
 """Opens data sets; recognises their type by the folder's contents."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Protocol, get_args, runtime_checkable
+from typing import Any, Protocol, get_args, runtime_checkable
 
 from torch.utils.data import Dataset
 
@@ -47,7 +48,7 @@ from sightline.files.problem import FileError
 from sightline.files.safe_names import unusable_names
 from sightline.geometry.arguments import plain_names, plain_path, sample_index
 from sightline.geometry.wrong_types import named_arguments
-from sightline.jobs.output_dirs import KITTI_SPLITS
+from sightline.jobs.output_dirs import KITTI_SPLITS, data_name
 from sightline.structures.sample import CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
@@ -246,6 +247,52 @@ def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
     frame = dataset.frames[index]
     in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
     return getattr(frame, in_frame, None) is not None
+
+
+def label_file(dataset: SampleDataset, index: int) -> Path | None:
+    """Path of a sample's labels in KITTI's format; None: no labels, or they are not loaded."""
+    if isinstance(dataset, NamedSubset):
+        return label_file(dataset.dataset, dataset.positions[index])
+    if isinstance(dataset, KittiObjectDataset | RecordingDataset):
+        return dataset.label_file(index)
+    return dataset.frames[index].objects if isinstance(dataset, ExaminedDataset) else None
+
+
+def refuses_gaps(dataset: SampleDataset) -> bool:
+    """Whether the data set was refused if one of its frames lacked a part in `needs`.
+
+    The others find a missing file only when they read the frame.
+    """
+    return isinstance(dataset, KittiObjectDataset | RecordingDataset)
+
+
+def list_sample_files(dataset: SampleDataset) -> list[dict[str, Path]]:
+    """List the existing files of each sample by part, loaded or not, in the order of the samples.
+
+    The parts are images, sweeps, labels and calibrations, or all that the layout lists.
+    """
+    if isinstance(dataset, NamedSubset):
+        listed = list_sample_files(dataset.dataset)
+        return [listed[place] for place in dataset.positions]
+    frames: Sequence[Any] = getattr(dataset, "frames", ())
+    if isinstance(dataset, KittiObjectDataset):
+        folder = dataset.root / dataset.split
+        parts: tuple[Part, ...] = ("image", "points", "objects", "calibration")
+        found = list_object_frames(folder, parts, dataset.velodyne)
+        frames = [found[name] for name in dataset.sample_ids]
+    return [
+        {
+            each.name: path
+            for each in fields(frame)
+            if isinstance(path := getattr(frame, each.name), Path)
+        }
+        for frame in frames
+    ]
+
+
+def dataset_title(dataset: SampleDataset, data: Path) -> str:
+    """Name a data set at `data` in records: the same name for an object tree and for its split."""
+    return data_name(dataset.root if isinstance(dataset, KittiObjectDataset) else data)
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sightline.detection2d.network_task import DetectionNetworkTask
-from sightline.files.plain_text import shortened
-from sightline.inference.predictor import Output, OutputFilter
+from sightline.inference.network_only_task import NetworkOnlyTask
+from sightline.inference.predictor import Output
 
 if TYPE_CHECKING:
     from sightline.detection2d.model import Detector
     from sightline.detection2d.predictor import DetectionPredictor, DetectionResult
     from sightline.export.graph import ExportGraph
-    from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.robustness.object_scoring import ObjectScoring
@@ -43,7 +42,7 @@ def _write_gates(path: Path, sample: "CameraLidarSample", result: "DetectionResu
     write_gates(path, sample, result)
 
 
-class Detection2DTask(DetectionNetworkTask):
+class Detection2DTask(DetectionNetworkTask, NetworkOnlyTask["DetectionPredictor"]):
     """`sightline.tasks.Task` by networks that use the camera, the LiDAR or both."""
 
     summary: Final = (
@@ -59,7 +58,6 @@ class Detection2DTask(DetectionNetworkTask):
         "data.init_args.validation": "[{path: ., sample_list: val}]",
     }
     default_weights: str = "detection2d-best"
-    methods: tuple[str, ...] = ()
     outputs: tuple[Output, ...] = (
         Output(
             name="results",
@@ -75,7 +73,6 @@ class Detection2DTask(DetectionNetworkTask):
             write=_write_gates,
         ),
     )
-    switches: tuple[OutputFilter, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector]") -> "tuple[ExportGraph, ...]":
         """Export one graph: the whole network with decoded boxes."""
@@ -83,33 +80,11 @@ class Detection2DTask(DetectionNetworkTask):
 
         return (export_graph(loaded),)
 
-    def predictor(
-        self,
-        *,
-        method: str | None = None,
-        weights: str | Path | None = None,
-        engine: "EngineChoice" = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> "DetectionPredictor":
-        """Load a predictor with the named or default weights.
-
-        Raises:
-            ValueError: A method is named, or as `DetectionPredictor.load`.
-        """
+    def predictor_type(self) -> "type[DetectionPredictor]":
+        """Class of the predictors."""
         from sightline.detection2d.predictor import DetectionPredictor
 
-        if method is not None:
-            raise ValueError(
-                f"detection2d has no method '{shortened(method)}': it predicts by a network; leave "
-                "the method out, or name weights instead"
-            )
-        return DetectionPredictor.load(
-            self.default_weights if weights is None else weights,
-            engine=engine,
-            device=device,
-            threads=threads,
-        )
+        return DetectionPredictor
 
     def scoring(self) -> "ObjectScoring":
         """Scoring by KITTI's evaluation of 2D boxes."""

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sightline.detection3d.network_task import Detection3DNetworkTask
-from sightline.inference.predictor import Output, OutputFilter
+from sightline.inference.network_only_task import NetworkOnlyTask
+from sightline.inference.predictor import Output
 
 if TYPE_CHECKING:
     from sightline.detection3d.detector import Detector3D
     from sightline.detection3d.predictor import Detection3DPredictor
     from sightline.export.graph import ExportGraph
-    from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.robustness.object_scoring import ObjectScoring
@@ -35,7 +35,7 @@ def _read_results(
     return read_results(path, sample, perception)
 
 
-class Detection3DTask(Detection3DNetworkTask):
+class Detection3DTask(Detection3DNetworkTask, NetworkOnlyTask["Detection3DPredictor"]):
     """`sightline.tasks.Task` by networks that use the LiDAR alone."""
 
     summary: Final = "Detects road users in 3D in LiDAR sweeps and writes KITTI's result files."
@@ -50,7 +50,6 @@ class Detection3DTask(Detection3DNetworkTask):
         "data.init_args.validation": "[{path: ., sample_list: val}]",
     }
     default_weights: str = "detection3d-best"
-    methods: tuple[str, ...] = ()
     outputs: tuple[Output, ...] = (
         Output(
             name="results",
@@ -60,7 +59,6 @@ class Detection3DTask(Detection3DNetworkTask):
             read=_read_results,
         ),
     )
-    switches: tuple[OutputFilter, ...] = ()
 
     def graphs(self, loaded: "LoadedNetwork[Detector3D]") -> "tuple[ExportGraph, ...]":
         """Export one graph for each stage: proposals, and refinement if there is one."""
@@ -68,34 +66,11 @@ class Detection3DTask(Detection3DNetworkTask):
 
         return export_graphs(loaded)
 
-    def predictor(
-        self,
-        *,
-        method: str | None = None,
-        weights: str | Path | None = None,
-        engine: "EngineChoice" = "torch",
-        device: str = "cpu",
-        threads: int | None = None,
-    ) -> "Detection3DPredictor":
-        """Load a predictor with the named or default weights.
-
-        Raises:
-            ValueError: A method is named, or as `Detection3DPredictor.load`.
-        """
+    def predictor_type(self) -> "type[Detection3DPredictor]":
+        """Class of the predictors."""
         from sightline.detection3d.predictor import Detection3DPredictor
-        from sightline.files.plain_text import shortened
 
-        if method is not None:
-            raise ValueError(
-                f"detection3d has no method '{shortened(method)}': it predicts by a network; leave "
-                "the method out, or name weights instead"
-            )
-        return Detection3DPredictor.load(
-            self.default_weights if weights is None else weights,
-            engine=engine,
-            device=device,
-            threads=threads,
-        )
+        return Detection3DPredictor
 
     def scoring(self) -> "ObjectScoring":
         """Scoring by KITTI's evaluation of 3D boxes."""

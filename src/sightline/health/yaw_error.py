@@ -6,7 +6,6 @@ of a grid. This needs neither a network nor a calibration target.
 """
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -125,16 +124,6 @@ def match_at_zero(match: EdgeMatch) -> float:
     spread = float(curve.std())
     behind = float(curve.max() - np.interp(0.0, _ANGLES_DEG, curve))
     return behind / spread if spread else 0.0
-
-
-def estimate_yaw_of(samples: Iterable[CameraLidarSample]) -> YawEstimate | None:
-    """Estimate the rotation common to all frames; None if no frame has matching edges."""
-    total: EdgeMatch | None = None
-    for sample in samples:
-        match = match_edges(sample)
-        if match is not None:
-            total = match if total is None else total + match
-    return None if total is None else estimate_yaw(total)
 
 
 def find_depth_edges(

@@ -13,7 +13,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.kitti_trees import Velodyne, suggest_frames
-from sightline.data.open import SampleDataset, sweeps_folder
+from sightline.data.open import SampleDataset, dataset_title, sweeps_folder
 from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
@@ -21,7 +21,7 @@ from sightline.inference.predictor import Predictor
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
 from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer
-from sightline.robustness.frames import data_title, digest_files, open_frames
+from sightline.robustness.frames import digest_files, open_frames
 from sightline.robustness.predictions import MethodRun, check_numbers, predict_in_cases
 from sightline.robustness.record import (
     RECORD_NAME,
@@ -181,7 +181,7 @@ def run_bench(
         task,
         scoring,
         dataset,
-        data=data_title(dataset, data),
+        data=dataset_title(dataset, data),
         velodyne=sweeps_folder(dataset),
         suite=suite,
         seed=seed,

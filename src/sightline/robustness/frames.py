@@ -2,21 +2,16 @@
 
 import contextlib
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from sightline.corruptions.suites import Case
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import Part, Velodyne, list_object_frames
-from sightline.data.open import NamedSubset, SampleDataset, open_dataset
-from sightline.data.recording import RecordingDataset
-from sightline.jobs.output_dirs import data_name
+from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.open import SampleDataset, list_sample_files, open_dataset, refuses_gaps
 from sightline.structures.sample import SENSOR_FIELDS
 
 _INPUT_PARTS: Final[tuple[Part, ...]] = ("image", "points", "objects")
-_FRAME_FILES: Final[tuple[Part, ...]] = (*_INPUT_PARTS, "calibration")
 _DIGITS: Final = 16
 _WORDS: Final[dict[Part, str]] = {"image": "images", "points": "sweeps"}
 
@@ -50,10 +45,7 @@ def open_frames(
     def opened(parts: Collection[Part]) -> SampleDataset:
         options: dict[str, Any] = {"sample_list": sample_list, "velodyne": velodyne, "parts": parts}
         dataset = open_dataset(data, **options, needs=parts)
-        if isinstance(dataset, KittiObjectDataset | RecordingDataset):
-            return dataset
-        # Without gaps, because other data sets do not know in advance which frames lack a part.
-        return open_dataset(data, **options)
+        return dataset if refuses_gaps(dataset) else open_dataset(data, **options)
 
     needed: set[Part] = set(parts)
     dataset = opened(needed)
@@ -87,22 +79,8 @@ def digest_files(dataset: SampleDataset) -> str:
     Images, sweeps, calibrations and labels count if present, read or not, so that every method has
     the same digest: the first 16 hexadecimal digits of a SHA-256.
     """
-    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
-    if isinstance(whole, KittiObjectDataset):
-        folder, sweeps = whole.root / whole.split, whole.velodyne
-        frames: Mapping[str, Any] = list_object_frames(folder, _FRAME_FILES, sweeps)
-    else:
-        frames = {frame.sample_id: frame for frame in getattr(whole, "frames", ())}
     digest = hashlib.sha256()
-    for name in dataset.sample_ids:
-        frame = frames[name]
-        for field in fields(frame):
-            path = getattr(frame, field.name)
-            if isinstance(path, Path):
-                digest.update(f"{field.name}/{path.name} {path.stat().st_size}\n".encode())
+    for files in list_sample_files(dataset):
+        for part, path in files.items():
+            digest.update(f"{part}/{path.name} {path.stat().st_size}\n".encode())
     return digest.hexdigest()[:_DIGITS]
-
-
-def data_title(dataset: SampleDataset, data: Path) -> str:
-    """Name the data in records: the same name for a tree and for its split."""
-    return data_name(dataset.root if isinstance(dataset, KittiObjectDataset) else data)

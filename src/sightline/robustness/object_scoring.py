@@ -121,14 +121,12 @@ def _metric_name(target: Target, difficulty: Difficulty, average: str) -> str:
 
 
 def _labels_folder(dataset: "SampleDataset") -> Path:
-    from sightline.data.kitti_object import KittiObjectDataset
-    from sightline.data.recording import RecordingDataset
+    from sightline.data.open import label_file
 
-    if isinstance(dataset, KittiObjectDataset | RecordingDataset):
-        files = (dataset.label_file(index) for index in range(len(dataset)))
-        labelled = next(filter(None, files), None)
-        if labelled is not None:
-            return labelled.parent
+    files = (label_file(dataset, index) for index in range(len(dataset)))
+    labelled = next(filter(None, files), None)
+    if labelled is not None:
+        return labelled.parent
     raise ValueError(
         "the data have no labels to score detections against, expected a recording with labels or "
         "KITTI's object tree with training/label_2; name a folder that holds them"

@@ -7,10 +7,8 @@ from pathlib import Path
 
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_labels import read_labels
-from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_trees import Part, Velodyne
-from sightline.data.open import NamedSubset, SampleDataset, open_dataset
-from sightline.data.recording import RecordingDataset
+from sightline.data.open import NamedSubset, SampleDataset, label_file, open_dataset
 from sightline.files.plain_text import shortened
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
@@ -123,14 +121,14 @@ def _select_frames(
     dataset: SampleDataset, class_names: Collection[str], path: Path
 ) -> SampleDataset:
     """Select the frames that have an object of the classes."""
-    if not isinstance(dataset, (KittiObjectDataset, RecordingDataset)):
+    files = [label_file(dataset, index) for index in range(len(dataset))]
+    if not any(files):
         raise ValueError(
             f"{path} has no labels, needed for with_classes {', '.join(class_names)}; leave it out"
         )
     found: set[str] = set()
     kept = []
-    for index, sample_id in enumerate(dataset.sample_ids):
-        labels = dataset.label_file(index)
+    for sample_id, labels in zip(dataset.sample_ids, files, strict=True):
         names = set() if labels is None else set(read_labels(labels).class_names)
         found |= names
         if not names.isdisjoint(class_names):
