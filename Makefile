@@ -12,7 +12,8 @@ READY := $(VENV)/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut 
 PROMISED := $(shell sed -n 's/.*Programming Language :: Python :: \(3\.[0-9]*\)".*/\1/p' pyproject.toml)
 TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
-.PHONY: demo test lint docs results package tests test-all format frames constraints clean
+.PHONY: demo test lint docs results package kernels tests compiled test-all format frames \
+	constraints clean
 
 demo: $(READY)
 	$(BIN)/sightline demo --out demo
@@ -20,7 +21,10 @@ demo: $(READY)
 # numba does not rebuild a cached kernel when one that it calls in another file has changed.
 KERNELS := $(shell grep -rl --include='*.py' 'ops.compiled' src)
 
-test: lint docs tests
+# What runs on one core goes two at a time; the tests take both cores.
+test: $(READY)
+	$(MAKE) --jobs 2 lint docs compiled
+	$(MAKE) tests
 
 lint: $(READY)
 	$(BIN)/ruff format --check .
@@ -50,9 +54,13 @@ package: $(READY)
 		&& venv/bin/sightline check "$$(venv/bin/python -c \
 			'from sightline.simulation.packaged import PACKAGED_FRAMES; print(PACKAGED_FRAMES)')"
 
-tests: $(READY)
+kernels:
 	find src -name '*.nb[ic]' ! -newer "$$(ls -t $(KERNELS) | head -n 1)" -delete
-	$(BIN)/pytest -n 2 --dist worksteal $(TYPED) --ignore tests/test_compiled.py
+
+tests: $(READY) kernels
+	$(BIN)/pytest -n 2 --dist worksteal --durations 25 $(TYPED) --ignore tests/test_compiled.py
+
+compiled: $(READY) kernels
 	$(BIN)/pytest tests/test_compiled.py
 
 # A Python is python3.N on the path, or one of pyenv's; each has an environment of its own.
@@ -66,7 +74,7 @@ test-all:
 		done; \
 		if [ -z "$$found" ]; then skipped="$$skipped $$version"; continue; fi; \
 		echo "== Python $$version: $$found"; \
-		$(MAKE) tests PYTHON="$$found" VENV=.venv-$$version || exit; \
+		$(MAKE) tests compiled PYTHON="$$found" VENV=.venv-$$version || exit; \
 	done; \
 	test -z "$$skipped" || echo "== skipped, as they are not installed:$$skipped"
 

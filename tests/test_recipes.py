@@ -1,4 +1,4 @@
-"""Every recipe trains: two steps on the embedded frames, in the layout that the recipe expects."""
+"""Every recipe trains: two steps on small frames, in the layout that the recipe expects."""
 
 import json
 import shutil
@@ -17,6 +17,7 @@ from sightline.files.weights_header import find_weights, shipped_names
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import PACKAGE_RECIPES, find_task, recipes_of, task_names
+from tests.small_frames import write_small_frames
 
 RECIPES = sorted(path.stem for path in PACKAGE_RECIPES.glob("*.yaml"))
 DRIVE = "2011_09_26_drive_0001_sync"
@@ -39,28 +40,39 @@ def test_recipes_of_papers_keep_the_last_weights_as_their_validation_list_is_the
             assert settings["keep_last_weights"] is True
 
 
-@pytest.fixture(scope="module")
-def street(tmp_path_factory):
-    """The embedded frames as `sightline simulate --preset street-2k` lays them out."""
-    root = tmp_path_factory.mktemp("street")
-    shutil.copytree(PACKAGED_FRAMES, root, dirs_exist_ok=True)
+def as_street(root):
+    """Completes an object tree as `sightline simulate --preset street-2k` lays it out."""
     shutil.copytree(root / "training" / "velodyne", root / "training" / "velodyne_reduced")
+    (root / "ImageSets").mkdir(exist_ok=True)
     for name in ("train", "val"):
         (root / "ImageSets" / f"{name}.txt").write_text("000000\n000001\n")
     return root
 
 
 @pytest.fixture(scope="module")
-def benchmark_tree(tmp_path_factory):
-    """The embedded frames as KITTI's depth completion benchmark."""
+def street(tmp_path_factory):
+    """The small frames as a simulated street."""
+    return as_street(write_small_frames(tmp_path_factory.mktemp("street")))
+
+
+@pytest.fixture(scope="module")
+def whole_street(tmp_path_factory):
+    """The embedded frames as they are: the maps of DGFN vanish on smaller ones."""
+    root = tmp_path_factory.mktemp("whole_street")
+    return as_street(shutil.copytree(PACKAGED_FRAMES, root, dirs_exist_ok=True))
+
+
+@pytest.fixture(scope="module")
+def benchmark_tree(tmp_path_factory, street):
+    """The small frames as KITTI's depth completion benchmark."""
     root = tmp_path_factory.mktemp("benchmark")
-    dataset = open_dataset(PACKAGED_FRAMES, parts={"image", "points", "depth"})
+    dataset = open_dataset(street, parts={"image", "points", "depth"})
     selection = root / "depth_selection" / "val_selection_cropped"
     day = root / DRIVE[:10]
     for number in range(len(dataset)):
         sample = dataset[number]
         sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size).numpy()
-        picture = PACKAGED_FRAMES / "training" / "image_2" / f"{sample.sample_id}.png"
+        picture = street / "training" / "image_2" / f"{sample.sample_id}.png"
         frame = f"{number:010}.png"
         maps = root / "train" / DRIVE / "proj_depth"
         write_depth_png(maps / "velodyne_raw" / "image_02" / frame, sparse)
@@ -99,12 +111,13 @@ def test_every_recipe_is_of_one_task():
     [(name, recipe) for name in task_names() for recipe in recipes_of(find_task(name))],
 )
 def test_a_recipe_trains_and_its_weights_answer(
-    name, recipe, street, benchmark_tree, tmp_path, monkeypatch, capfd
+    name, recipe, street, whole_street, benchmark_tree, tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)
     task = find_task(name)
+    frames = whole_street if "dgfn" in recipe else street
     is_of_benchmark = name == "depth-completion" and recipe.endswith("-kitti")
-    root = benchmark_tree if is_of_benchmark else street
+    root = benchmark_tree if is_of_benchmark else frames
     small = (*SMALL, *(f"--{flag}={value}" for flag, value in task.trial_settings.items()))
     given = yaml.safe_load((PACKAGE_RECIPES / f"{recipe}.yaml").read_text())["model"]["init_args"]
     if "initial_weights" in given:  # of a first stage: the weights that come with Sightline
@@ -127,7 +140,7 @@ def test_a_recipe_trains_and_its_weights_answer(
         }.items()
     )
     out = tmp_path / "out"
-    command = ["predict", name, str(PACKAGED_FRAMES), str(out), "--workers", "1"]
+    command = ["predict", name, str(frames), str(out), "--workers", "1"]
     assert main([*command, "--weights", str(run / "weights.safetensors")]) == 0
     assert len(list(out.glob(f"*{task.outputs[0].suffix}"))) == 2
 
@@ -166,8 +179,8 @@ def test_what_the_simulator_writes_trains_without_a_word_on_sweeps_and_lists(
     tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)
-    street = tmp_path / "street"
-    shutil.copytree(PACKAGED_FRAMES, street)  # whole sweeps, and a list of training frames alone
+    street = write_small_frames(tmp_path / "street")  # without a list of validation frames
+    (street / "ImageSets").mkdir()
     names = [f"{number:06}" for number in range(4)]
     (street / "ImageSets" / "train.txt").write_text("\n".join(names))
     for path in (street / "training").glob("*/00000[01].*"):
