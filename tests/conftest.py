@@ -39,6 +39,11 @@ def pytest_collection() -> Generator[None, object, object]:
     return found
 
 
+def pytest_unconfigure() -> None:
+    """Lets Python free what libraries expect to be freed at its end."""
+    gc.unfreeze()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def own_cache_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Converted networks are kept where nothing of an earlier run is found."""
