@@ -13,7 +13,7 @@ from sightline.simulation.rigs import Rig, named_rig
 from sightline.simulation.settings import SimulationConfig
 from sightline.training.interruption import Interruption
 
-SMALL = AdaptSettings(tasks=("detection3d",), frames=2, validation_frames=1, steps=1, workers=1)
+SMALL = AdaptSettings(tasks=("detection3d",), frames=4, validation_frames=1, steps=1, workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def adapted(recording, tmp_path_factory):
 def test_the_rig_is_simulated_and_the_shipped_weights_are_trained_on(adapted):
     out, report = adapted
     assert len(report.rig.lidar.elevations_deg) == 16
-    assert len(list((out / "frames/training/image_2").iterdir())) == 3
+    assert len(list((out / "frames/training/image_2").iterdir())) == 5
     weights = read_weights(report.weights["detection3d"])
     shipped = read_weights("detection3d-best")
     assert weights.task == "detection3d"
@@ -84,6 +84,7 @@ def test_an_interruption_says_how_to_go_on(adapted, recording, monkeypatch):
     [
         (["--tasks", "[tracking]"], "tasks must be some of"),
         (["--steps", "0"], "steps must be at least 1"),
+        (["--frames", "3"], "frames must be at least 4"),
         (["--rig", "no.yaml"], "there is no file no.yaml"),
     ],
 )

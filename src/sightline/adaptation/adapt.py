@@ -28,6 +28,7 @@ REPORT_NAME: Final = "adapt.json"
 """File with the scores before and after."""
 _SUITE: Final = "dgfn7"  # of which only the clean case is run
 _SHOWN: Final = 4  # metrics of each task in the table
+_LEAST: Final = {"frames": 4, "validation_frames": 1, "steps": 1, "workers": 1}  # 4: a batch
 _LAST_CHECKPOINT: Final = "last.ckpt"
 _WEIGHTS: Final = "weights.safetensors"
 
@@ -78,9 +79,9 @@ class AdaptSettings:
 
     def __post_init__(self) -> None:
         """Check the numbers and the tasks."""
-        for name in ("frames", "validation_frames", "steps", "workers"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name, least in _LEAST.items():
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
         unknown = [name for name in self.tasks if name not in FINE_TUNINGS]
         if unknown or not self.tasks:
             raise ValueError(
