@@ -57,7 +57,7 @@ def street(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole_street(tmp_path_factory):
-    """The embedded frames as they are: the maps of DGFN vanish on smaller ones."""
+    """The embedded frames as they are, for DGFN's maps and the recipes' own crops."""
     root = tmp_path_factory.mktemp("whole_street")
     return as_street(shutil.copytree(PACKAGED_FRAMES, root, dirs_exist_ok=True))
 
@@ -147,10 +147,10 @@ def test_a_recipe_trains_and_its_weights_answer(
 
 @pytest.mark.parametrize("name", shipped_names())
 def test_shipped_weights_fit_the_recipe_of_their_name_and_the_tuned_ones_are_scored(
-    name, street, tmp_path, monkeypatch, capfd
+    name, whole_street, tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)
-    tuned = ["--config", name, f"--data.init_args.root={street}", *SMALL]
+    tuned = ["--config", name, f"--data.init_args.root={whole_street}", *SMALL]
     tuned += ["--model.init_args.initial_weights", name]
     for subcommand in ("fit", "test"):
         assert main([subcommand, *tuned]) == 0, capfd.readouterr().err
@@ -161,12 +161,18 @@ def test_shipped_weights_fit_the_recipe_of_their_name_and_the_tuned_ones_are_sco
 
 
 def test_a_run_goes_on_without_the_streams_that_it_was_begun_from(
-    street, tmp_path, monkeypatch, capfd
+    whole_street, tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)
     camera = tmp_path / "camera.safetensors"
     shutil.copy(find_weights("detection2d-fast-cpu"), camera)
-    run = ["fit", "--config", "detection2d-fast-cpu", f"--data.init_args.root={street}", *SMALL]
+    run = [
+        "fit",
+        "--config",
+        "detection2d-fast-cpu",
+        f"--data.init_args.root={whole_street}",
+        *SMALL,
+    ]
     run += ["--model.init_args.initial_streams", json.dumps({"camera": str(camera)})]
     assert main(run) == 0, capfd.readouterr().err
     camera.unlink()
@@ -179,8 +185,8 @@ def test_what_the_simulator_writes_trains_without_a_word_on_sweeps_and_lists(
     tmp_path, monkeypatch, capfd
 ):
     monkeypatch.chdir(tmp_path)
-    street = write_small_frames(tmp_path / "street")  # without a list of validation frames
-    (street / "ImageSets").mkdir()
+    street = tmp_path / "street"
+    shutil.copytree(PACKAGED_FRAMES, street)  # whole sweeps, and a list of training frames alone
     names = [f"{number:06}" for number in range(4)]
     (street / "ImageSets" / "train.txt").write_text("\n".join(names))
     for path in (street / "training").glob("*/00000[01].*"):
@@ -235,9 +241,11 @@ def test_fine_tuning_starts_from_the_shipped_network():
 
 
 @pytest.mark.parametrize("name", ["depth-fast-cpu", "detection2d-fast-cpu", "detection3d-fast-cpu"])
-def test_a_recipe_without_a_network_takes_that_of_its_weights(name, street, tmp_path, monkeypatch):
+def test_a_recipe_without_a_network_takes_that_of_its_weights(
+    name, whole_street, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    tuned = ["--config", name, f"--data.init_args.root={street}", *SMALL]
+    tuned = ["--config", name, f"--data.init_args.root={whole_street}", *SMALL]
     tuned += ["--model.init_args.initial_weights", name, "--model.init_args.network", "null"]
     assert main(["fit", *tuned]) == 0
     written = read_weights(Path("runs", name, "weights.safetensors"))
