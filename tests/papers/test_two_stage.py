@@ -104,7 +104,7 @@ def test_rows_of_the_course_are_filled_by_its_own_networks_alone(weights, tmp_pa
 
     def described(paper):
         monkeypatch.setattr(module, "COURSE", paper)
-        return {row: module._describe(row, module._load(row, weights)) for row in module._NAMES}
+        return {row: module._describe(row, module._load(row, weights)) for row in module.NAMES}
 
     assert not any(each.is_papers for each in described(module.COURSE).values())
     config = module._load("baseline", weights).network.config

@@ -26,7 +26,7 @@ from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.registration import TASK
 from sightline.detection3d.suppression import SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
-from sightline.evaluation.kitti_object_rules import DIFFICULTIES, STRICT
+from sightline.evaluation.kitti_object_rules import DIFFICULTIES, STRICT, MinimumOverlaps
 from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineChoice
 from sightline.files.weights import fill_network
@@ -77,11 +77,12 @@ COURSE: Final = Detection3DConfig(
 )
 """Settings of the course's baseline with the first stage that its features come from."""
 
-_NAMES: Final[dict[Row, str]] = {
+NAMES: Final[dict[Row, str]] = {
     "first": "first stage alone",
     "baseline": "baseline (problem 1)",
     "improved": "improved (problem 2)",
 }
+"""Names of the rows in tables."""
 _BESIDES: Final[dict[Row, tuple[str, ...]]] = {
     "first": ("refinement", "pooling", "suppression", "regions", "axes"),
     "baseline": (),
@@ -128,7 +129,7 @@ class TwoStageReport:
             "class": "Car",
             "difficulties": list(DIFFICULTIES),
             "published": {"baseline": {f"{IOUS[0]:g}": {"ap_r11": list(PUBLISHED)}}},
-            "ours": {row: self.rows[row].to_json() if row in self.rows else None for row in _NAMES},
+            "ours": {row: self.rows[row].to_json() if row in self.rows else None for row in NAMES},
             "not_measured": self._missing(),
         }
 
@@ -149,8 +150,8 @@ class TwoStageReport:
             ("detector", "network", *(f"3D IoU {iou:g}" for iou in IOUS)),
             texts=2,
         )
-        table.add_row(f"{_NAMES['baseline']}, published", "", levels_text(PUBLISHED), "-")
-        for row, name in _NAMES.items():
+        table.add_row(f"{NAMES['baseline']}, published", "", levels_text(PUBLISHED), "-")
+        for row, name in NAMES.items():
             scores = self.rows.get(row)
             network = None if scores is None else scores.network
             by_iou = () if scores is None else scores.entries.values()
@@ -162,7 +163,7 @@ class TwoStageReport:
         if self.data is None:
             return ["ours, without --data KITTI and weights"]
         measured = [row for row, each in self.rows.items() if each.network.is_papers]
-        absent = " ".join(f"--{row}" for row in _NAMES if row not in measured)
+        absent = " ".join(f"--{row}" for row in NAMES if row not in measured)
         recipes = "recipes detection3d-rpn-kitti, detection3d-baseline-kitti"
         return [f"the course's networks ({recipes}), without {absent}"] if absent else []
 
@@ -278,12 +279,14 @@ def _describe_results(row: Row, folder: Path) -> GivenNetwork:
     )
 
 
+def car_overlaps(iou: float) -> MinimumOverlaps:
+    """KITTI's overlaps with another 3D IoU for cars."""
+    return replace(STRICT, car=replace(STRICT.car, box3d=iou))
+
+
 def _score(network: GivenNetwork, folder: Path, dataset: KittiObjectDataset) -> StageScores:
     entries = {
-        iou: class_entries(
-            folder, dataset, "Car", "3d", replace(STRICT, car=replace(STRICT.car, box3d=iou))
-        )
-        for iou in IOUS
+        iou: class_entries(folder, dataset, "Car", "3d", car_overlaps(iou)) for iou in IOUS
     }
     return StageScores(network=network, folder=folder, entries=entries)
 
