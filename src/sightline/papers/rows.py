@@ -275,6 +275,6 @@ def networks_note(networks: Sequence[GivenNetwork]) -> str:
     return f"Not the paper's network: {'; '.join(others)}." if others else ""
 
 
-def missing_note(missing: Sequence[str]) -> str:
-    """List the missing measurements in one line; empty: none."""
-    return f"Not measured: {'; '.join(missing)}." if missing else ""
+def missing_note(missing: Sequence[str], done: str = "measured") -> str:
+    """List what was not measured, or not drawn, in one line; empty: nothing."""
+    return f"Not {done}: {'; '.join(missing)}." if missing else ""
