@@ -78,12 +78,8 @@ def test_the_tables_have_the_course_above_and_a_line_for_each_pair_and_difficult
     assert rows[1][6] == "0.0 [0.0, 0.0]"
     assert {len(row) for row in (head, course, *rows)} == {7}
     head, *rows = two_stage_differences(record)
-    assert head[2:] == [
-        "R40, IoU 0.5",
-        "all points, IoU 0.5",
-        "R40, IoU 0.7",
-        "all points, IoU 0.7",
-    ]
+    measures = ("R40", "all points")
+    assert head[2:] == [f"{name}, IoU {iou}" for iou in (0.5, 0.7) for name in measures]
     assert len(rows) == 9
     last = ["improved (problem 2) less baseline (problem 1)", "hard"]
     assert rows[-1][:2] == last

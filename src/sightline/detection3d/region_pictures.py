@@ -33,7 +33,7 @@ _BETWEEN: Final[RGB] = (240, 228, 66)
 _TEXT_PX, _LINE_PX = 11, 21
 _REGION_SIZE = (330, 410)  # height, width [px]
 _ELEVATION_DEG, _SIDE_DEG = 28.0, 40.0
-_DISTANCES = 3.2  # from the box to the camera, in half diagonals
+_DISTANCES = 3.1  # from the box to the camera, in half diagonals
 _SCENE_PX = 620
 
 
@@ -85,7 +85,7 @@ def region_picture(
     """
     box = torch.tensor([region.box], dtype=torch.float64)
     margin = box.new_tensor([0, 0, 0, *(2 * config.margin_m,) * 3, 0])
-    camera = _beside(box[0] + margin[0], _REGION_SIZE)
+    camera = _beside(box[0] + margin, _REGION_SIZE)
     canvas = np.zeros((*_REGION_SIZE, 3), np.uint8)
     is_inside = first_box_of_points(points[None].double(), box[None])[0] >= 0
     for chosen, color in ((points[~is_inside], _AROUND), (points[is_inside], _INSIDE)):

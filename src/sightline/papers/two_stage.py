@@ -118,7 +118,7 @@ class TwoStageReport:
     """Whether the frames are KITTI's val split, of which the course's test frames are not known to
     be a part."""
     rows: Mapping[Row, StageScores] = field(default_factory=dict)
-    figures: DrawnFigures = DrawnFigures()
+    figures: DrawnFigures = field(default_factory=DrawnFigures)
 
     def to_json(self) -> dict[str, object]:
         """Convert to the contents of the report file; None where nothing was measured."""

@@ -64,8 +64,8 @@ class RunLog:
 def read_run_log(folder: Path) -> RunLog:
     """Read what a training has logged: TensorBoard's event files, or metrics.csv and pictures.
 
-    A resumed run repeats the steps since its last checkpoint; of each step the last entry counts,
-    and entries of a run that went on from an earlier step replace the later ones.
+    A resumed run repeats the steps since its last checkpoint, and checkpoints may be scored later
+    (`sightline validate`): of several entries for one step the one that was written last counts.
 
     Args:
         folder: Run folder, or a folder of its loggers.
@@ -150,10 +150,5 @@ def _series(entries: Iterable[tuple[int, float]]) -> LoggedSeries:
 
 
 def _without_repeated(entries: Iterable[tuple[int, _Entry]]) -> list[tuple[int, _Entry]]:
-    """Drop entries that a later one of the same or an earlier step replaces."""
-    kept: list[tuple[int, _Entry]] = []
-    for entry in entries:
-        while kept and kept[-1][0] >= entry[0]:
-            kept.pop()
-        kept.append(entry)
-    return kept
+    """Sort entries by step; of several of one step the last one stays."""
+    return sorted(dict(entries).items())

@@ -73,7 +73,7 @@ def draw_curves(
     last_step = max(int(curve.steps[-1]) for curve, _ in named)
     if highest is None:
         highest = _round_up(max(float(np.quantile(curve.values, 0.98)) for curve, _ in named))
-    put_axes(canvas, plot, columns=_labels(last_step), rows=_labels(highest))
+    put_axes(canvas, plot, columns=_labels(float(last_step)), rows=_labels(highest))
     for curve, color in reversed(named):  # the first one is on top
         places = np.stack(
             (curve.steps / max(last_step, 1), np.clip(curve.values / highest, 0, 1)), axis=1

@@ -44,7 +44,8 @@ def draw_precision_recall(
     """
     if len(curves) > len(CURVE_COLORS):
         raise ValueError(
-            f"a chart shows up to {len(CURVE_COLORS)} curves, got {len(curves)}; draw several charts"
+            f"a chart shows up to {len(CURVE_COLORS)} curves, got {len(curves)}; draw several "
+            "charts"
         )
     lines = len(curves) + 1
     canvas = np.full((_PLOT_HEIGHT + lines * _LINE_PX + 12, _WIDTH, 3), BACKGROUND, np.uint8)
