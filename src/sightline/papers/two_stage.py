@@ -248,8 +248,8 @@ def reproduce_two_stage(
     drawn = DrawnFigures()
     if figures is not None and training is not None:
         drawn += draw_training(figures, run)
-        network = next((loaded[row] for row in _PROPOSERS if row in loaded), None)
-        drawn += draw_inputs(figures, network, dataset, training, device=device)
+        proposer = next((loaded[row] for row in _PROPOSERS if row in loaded), None)
+        drawn += draw_inputs(figures, proposer, dataset, training, device=device)
         if rows:
             drawn += draw_results(figures, rows, dataset, frame_index)
     return TwoStageReport(

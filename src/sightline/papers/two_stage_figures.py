@@ -172,7 +172,7 @@ def draw_inputs(
         pictures.append(region_picture(region, clouds[place], truths, pooling))
     sweep, proposed, truths = _propose(stages, training, training=True)
     clouds, _ = pool_points(sweep, proposed.boxes, pooling, seed=POINT_SEED)
-    pooled = torch.cat([sweep[:0, :3], *clouds]).unique(dim=0)
+    pooled = torch.unique(torch.cat([sweep[:0, :3], *clouds]), dim=0)
     scene = proposals_picture(
         training.sample_id, pooled, proposed.boxes, truths, Detection3DLossConfig().sampling
     )
