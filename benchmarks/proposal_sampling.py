@@ -158,7 +158,7 @@ def _recall(frames: Sequence[Frame]) -> dict[str, float]:
         best, on_object = [], []
         for frame in frames:
             order = torch.argsort(frame.proposed.scores, descending=True, stable=True)
-            few = replace_proposed(frame, order[:count])
+            few = _with_rows(frame, order[:count])
             best.append(_best_iou(few))
             on_object.append(_own_iou(few).numpy() >= _HALF)
         found = np.concatenate(best) >= _HALF
@@ -167,7 +167,7 @@ def _recall(frames: Sequence[Frame]) -> dict[str, float]:
     return results
 
 
-def replace_proposed(frame: Frame, rows: Tensor) -> Frame:
+def _with_rows(frame: Frame, rows: Tensor) -> Frame:
     """Select some proposals of a frame."""
     return frame._replace(proposed=frame.proposed.select(rows))
 
@@ -177,7 +177,7 @@ def _suppressed(frames: Sequence[Frame]) -> dict[str, float]:
     left = {"from above": 0, "in 3D": 0}
     objects_over = 0
     for frame in frames:
-        sure = replace_proposed(frame, frame.proposed.scores >= COURSE.suppression.min_score)
+        sure = _with_rows(frame, frame.proposed.scores >= COURSE.suppression.min_score)
         boxes = sure.proposed.boxes.double()
         overlaps = {
             "from above": pairwise_iou_bev(_from_above(boxes), _from_above(boxes)),
