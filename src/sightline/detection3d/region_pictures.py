@@ -33,7 +33,7 @@ _BETWEEN: Final[RGB] = (240, 228, 66)
 _TEXT_PX, _LINE_PX = 11, 21
 _REGION_SIZE = (330, 410)  # height, width [px]
 _ELEVATION_DEG, _SIDE_DEG = 28.0, 40.0
-_DISTANCES = 2.9  # from the box to the camera, in half diagonals
+_DISTANCES = 3.1  # from the box to the camera, in half diagonals
 _SCENE_PX = 620
 
 
