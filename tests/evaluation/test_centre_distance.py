@@ -1,5 +1,6 @@
 """nuScenes' scores by centre distance: against slow loops, and trap by trap."""
 
+import csv
 import json
 import math
 from dataclasses import replace
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 
-from sightline.evaluation.centre_distance import CentreCurve
+from sightline.cli.main import main
 from sightline.evaluation.kitti_object import compare_objects, evaluate_objects
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES
 from tests.evaluation.kitti_scenes import (
@@ -27,6 +28,7 @@ from tests.reference import kitti_object as kitti_reference
 
 CAR = Line()
 FOUND = replace(CAR, score=0.5)
+CARS, CARS_BY_HAND = ("Car", "3d", "hard"), ("Car", 2)
 
 
 def evaluate(files, **options):
@@ -207,7 +209,7 @@ def test_an_object_without_a_3d_part_matches_nothing():
 def test_bands_of_distance_score_their_own_objects(tmp_path):
     far = replace(CAR, z=50)
     frames = [(text_of([CAR, far]), text_of([FOUND, replace(far, score=0.9).moved(ground=5)]))]
-    report = evaluate_objects(*write_frames(tmp_path, frames), by_distance=(30,))
+    report = evaluate_objects(*write_frames(tmp_path, frames), by_distance=(30.0,))
     near_band, far_band = (
         [e.centres for e in band.entries if e.metric == "3d"] for band in report.bands
     )
@@ -215,35 +217,92 @@ def test_bands_of_distance_score_their_own_objects(tmp_path):
     assert far_band[0].ap == 0
 
 
-def test_weights_count_a_frame_as_often_as_it_is_drawn():
-    files = random_street(5, num_frames=8)
-    generator = np.random.default_rng(0)
-    with TemporaryDirectory() as folder:
-        results, labels = write_frames(Path(folder), files)
-        compared = compare_objects(results, labels, results, bootstrap=1)
-    assert compared.entries
-    for _ in range(5):
-        weights = generator.integers(0, 3, size=8)
-        n_gt, counted = reference.match(files, "Car", 2, 2, weights.tolist())
-        curve = curve_of(files, "Car", 2)
-        assert curve.ap(weights) == pytest.approx(
-            reference.average_precision(n_gt, counted), abs=1e-9
-        )
-
-
-def curve_of(files, name, level):
-    from sightline.data.kitti_labels import parse_objects
-    from sightline.evaluation.centre_distance import match_centres, select_centres
-    from sightline.evaluation.kitti_object_matching import index_pairs
-    from sightline.evaluation.kitti_object_pairs import find_pairs
-    from sightline.evaluation.kitti_object_rules import CLASSES, STRICT
-
-    data = find_pairs(
-        [parse_objects(found.encode(), "found", with_scores=True) for _, found in files],
-        [parse_objects(label.encode(), "labels", with_scores=False) for label, _ in files],
-        STRICT.as_array(),
+def test_intervals_are_those_of_scoring_every_resample_anew(tmp_path):
+    frames = random_street(5, num_frames=10)
+    fewer = [(label, "".join(found.splitlines(True)[::2])) for label, found in frames]
+    (tmp_path / "fewer").mkdir()
+    results, labels = write_frames(tmp_path, frames)
+    against, _ = write_frames(tmp_path / "fewer", fewer)
+    options = {"bootstrap": 8, "seed": 4}
+    report = evaluate_objects(results, labels, **options)
+    compared = compare_objects(results, labels, against, **options)
+    at = next(
+        place
+        for place, each in enumerate(compared.entries)
+        if (each.class_name, each.metric, each.difficulty) == CARS
     )
-    task = select_centres(data, index_pairs(data), code=CLASSES.index(name), difficulty=level)
-    curve = match_centres(task, 2.0)
-    assert isinstance(curve, CentreCurve)
-    return curve
+    generator = np.random.default_rng(4)
+    drawn = [np.bincount(generator.integers(10, size=10), minlength=10) for _ in range(8)]
+    rows = [
+        [by_hand(files, weights.tolist()) for files in (frames, fewer)]
+        for weights in (np.ones(10, dtype=int), *drawn)
+    ]
+    rows = [row for row in rows if None not in row]  # resamples without any car
+    assert len(rows) > 5
+    low, high = np.quantile([row[0][0] for row in rows[1:]], (0.025, 0.975))
+    alone = report.entries[at].centres
+    assert [alone.low, alone.high] == pytest.approx([low, high], abs=1e-9)
+    pairs = (compared.entries[at].centre, compared.entries[at].centre_2m)
+    for column, pair in enumerate(pairs):
+        difference, *resampled = (row[0][column] - row[1][column] for row in rows)
+        assert pair.difference == pytest.approx(difference, abs=1e-9)
+        ends = np.quantile(resampled, (0.025, 0.975))
+        assert [pair.low, pair.high] == pytest.approx(ends, abs=1e-9)
+        assert pair.first == pytest.approx(rows[0][0][column], abs=1e-9)
+        assert pair.low < pair.high
+
+
+def by_hand(files, repeats):
+    """Mean AP and that at 2 m of all cars, frames counted several times; None without any."""
+    scores = reference.scores(files, *CARS_BY_HAND, repeats)
+    return None if scores is None else (scores[0], scores[1][2])
+
+
+def test_the_command_prints_and_writes_them(tmp_path, capsys):
+    results, labels = write_frames(tmp_path, [(CAR.text(), FOUND.moved(ground=0.75).text())] * 10)
+    files = {kind: tmp_path / f"scores.{kind}" for kind in ("json", "csv", "markdown")}
+    command = ["evaluate", "objects", str(results), str(labels), "--bootstrap", "3"]
+    for kind, path in files.items():
+        command += [f"--{kind}", str(path)]
+    assert main(command) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["Car", "centre", "AP", "0.5-4", "m", "75.00", "75.00", "75.00"] in lines
+    assert ["95", "%", "interval", "75.0-75.0", "75.0-75.0", "75.0-75.0"] in lines
+    assert ["translation,", "m", "0.75", "0.75", "0.75"] in lines
+    entries = json.loads(files["json"].read_text())["entries"]
+    found = [entry["centre_distance"] for entry in entries]
+    assert found[:6] == [None] * 6
+    assert found[6] == {
+        "AP": pytest.approx(75),
+        "AP_95": pytest.approx([75, 75]),
+        "AP_by_distance": pytest.approx({"0.5": 0, "1": 100, "2": 100, "4": 100}),
+        "translation_error_m": pytest.approx(0.75),
+        "scale_error": 0,
+        "orientation_error_rad": 0,
+    }
+    with files["csv"].open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["AP_centre"] for row in rows if row["metric"] != "3d"} == {""}
+    for row in rows[6:]:
+        assert float(row["AP_centre"]) == pytest.approx(75)
+        assert float(row["AP_centre_low"]) == float(row["AP_centre_high"]) == pytest.approx(75)
+        assert float(row["AP_centre_2m"]) == pytest.approx(100)
+        assert float(row["translation_error_m"]) == pytest.approx(0.75)
+        assert float(row["scale_error"]) == float(row["orientation_error_rad"]) == 0
+    assert "AP_centre_2m | translation_error_m" in files["markdown"].read_text()
+
+
+def test_the_command_prints_differences_and_writes_them(tmp_path, capsys):
+    (tmp_path / "other").mkdir()
+    results, labels = write_frames(tmp_path, [(CAR.text(), FOUND.text())] * 10)
+    moved = FOUND.moved(ground=0.75).text()
+    against, _ = write_frames(tmp_path / "other", [(CAR.text(), moved)] * 10)
+    file = tmp_path / "differences.json"
+    command = ["evaluate", "objects", str(results), str(labels), "--against", str(against)]
+    assert main([*command, "--bootstrap", "3", "--json", str(file)]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["0.5-4", "m,", "difference", "+25.00", "+25.00", "+25.00"] in lines
+    entries = json.loads(file.read_text())["entries"]
+    assert [entry["AP_centre"] is None for entry in entries] == [True] * 6 + [False] * 3
+    assert entries[6]["AP_centre"]["difference"] == pytest.approx(25)
+    assert entries[6]["AP_centre_2m"]["difference_95"] == [0, 0]

@@ -52,9 +52,9 @@ def match(frames, name, level, limit, repeats=None, minimum=0.7):
     for number, found in ranked(frames, name, level):
         nearest, least = None, limit
         for i, truth in enumerate(truths[number]):
-            if kinds[number][i] != "none" and (number, i) not in taken:
-                if distance(found, truth) < least:
-                    nearest, least = i, distance(found, truth)
+            is_free = kinds[number][i] != "none" and (number, i) not in taken
+            if is_free and distance(found, truth) < least:
+                nearest, least = i, distance(found, truth)
         if nearest is None:
             if is_in_region(found, truths[number], minimum):
                 continue
@@ -122,9 +122,7 @@ def mean_errors(n_gt, counted):
             values = [errors[column] for _, errors in matched[: place + 1]]
             so_far.append((matched[place][0], sum(values) / len(values)))
         rising = so_far[::-1]
-        at_positions = [
-            interpolate(interpolate(x, at_recall), rising) for x in positions(curve)
-        ]
+        at_positions = [interpolate(interpolate(x, at_recall), rising) for x in positions(curve)]
         means.append(sum(at_positions) / len(at_positions))
     return means
 

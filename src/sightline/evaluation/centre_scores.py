@@ -78,9 +78,9 @@ def centre_rows(
     return [
         *rows,
         ("AP 2 m", [percentage(each and each.ap_2m) for each in levels]),
-        ("translation [m]", [percentage(each and each.translation_error_m) for each in levels]),
+        ("translation, m", [percentage(each and each.translation_error_m) for each in levels]),
         ("scale, 1 - IoU", [percentage(each and each.scale_error) for each in levels]),
-        ("heading [rad]", [percentage(each and each.orientation_error_rad) for each in levels]),
+        ("heading, rad", [percentage(each and each.orientation_error_rad) for each in levels]),
     ]
 
 

@@ -42,7 +42,8 @@ def score_objects(
     Args:
         data: All frames, their pairs found with the same overlaps.
         overlaps: Overlaps that a match must exceed.
-        bootstrap: Resamples of the frames for the interval of AP over all scores; 0: without.
+        bootstrap: Resamples of the frames for the intervals of AP over all scores and of AP by
+            centre distance; 0: without.
         seed: Seed of the resamples, which are the same for all entries.
     """
     index = index_pairs(data)
