@@ -46,7 +46,8 @@ def evaluate_objects(
 ) -> ObjectReport:
     r"""Evaluate result files against label files like KITTI's official program.
 
-    3D entries also have nuScenes' scores by the distance of centres: see `CentreScores`. Frames are read and dropped one after the other; memory grows only with the number of scores.
+    3D entries also have nuScenes' scores by the distance of centres: see `CentreScores`. Frames are
+    read and dropped one after the other; memory grows only with the number of scores.
 
     Examples:
         >>> import sightline, tempfile

@@ -159,8 +159,8 @@ class ObjectReport:
     entries: tuple[ObjectEntry, ...]
     """Entries by class, then metric, then difficulty."""
     num_resamples: int = 0
-    """Number of bootstrap resamples for the intervals of `all_points` and `centres`, which need `MIN_FRAMES`
-    frames; 0: there are none."""
+    """Number of bootstrap resamples for the intervals of `all_points` and `centres`, which need
+    `MIN_FRAMES` frames; 0: there are none."""
     frames_without_results: int = 0
     """Number of frames without a result file, which count as empty."""
     bands: tuple[DistanceBand, ...] = ()
