@@ -66,7 +66,8 @@ def _has_box3d(
     boxes: Float64[np.ndarray, "num_boxes 11"],
 ) -> Bool[np.ndarray, " num_boxes"]:
     has_size = (boxes[:, 4:7] > 0).all(axis=1)
-    return has_size & (boxes[:, 7:10] != NO_LOCATION).all(axis=1)
+    has_place = (boxes[:, 7:10] != NO_LOCATION).all(axis=1)
+    return np.logical_and(has_size, has_place)
 
 
 @compiled

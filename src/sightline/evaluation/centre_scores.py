@@ -72,16 +72,15 @@ def centre_rows(
         levels: Scores of each difficulty; None if no object counts.
         with_interval: Whether to add the interval of AP.
     """
-    rows = [("AP 0.5-4 m", [percentage(each and each.ap) for each in levels])]
-    if with_interval:
-        rows.append(("95 % interval", [_interval(each) for each in levels]))
-    return [
-        *rows,
-        ("AP 2 m", [percentage(each and each.ap_2m) for each in levels]),
-        ("translation, m", [percentage(each and each.translation_error_m) for each in levels]),
-        ("scale, 1 - IoU", [percentage(each and each.scale_error) for each in levels]),
-        ("heading, rad", [percentage(each and each.orientation_error_rad) for each in levels]),
+    cells = [list(centre_cells(each, with_interval=False)) for each in levels]
+    names = ("AP 0.5-4 m", "AP 2 m", "translation, m", "scale, 1 - IoU", "heading, rad")
+    rows = [
+        (name, [percentage(value) for value in column])
+        for name, column in zip(names, zip(*cells, strict=True), strict=True)
     ]
+    if with_interval:
+        rows.insert(1, ("95 % interval", [_interval(each) for each in levels]))
+    return rows
 
 
 def centre_cells(scores: CentreScores | None, *, with_interval: bool) -> Iterator[float | None]:
