@@ -216,6 +216,16 @@ def data_change_error(data: Path, output: Path) -> ValueError:
     )
 
 
+def finished_names(folder: Path, suffix: str) -> frozenset[str]:
+    """List the names of an output folder's complete files, without the suffix.
+
+    Files are written atomically, so existing ones are complete. Folders and empty files, such as
+    those that a copy on a full disk leaves behind, do not count; only a `.txt` may be empty.
+    """
+    files = [path for path in folder.glob(f"*{suffix}") if path.is_file()]
+    return frozenset(path.stem for path in files if suffix == ".txt" or path.stat().st_size)
+
+
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:
     """Reads the manifest of a folder; None: there is none, or it is unreadable."""
     try:
