@@ -332,8 +332,9 @@ def simulate(
 
 
 def _recorded(config: SimulationConfig) -> dict[str, Any]:
-    """Select the settings that a folder records: later ones only where set, so that folders made
-    before there were any can be resumed.
+    """Select the settings that a folder records.
+
+    Later ones are recorded only where set, so that folders made before can be resumed.
     """
     settings = asdict(config)
     return {name: settings[name] for name in settings if name not in _LATER or settings[name]}

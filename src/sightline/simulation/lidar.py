@@ -202,10 +202,10 @@ def take_sweep(
     counter-clockwise, unless `config.order` is another. An echo grows with the reflectance of the
     surface and the cosine of incidence and falls with the square of the range. Weak echoes are
     lost, most of all from shiny surfaces, and slightly stronger ones are found but read as 0. Glass
-    lets most of the light through: the surface behind it returns a weaker echo or none. The scene stands still during the turn, which
-    starts at `time_s`; `raycaster` is over its mesh, and `ego` is the motion of the sensor. The
-    body of the car below the sensor, `own_car` in the frame of its footprint, hides the scene and
-    returns points itself.
+    lets most of the light through: the surface behind it returns a weaker echo or none. The scene
+    stands still during the turn, which starts at `time_s`; `raycaster` is over its mesh, and `ego`
+    is the motion of the sensor. The body of the car below the sensor, `own_car` in the frame of its
+    footprint, hides the scene and returns points itself.
 
     Raises:
         ValueError: The LiDAR has a rolling shutter, but no motion is given.

@@ -105,7 +105,7 @@ def draw_light(rng: np.random.Generator, variety: Variety | None = None) -> Ligh
 
 def _nightfall(rng: np.random.Generator) -> Light:
     """Draw the end of dusk: a dark sky, and pictures that stay dark, with lamps lit."""
-    azimuth, darkness = float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.1, 0.5))
+    azimuth, darkness = float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.25, 0.8))
     colors = (
         _NO_SUN,
         _scaled((0.28, 0.40, 0.80), 0.22 * darkness),

@@ -42,7 +42,7 @@ WET: Final = {
 }
 """Wet surface of each dry one."""
 _DAMP, _UNDER_WATER = 0.62, 0.4  # albedo of wet ground, as a share of the dry albedo
-_RIPPLES: Final = 0.02  # slope of the water's surface
+_RIPPLES: Final = 0.035  # slope of the water's surface
 _LEAF = int(Material.LEAF)
 
 
@@ -223,7 +223,7 @@ def is_wet(material: int) -> bool:
 def puddle_share(x: float, y: float) -> float:
     """Compute how far water covers wet ground at a place [m]: 0 damp, 1 a puddle."""
     noise = value_noise(0.35 * x, 0.35 * y, 71) + 0.5 * value_noise(1.1 * x, 1.1 * y, 72)
-    return min(max(0.45 + 1.6 * noise, 0.0), 1.0)
+    return min(max(1.8 * noise - 0.5, 0.0), 1.0)
 
 
 @compiled

@@ -44,7 +44,7 @@ class Front:
     storey_height: float
     facade: Facade
     has_shop: bool
-    is_glazed: bool
+    is_glazed: bool = False
     foundation: float
     is_far: bool
 
