@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32, UInt8
@@ -13,7 +13,7 @@ from sightline.data.pixels import resized_and_cropped
 from sightline.geometry.road_height import LidarPose
 from sightline.simulation.bodies.bonnet import bonnet
 from sightline.simulation.bodies.own_car import own_car
-from sightline.simulation.camera.camera import CameraConfig, render_camera
+from sightline.simulation.camera.camera import CameraConfig, SensorConfig, render_camera
 from sightline.simulation.camera.samples import RollingView, View, camera_view
 from sightline.simulation.camera.stored_image import stored_image
 from sightline.simulation.camera.windscreen import Dirt, draw_dirt
@@ -40,6 +40,8 @@ _CAMERA_FROM_LIDAR = (
 )  # fmt: skip
 # These separate draws from those of streets and sensors.
 _RIG_STREAM, _BONNET_STREAM, _DIRT_STREAM, _OWN_CAR_STREAM = 38, 39, 40, 41
+# Other cameras than KITTI's adapt to shaded streets and to dusk.
+_RIG_SENSOR: Final = SensorConfig(metering_limit=4.5)
 _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
@@ -161,6 +163,7 @@ def simulate_frame(
         picture=config.camera,
         samples_per_pixel=config.samples_per_pixel,
         lidar_height_m=lidar.height_m,
+        sensor=SensorConfig() if sensors.camera is None else _RIG_SENSOR,
     )
     view = _view(sensors, street, time_s)
     picture = render_camera(

@@ -112,7 +112,7 @@ def _nightfall(rng: np.random.Generator) -> Light:
         _scaled((1.0, 0.72, 0.55), 0.26 * darkness),
     )
     cover = float(rng.uniform(0.0, 0.9))
-    return _light(rng, (0.05, azimuth), colors, 0.02, cover, (400.0, 1000.0), (1.3, 2.2))
+    return _light(rng, (0.05, azimuth), colors, 0.02, cover, (400.0, 1000.0), (0.9, 1.5))
 
 
 def _day(rng: np.random.Generator, azimuth: float, cover: float) -> Light:

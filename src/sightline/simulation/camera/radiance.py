@@ -34,6 +34,7 @@ from sightline.simulation.scene import Material
 
 _GLASS: Final = int(Material.GLASS)
 _FAINTEST_IMAGE: Final = 0.02  # minimum reflectance that is worth a mirror ray
+_WET_MIRROR: Final = 0.5  # largest reflectance of a puddle, which is never quite still
 _DAMP_MIRROR: Final = 0.25  # reflectance of damp ground, as a share of a puddle's
 _GLASS_TINT: Final = 0.72  # share of the light transmitted by a pane
 _INSIDE_AMBIENT: Final = 0.22
@@ -76,6 +77,7 @@ def _mirror_shares(materials: MaterialTables, found: SurfaceHits, shares: RayVal
         share = upright + (1.0 - upright) * missing**5
         if is_wet(material):
             place = row_of(found.positions, row)
+            share = min(share, _WET_MIRROR)
             share *= _DAMP_MIRROR + (1.0 - _DAMP_MIRROR) * puddle_share(place[0], place[1])
         if share > _FAINTEST_IMAGE:
             shares[row] = share

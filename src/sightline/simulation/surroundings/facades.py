@@ -253,10 +253,11 @@ def _panes(
             )
         )
         batch.add(reveals, look.wall)
-    batch.add(_sheets(starts, stops, low, high, deep), look.trim)
-    if front.is_glazed:
-        _add_coated_panes(batch, openings, deep)
+    if front.is_glazed:  # nothing behind a pane stops a beam
+        tint = _COATED_TONES[count % len(_COATED_TONES)]
+        batch.add(_sheets(starts, stops, low, high, deep), Finish(Material.COATED_GLASS, tint))
         return
+    batch.add(_sheets(starts, stops, low, high, deep), look.trim)
     tones = rng.choice(3, count, p=(0.45, 0.35, 0.2)) if not is_shop else np.ones(count, int)
     colors = np.array(_GLASS_TONES)[tones]
     halves = 1 if is_shop or front.is_far else 2
@@ -281,18 +282,6 @@ def _panes(
         sills = _rectangles((starts - 0.06, stops + 0.06), (low, low), (-0.07, deep), upright=False)
         edges = _sheets(starts - 0.06, stops + 0.06, low - 0.05, low, -0.07)
         batch.add(np.concatenate((sills, edges)), look.trim)
-
-
-def _add_coated_panes(batch: QuadBatch, openings: _Openings, deep: float) -> None:
-    """Add one pane of coated glass in each opening, of the building's tint."""
-    count = len(openings.starts)
-    low, high = np.full(count, openings.low), np.full(count, openings.high)
-    tint = _COATED_TONES[count % len(_COATED_TONES)]
-    panes = _sheets(
-        openings.starts + _MULLION, openings.stops - _MULLION, low + _MULLION, high - _MULLION,
-        deep - 0.015,
-    )  # fmt: skip
-    batch.add(panes, Finish(Material.COATED_GLASS, tint))
 
 
 def _sheets(
