@@ -42,9 +42,9 @@ def draw_dirt(rng: np.random.Generator, image_size: tuple[int, int], amount: flo
         cv2.ellipse(
             patch, place, axes, float(rng.uniform(0, 180)), 0, 360, rng.uniform(*_SPECK_COVER), -1
         )
-        specks = np.maximum(specks, patch)
-    specks = cv2.GaussianBlur(specks, (0, 0), max(0.006 * width, 0.5))
-    cover = 1 - (1 - cover.clip(0, 0.9)) * (1 - specks)
+        np.maximum(specks, patch, out=specks)
+    soft = cv2.GaussianBlur(specks, (0, 0), max(0.006 * width, 0.5))
+    cover = 1 - (1 - cover.clip(0, 0.9)) * (1 - soft)
     size = image_size[::-1]
     return Dirt(cv2.resize(cover, size, interpolation=cv2.INTER_LINEAR).astype(np.float32))
 
@@ -54,4 +54,4 @@ def seen_through(
 ) -> Float32[np.ndarray, "height width 3"]:
     """Dim the light behind dirt and add the light that the dirt itself scatters to the camera."""
     glow = np.float32(_GLOW) * radiance.reshape(-1, 3).mean(axis=0, dtype=np.float32)
-    return radiance + dirt.cover[..., None] * (glow - radiance)
+    return np.asarray(radiance + dirt.cover[..., None] * (glow - radiance))
