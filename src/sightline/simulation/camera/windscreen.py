@@ -44,9 +44,9 @@ def draw_dirt(rng: np.random.Generator, image_size: tuple[int, int], amount: flo
         )
         np.maximum(specks, patch, out=specks)
     soft = cv2.GaussianBlur(specks, (0, 0), max(0.006 * width, 0.5))
-    cover = 1 - (1 - cover.clip(0, 0.9)) * (1 - soft)
+    kept_back = (1 - (1 - cover.clip(0, 0.9)) * (1 - soft)).astype(np.float32)
     size = image_size[::-1]
-    return Dirt(cv2.resize(cover, size, interpolation=cv2.INTER_LINEAR).astype(np.float32))
+    return Dirt(cv2.resize(kept_back, size, interpolation=cv2.INTER_LINEAR).astype(np.float32))
 
 
 def seen_through(
