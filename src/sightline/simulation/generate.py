@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -44,6 +44,7 @@ MAX_DRIVES = 10**4  # maximum number of drives: names have four digits
 # Maximum number of parts of a job: the last part begins with the frame, or drive, of its number,
 # and leaves as many between two. Files beyond this were not begun by a job.
 _MAX_SHARDS = 1000
+_LATER: Final = ("rig", "varied")
 _DIGIT = "[0-9]"  # for patterns: other files in an output folder are not frames
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 
@@ -303,10 +304,8 @@ def simulate(
         "streets": f"{streets.__module__}.{streets.__qualname__}",
         "velodyne": velodyne,
         "validation_frames": validation_frames,
-        **asdict(config),
+        **_recorded(config),
     }
-    if config.rig is None:  # as before there were rigs, so that older folders can be resumed
-        del settings["rig"]
     acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
     works: list[_Work] = []
     layout: Layout
@@ -343,6 +342,15 @@ def _check_readable(sensors: Sensors) -> None:
             f"the camera {fault.problem}, so no command would read the data; choose a larger image "
             "or another focal length"
         )
+
+
+def _recorded(config: SimulationConfig) -> dict[str, Any]:
+    """Select the settings that a folder records.
+
+    Later ones are recorded only where set, so that folders made before can be resumed.
+    """
+    settings = asdict(config)
+    return {name: settings[name] for name in settings if name not in _LATER or settings[name]}
 
 
 @dataclass(frozen=True, slots=True)
