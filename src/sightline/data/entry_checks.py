@@ -74,8 +74,8 @@ def check_sample_frames(
         *shared,
         *(each for found in findings for each in (*found.implausible, *found.nearly_empty)),
     ]
-    if not _is_corrupted(root):
-        doubts += [*check_repeats(selected), *check_orientations(selected)]
+    doubts += [] if _is_corrupted(root) else check_repeats(selected)
+    doubts += [] if _is_corrupted(root) else check_orientations(selected)
     _warn_of_doubts(doubts, len(selected))
     _warn_of_missing_data(root, selected, findings)
 
