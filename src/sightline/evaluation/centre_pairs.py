@@ -67,7 +67,8 @@ def _has_box3d(
 ) -> Bool[np.ndarray, " num_boxes"]:
     has_size = (boxes[:, 4:7] > 0).all(axis=1)
     has_place = (boxes[:, 7:10] != NO_LOCATION).all(axis=1)
-    return np.logical_and(has_size, has_place)
+    has_box: Bool[np.ndarray, " num_boxes"] = has_size & has_place
+    return has_box
 
 
 @compiled
