@@ -94,7 +94,7 @@ def test_points_of_a_view_go_back_to_their_pixels_of_the_frame(camera):
 
 @settings(max_examples=30)
 @given(camera=cameras)
-def test_a_view_is_a_band_about_the_horizon(camera):
+def test_views_are_bands_about_the_horizon(camera):
     height, width, focal_px, pitch_deg = camera
     sample = frame((height, width), focal_px, pitch_deg=pitch_deg)
     shown = views(sample)
@@ -108,8 +108,15 @@ def test_a_view_is_a_band_about_the_horizon(camera):
         for row in (horizon - 200, horizon + 230):  # is in the band where it is in the frame
             inside = view.placement.top <= row < view.placement.top + rows
             assert inside or not 0 <= row < view.full_height - 1
-    assert len(shown) == 1 or shown[0].is_cut
-    assert [view.range_m for view in shown] == [80.0, 40.0][: len(shown)]
+    scales = [view.placement.scale_y / shown[0].placement.scale_y for view in shown]
+    assert [view.range_m for view in shown] == [80 * scale for scale in scales]
+    has_coarse = shown[0].is_cut
+    has_fine = focal_px >= 1.3 * 750
+    assert len(shown) == 1 + has_coarse + has_fine
+    if has_coarse:
+        assert scales[1] == pytest.approx(0.5, abs=0.01)
+    if has_fine:
+        assert scales[-1] == pytest.approx(min(2, focal_px / 750), rel=0.01)
 
 
 def test_a_pitch_moves_the_band():
@@ -119,14 +126,36 @@ def test_a_pitch_moves_the_band():
     assert tops == [640, 544, 416]
 
 
-def test_each_box_of_a_tall_frame_is_one_views():
-    fine, coarse = views(frame((1500, 200), 722.0))
-    border = 544 + fine.sample.image_size[0] - 1
-    ends = torch.tensor([100.0, border - 30, border - 10, border + 1, 1400.0])
-    boxes = torch.stack((ends * 0, ends - 50, ends * 0 + 60, ends), dim=1)
-    found = Candidates(boxes, torch.ones(5), torch.zeros(5, dtype=torch.int64))
-    assert fine.own(found).boxes[:, 3].tolist() == ends[:3].tolist()
-    assert coarse.own(found).boxes[:, 3].tolist() == ends[2:].tolist()
+def test_views_answer_for_boxes_by_their_height_and_not_for_those_that_are_cut_off():
+    first, coarse, fine = views(frame((3000, 400), 1444.0))
+    scale = first.placement.scale_y
+    start = first.placement.top
+    end = start + first.sample.image_size[0]
+    rows = torch.tensor(  # y_min, y_max in pixels of the resized frame
+        [
+            [start + 180, start + 200],  # small, near the horizon
+            [start + 50, start + 50 + 110],  # in between
+            [start + 50, start + 50 + 200],  # large
+            [end - 200.0, end - 1],  # cut off at the bottom
+            [start, start + 200.0],  # and at the top
+        ]
+    )
+    columns = torch.zeros(5)
+    boxes = torch.stack((columns, rows[:, 0], columns + 60, rows[:, 1]), dim=1)
+    found = Candidates((boxes + 0.5) / scale - 0.5, torch.ones(5), torch.arange(5))
+    owners = {
+        name: view.own(found).class_indices.tolist()
+        for name, view in (("first", first), ("coarse", coarse), ("fine", fine))
+    }
+    assert owners == {"first": [0, 1, 2], "coarse": [2, 3, 4], "fine": [0]}
+
+
+@pytest.mark.parametrize("height", [375, 440])
+def test_a_whole_view_answers_for_all_boxes(height):
+    (view,) = views(frame((height, 400), 722.0))
+    boxes = torch.tensor([[0.0, 0.0, 9.0, height - 1.0], [0.0, 5.0, 2.0, 7.0]])
+    found = Candidates(boxes, torch.ones(2), torch.arange(2))
+    assert view.own(found).class_indices.tolist() == [0, 1]
 
 
 def test_half_the_scale_looks_like_twice_the_distance():
@@ -167,6 +196,7 @@ def test_gates_are_laid_as_by_plain_loops(camera, groups):
         [gate.mean(dim=0).numpy() for gate in gates],
         [view.placement.top for view in shown],
         [view.sample.image_size for view in shown],
+        [shown[0].full_height / view.full_height for view in shown],
         shown[0].full_height,
     )
     np.testing.assert_allclose(laid.numpy(), expected, atol=1e-6)

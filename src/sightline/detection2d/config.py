@@ -70,8 +70,8 @@ class InputConfig:
     """Rows above the horizon that are searched in use, of frames that keep their proportions; the
     scale applies to them, too."""
     rows_below_horizon: int = 235
-    """Rows below the horizon that are searched in use; where there are more, the frame is searched
-    once more at half the scale. KITTI's frames have up to 190 rows above and 210 below."""
+    """Rows below the horizon that are searched in use. Frames with no more rows than both together
+    are searched as a whole, like KITTI's; see `detection2d.views` for others."""
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M
     """Height added to LiDAR points; 0 follows Kim et al. 2018, eq. 3, exactly."""
 

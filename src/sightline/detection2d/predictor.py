@@ -33,7 +33,8 @@ class DetectionResult:
     """Detections in the frame's pixels, by descending score."""
     camera_gate: Float32[Tensor, "rows columns"] | None = None
     """Camera gate over the frame, from 0 (the camera's features are not used) to 1, at the
-    resolution of the network's finest map; None for a network without gates."""
+    resolution of the network's finest map: that of the finest view, and 0 in rows that no view
+    shows (`detection2d.views`); None for a network without gates."""
     lidar_gate: Float32[Tensor, "rows columns"] | None = None
 
 
@@ -56,7 +57,8 @@ class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
         >>> "Car" in result.detections.class_names, float(result.camera_gate.max()) < 0.5
         (True, True)
 
-    Takes images of any size and sweeps with any number of beams. Either sensor may be missing; a
+    Takes images of any size and sweeps with any number of beams; of taller views than KITTI's, two
+    bands along the horizon (`detection2d.views`). Either sensor may be missing; a
     black image or an empty sweep counts as missing. A network trained with faults can handle this.
     May be pickled, and called in a forked process.
     """

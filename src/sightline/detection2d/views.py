@@ -2,7 +2,8 @@
 
 The networks learned from one camera: 722 px of focal length, level, 375 rows of which 173 lie above
 the horizon. What depends on another camera is taken out here: its scale, the height of its view and
-its pitch. Sky, upper floors and the own bonnet are not searched.
+its pitch. Sky, upper floors and the own bonnet are not searched; near and far objects are seen at
+the sizes that the networks know.
 """
 
 import math
@@ -23,14 +24,18 @@ from sightline.detection2d.placement import (
     lidar_image,
     padded,
     place,
+    scale_of,
     whole_strides,
 )
 from sightline.geometry.projection import DHI_RANGE_M
 from sightline.structures.level import level_calibration
 from sightline.structures.sample import CameraLidarSample
 
-_COARSER: Final = 2  # ratio of the scales of both views
-_EDGE_PX, _OVERLAP_PX = 3.0, 20.0  # of the fine view's lower edge, where the coarse one takes over
+_STEP: Final = 2  # ratio of the scales of two views
+_LEAST_STEP: Final = 1.3  # of a finer view, which has no more pixels than the frame
+_EDGE_PX: Final = 3.0  # a box that comes as near to where a view is cut off is cut off, too
+_NEAR_PX: Final = 60.0  # least height of the coarser view's boxes
+_FAR_PX: Final = 80.0  # greatest height of the finer view's boxes
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,10 +49,8 @@ class View:
     range_m: float = DHI_RANGE_M
     """Far end of the LiDAR image's depth channel. Half the scale shows an object like one at twice
     the distance, which half the range tells the network, too."""
-    ends_above: float = math.inf
-    """Row of the frame [px]; the other view answers for boxes that end on it or below."""
-    ends_below: float = -math.inf
-    """Row of the frame [px]; the other view answers for boxes that end on it or above."""
+    heights_px: tuple[float, float] = (0.0, math.inf)
+    """Heights of the boxes for which the view answers, in pixels of the band."""
 
     @property
     def full_height(self) -> int:
@@ -71,25 +74,38 @@ class View:
         return {name: padded(images[name], size)[None] for name in names}
 
     def own(self, found: Candidates) -> Candidates:
-        """Select the candidates for which the view answers."""
-        ends = found.boxes[:, 3]
-        return found.select((ends < self.ends_above) & (ends > self.ends_below))
+        """Select the candidates for which the view answers.
+
+        They have suitable heights and, unless it is the coarsest view, do not touch an edge where
+        it is cut off.
+        """
+        heights = (found.boxes[:, 3] - found.boxes[:, 1]) * self.placement.scale_y
+        least, greatest = self.heights_px
+        is_own = (heights >= least) & (heights < greatest)
+        if self.is_cut and not least:
+            start, end = self.placement.top, self.placement.top + self.sample.image_size[0]
+            edges = torch.tensor([[0.0, _EDGE_PX, 0.0, end - start - 1 - _EDGE_PX]])
+            _, first, _, last = self.placement.to_image(edges)[0].tolist()
+            is_own &= (found.boxes[:, 1] >= first) | (start == 0)
+            is_own &= (found.boxes[:, 3] <= last) | (end == self.full_height)
+        return found.select(is_own)
 
 
 def views_of(
     sample: CameraLidarSample, config: InputConfig, *, stride: int, smallest_px: int
 ) -> tuple[View, ...]:
-    """Make the views of a frame: one, or a coarser one, too, if its road is cut off.
+    """Make the views of a frame: one, two or three.
 
-    The frame is resized as by `place`. Of its rows, those up to `rows_above_horizon` above the
-    horizon and `rows_below_horizon` below it remain; a band that would reach beyond the frame is
-    moved into it. KITTI's frames remain whole. Where rows are cut off at the bottom, the same is
-    done at half the scale, for near objects: it answers for boxes that end near that border or
-    below. The whole frame is one view for a network of one input size, and where the coarser view
-    would be smaller than the network's smallest input.
+    The first is the frame resized as by `place`. Of its rows, those up to `rows_above_horizon`
+    above the horizon and `rows_below_horizon` below it remain; a band that would reach beyond the
+    frame is moved into it. So frames with no more rows than both together remain whole, like all of
+    KITTI's.
 
-    The horizon is that of the level frame (`CameraLidarSample.level_from_lidar`), at the principal
-    point's column.
+    Where rows are cut off, a view of half the scale adds near objects. If the frame has 1.3 times
+    the scale, a view of up to twice the scale adds far ones. The whole frame is the only view for a
+    network of one input size, and where a view would be smaller than the network's smallest input.
+
+    The horizon is that of the level frame (`CameraLidarSample.level_from_lidar`), straight ahead.
 
     Args:
         sample: The frame.
@@ -97,36 +113,40 @@ def views_of(
         stride: Stride of the network. Bands begin at a multiple, so that gates fit together.
         smallest_px: Smallest side of the network's input.
     """
-    fine = _band(sample, config, stride, scale=config.scale)
-    bottom = fine.placement.top + fine.sample.image_size[0]
-    if bottom >= fine.full_height:
-        return (fine,)
-    coarse = _band(sample, config, stride, scale=config.scale / _COARSER)
-    if min(whole_strides(coarse.sample.image_size, stride)) < smallest_px:
+    if config.size is not None:
         given, placement = place(sample, config)
         return (View(sample=given, placement=placement),)
-    edge = torch.tensor([0.0, fine.sample.image_size[0] - 1.0, 0.0, 0.0])
-    ends = [float(fine.placement.to_image(edge[None] - px)[0, 1]) for px in (_EDGE_PX, _OVERLAP_PX)]
-    return (
-        replace(fine, ends_above=ends[0]),
-        replace(coarse, range_m=DHI_RANGE_M / _COARSER, ends_below=ends[1]),
-    )
+    views = [_band(sample, config, config.scale, stride)]
+    first = views[0]
+    if first.is_cut:
+        views.append(_beside(first, _band(sample, config, config.scale / _STEP, stride)))
+    longer = replace(config, longest_focal_px=_STEP * config.longest_focal_px)
+    if scale_of(sample, longer) >= _LEAST_STEP * scale_of(sample, config):
+        views.append(_beside(first, _band(sample, longer, config.scale, stride)))
+    if min(min(whole_strides(view.sample.image_size, stride)) for view in views) < smallest_px:
+        given, placement = place(sample, config)
+        return (View(sample=given, placement=placement),)
+    return tuple(views)
 
 
-def _band(sample: CameraLidarSample, config: InputConfig, stride: int, *, scale: float) -> View:
+def _beside(first: View, other: View) -> View:
+    """Complete a coarser or finer view by the distances and sizes that it has for the network."""
+    ratio = other.placement.scale_y / first.placement.scale_y
+    heights_px = (_NEAR_PX, math.inf) if ratio < 1 else (0.0, _FAR_PX)
+    return replace(other, range_m=DHI_RANGE_M * ratio, heights_px=heights_px)
+
+
+def _band(sample: CameraLidarSample, config: InputConfig, scale: float, stride: int) -> View:
     """Resize a frame and cut it to the rows along the horizon."""
     given, placement = place(sample, replace(config, scale=scale))
     height, width = given.image_size
-    horizon = None if config.size is not None else _horizon(given)
-    if horizon is None:
-        return View(sample=given, placement=placement)
+    horizon = _horizon(given)
     above = round(config.scale * config.rows_above_horizon)
     below = round(config.scale * config.rows_below_horizon)
-    top = min(max(math.floor(horizon - above), 0), max(height - above - below, 0))
-    top = top // stride * stride
-    bottom = min(max(math.ceil(horizon + below), above + below), height)
-    if (top, bottom) == (0, height):
+    if horizon is None or height <= above + below:
         return View(sample=given, placement=placement)
+    top = min(max(math.floor(horizon - above), 0), height - above - below) // stride * stride
+    bottom = min(max(math.ceil(horizon + below), above + below), height)
     band = crop(given, top, 0, bottom - top, width)
     return View(sample=band, placement=replace(placement, top=top))
 
@@ -144,22 +164,25 @@ def gate_over_frame(
 ) -> Float32[Tensor, "new_rows new_columns"]:
     """Lay the gates of a frame's views over it: means of groups, without padding.
 
-    The finest view is on top; where no view reaches, the gate is 0, since nothing is used there.
+    The first view is on top, a coarser one around it, a finer one is left out. Where none reaches,
+    the gate is 0, since nothing is used there.
 
     Args:
         gates: Gate of each view.
-        views: Views of the frame, the finest first.
+        views: Views of the frame.
         stride: Stride of the network.
     """
-    seen = [_without_padding(gate, view, stride) for gate, view in zip(gates, views, strict=True)]
     first = views[0]
-    if len(seen) == 1 and not first.is_cut:
+    seen = [_without_padding(gate, view, stride) for gate, view in zip(gates, views, strict=True)]
+    if not first.is_cut:
         return seen[0]
     cell_px = whole_strides(first.sample.image_size, stride)[0] / gates[0].shape[1]
     laid = seen[0].new_zeros(max(round(first.full_height / cell_px), 1), seen[0].shape[1])
     middles = [torch.arange(count) + 0.5 for count in laid.shape]
     for gate, view in zip(reversed(seen), reversed(views), strict=True):
         finer = first.full_height / view.full_height
+        if finer < 1:
+            continue
         rows = (middles[0] / finer - view.placement.top / cell_px).floor().long()
         columns = (middles[1] / finer).long().clamp(max=gate.shape[1] - 1)
         is_seen = (rows >= 0) & (rows < gate.shape[0])
