@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_calibration import (
     CalibrationMatrices,
+    check_intrinsics,
     object_calibration_text,
     raw_calibration_texts,
 )
@@ -23,8 +24,9 @@ from sightline.data.pixels import crop_to_view, sparse_depth_map
 from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import FileError
-from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.output_dirs import acquire_output_dir, is_finished
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
+from sightline.simulation.rig_sensors import Sensors
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import (
     FRAME_S,
@@ -60,10 +62,10 @@ class FrameFiles:
     """Calibration file; None if the day's calibration applies to all frames."""
 
     def are_there(self) -> bool:
-        """Whether all files exist; an existing file is complete."""
+        """Whether all files are finished."""
         paths = [self.image, self.points, self.objects, self.depth, self.sparse_depth]
         paths += [self.instances, self.calibration]
-        return all(path is None or path.is_file() for path in paths)
+        return all(path is None or is_finished(path) for path in paths)
 
     def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
         """Write all files atomically."""
@@ -295,6 +297,7 @@ def simulate(
             "drives have images, whole sweeps and no validation_frames; keep to that, or make "
             "single frames with a sequence_length of 1"
         )
+    _check_readable(sensors_of(config, 0))
     settings = {  # all that affects the bytes, except the number of frames
         "revision": SIMULATOR_REVISION,
         "streets": f"{streets.__module__}.{streets.__qualname__}",
@@ -330,6 +333,16 @@ def simulate(
     if isinstance(layout, ObjectLayout):
         layout.write_lists(frames, validation_frames)
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+
+
+def _check_readable(sensors: Sensors) -> None:
+    """Refuse a camera whose calibration no command would read."""
+    size, projection = sensors.image_size, sensors.calibration.image_from_camera
+    for fault in check_intrinsics(projection[:, :3], size, Path(), usual=False):
+        raise ValueError(
+            f"the camera {fault.problem}, so no command would read the data; choose a larger image "
+            "or another focal length"
+        )
 
 
 @dataclass(frozen=True, slots=True)
