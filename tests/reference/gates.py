@@ -31,3 +31,24 @@ def split(gate, mask, has_point):
             elif marked == 0:
                 clear.append(gate[row][column])
     return masked, clear
+
+
+def gate_laid_over_frame(gates, tops, sizes, shrinkings, full_height, cell_px=8):
+    """Gate of each cell of a frame: that of the first view under its middle, else 0.
+
+    A view is shrunk by a factor, begins at a row and has a size [px]; enlarged ones have 0.
+    """
+    columns = max(round(sizes[0][1] / cell_px), 1)
+    laid = [[0.0] * columns for _ in range(max(round(full_height / cell_px), 1))]
+    for y, row in enumerate(laid):
+        for x in range(columns):
+            for gate, top, size, shrunk in zip(gates, tops, sizes, shrinkings, strict=True):
+                if shrunk < 1:
+                    continue
+                seen_rows, seen_columns = (max(round(side / cell_px), 1) for side in size)
+                seen_y = math.floor((y + 0.5) / shrunk - top / cell_px)
+                seen_x = min(math.floor((x + 0.5) / shrunk), seen_columns - 1)
+                if 0 <= seen_y < seen_rows:
+                    row[x] = gate[seen_y][seen_x]
+                    break
+    return laid

@@ -21,6 +21,9 @@ def detect(model: str, frame: Frame) -> Found:
     height, width = rule["size"] or [max(round(side * factor), 1) for side in size]
     if height > size[0] or width > size[1]:
         raise ValueError(f"frames are only shrunk here, got {size}, wanted {height, width}")
+    rows = rule["scale"] * (rule["rows_above_horizon"] + rule["rows_below_horizon"])
+    if rule["size"] is None and height > rows:
+        raise ValueError(f"the view has {height} rows; only views of up to {rows:g} are one input")
     scale = np.array([width / size[1], height / size[0]])
     camera = frame.camera.copy()  # pixels are squares around their centres
     camera[:2] = scale[:, None] * camera[:2] + (scale[:, None] - 1) / 2 * camera[2]

@@ -66,6 +66,12 @@ class InputConfig:
     """Longest focal length of frames that keep their proportions; others are shrunk first. A car
     then has the same width in pixels as at the same distance from KITTI's cameras, whose focal
     lengths are up to 722 px."""
+    rows_above_horizon: int = 205
+    """Rows above the horizon that are searched in use, of frames that keep their proportions; the
+    scale applies to them, too."""
+    rows_below_horizon: int = 235
+    """Rows below the horizon that are searched in use. Frames with no more rows than both together
+    are searched as a whole, like KITTI's; see `detection2d.views` for others."""
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M
     """Height added to LiDAR points; 0 follows Kim et al. 2018, eq. 3, exactly."""
 
@@ -77,6 +83,8 @@ class InputConfig:
             raise ValueError(f"input.size must have up to {_MAX_PX} pixels, got {self.size}")
         check_range("input.scale", self.scale, 0.01, 4)
         check_range("input.longest_focal_px", self.longest_focal_px, 1, 1e6)
+        check_range("input.rows_above_horizon", self.rows_above_horizon, 32, _LARGEST_PX)
+        check_range("input.rows_below_horizon", self.rows_below_horizon, 32, _LARGEST_PX)
         check_range("input.height_offset_m", self.height_offset_m, -100, 100)
 
 

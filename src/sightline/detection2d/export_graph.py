@@ -31,6 +31,12 @@ def processing(network: Detector) -> dict[str, object]:
                 "size, or else both sides times scale * min(longest_focal_px / fy, 1), rounded; "
                 "the calibration is resized with the image"
             ),
+            "rows_above_horizon": config.input.rows_above_horizon,
+            "rows_below_horizon": config.input.rows_below_horizon,
+            "views": (
+                "without a size, frames with more rows than both together (times scale) are cut to "
+                "these; near and far objects are seen at other scales: docs/models.md"
+            ),
             "fewer_pixels": "mean over the area of each new pixel",
             "more_pixels": "bicubic",
         },

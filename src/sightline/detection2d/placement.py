@@ -1,16 +1,18 @@
 """Resizing of frames for networks, and the way back: detections in the frame's pixels."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int64
 from torch import Tensor
 
 from sightline.augmentation.scene_changes import resize
 from sightline.detection2d.config import CLASSES, InputConfig, PostprocessConfig
 from sightline.geometry.boxes2d import Boxes2D
-from sightline.geometry.projection import dhi_image
+from sightline.geometry.projection import DHI_RANGE_M, dhi_image
 from sightline.ops.nms import nms2d
 from sightline.structures.level import level_sample
 from sightline.structures.predictions import Detections2D
@@ -19,18 +21,20 @@ from sightline.structures.sample import CameraLidarSample
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Placement:
-    """Placement of a resized frame at the top left of a network's input."""
+    """Placement of a resized frame, or of a band of it, at the top left of a network's input."""
 
     image_size: tuple[int, int]
     """Height, width [px] of the frame."""
     scale_x: float
     scale_y: float
     """Pixels of the input per pixel of the frame."""
+    top: int = 0
+    """Rows of the resized frame above the input."""
 
     def to_image(self, boxes: Float[Tensor, "num_boxes 4"]) -> Float[Tensor, "num_boxes 4"]:
         """Convert boxes from the input to the frame; pixels are squares around their centres."""
         scales = boxes.new_tensor([self.scale_x, self.scale_y] * 2)
-        return (boxes + 0.5) / scales - 0.5
+        return (boxes + boxes.new_tensor([0.5, self.top + 0.5] * 2)) / scales - 0.5
 
 
 def place(sample: CameraLidarSample, config: InputConfig) -> tuple[CameraLidarSample, Placement]:
@@ -60,7 +64,7 @@ def camera_image(sample: CameraLidarSample) -> Float32[Tensor, "3 height width"]
 
 
 def lidar_image(
-    sample: CameraLidarSample, config: InputConfig
+    sample: CameraLidarSample, config: InputConfig, *, range_m: float = DHI_RANGE_M
 ) -> Float32[Tensor, "3 height width"]:
     """Make the sweep's `dhi_image` in [0, 1]: depth, height, intensity; zeros without a sweep."""
     if sample.points is None:
@@ -68,7 +72,13 @@ def lidar_image(
     level = level_sample(sample)
     assert level.points is not None, "there is a sweep"
     offset_m = config.height_offset_m + sample.higher_than_kitti_m
-    image = dhi_image(level.points, level.calibration, sample.image_size, height_offset_m=offset_m)
+    image = dhi_image(
+        level.points,
+        level.calibration,
+        sample.image_size,
+        height_offset_m=offset_m,
+        range_m=range_m,
+    )
     return image / 255
 
 
@@ -86,19 +96,30 @@ def whole_strides(size: tuple[int, int], stride: int) -> tuple[int, int]:
     return height, width
 
 
-MAX_CANDIDATES = 2000  # best-scored boxes of a frame that enter suppression
+MAX_CANDIDATES = 2000  # best-scored boxes of a view that enter suppression
 
 
-def to_detections(
+class Candidates(NamedTuple):
+    """Boxes of a view before suppression, by descending score where they were too many."""
+
+    boxes: Float[Tensor, "candidates 4"]
+    """x_min, y_min, x_max, y_max in the frame's pixels; may reach beyond it."""
+    scores: Float[Tensor, " candidates"]
+    class_indices: Int64[Tensor, " candidates"]
+    """Indices into `CLASSES`."""
+
+    def select(self, kept: Tensor) -> "Candidates":
+        """Select candidates by indices or a mask."""
+        return Candidates(self.boxes[kept], self.scores[kept], self.class_indices[kept])
+
+
+def candidates(
     scores: Float[Tensor, "places classes"],
     boxes: Float[Tensor, "places 4"],
     placement: Placement,
     config: PostprocessConfig,
-) -> Detections2D:
-    """Make detections in the frame's pixels, by descending score, clipped to the frame.
-
-    Boxes of a class suppress each other (greedy, by IoU); empty boxes are removed. Boxes of several
-    detectors are treated alike, which is how late fusion joins them.
+) -> Candidates:
+    """Select the best boxes above the least score, in the frame's pixels.
 
     Args:
         scores: Scores of each class at each place.
@@ -111,20 +132,37 @@ def to_detections(
     if len(top_scores) > MAX_CANDIDATES:
         best = top_scores.argsort(descending=True, stable=True)[:MAX_CANDIDATES]
         rows, columns, top_scores = rows[best], columns[best], top_scores[best]
-    found = Boxes2D(placement.to_image(boxes[rows].float())).clip(placement.image_size)
+    return Candidates(placement.to_image(boxes[rows].float()), top_scores, columns)
+
+
+def suppressed(
+    views: Sequence[Candidates], image_size: tuple[int, int], config: PostprocessConfig
+) -> Detections2D:
+    """Make detections of the views' candidates, by descending score, clipped to the frame.
+
+    Boxes of a class suppress each other (greedy, by IoU), whichever view they are from; empty boxes
+    are removed.
+    """
+    boxes, scores, columns = (torch.cat(part) for part in zip(*views, strict=True))
+    found = Boxes2D(boxes).clip(image_size)
     is_visible = found.area() > 0
-    rows, columns, top_scores, found = (
-        rows[is_visible],
-        columns[is_visible],
-        top_scores[is_visible],
-        found[is_visible],
-    )
+    columns, scores, found = columns[is_visible], scores[is_visible], found[is_visible]
     kept = nms2d(
-        found.tensor,
-        top_scores,
-        config.nms_iou,
-        labels=columns,
-        max_detections=config.max_detections,
+        found.tensor, scores, config.nms_iou, labels=columns, max_detections=config.max_detections
     )
     names = tuple(CLASSES[index] for index in columns[kept].tolist())
-    return Detections2D(class_names=names, boxes=found[kept], scores=top_scores[kept].float())
+    return Detections2D(class_names=names, boxes=found[kept], scores=scores[kept].float())
+
+
+def to_detections(
+    scores: Float[Tensor, "places classes"],
+    boxes: Float[Tensor, "places 4"],
+    placement: Placement,
+    config: PostprocessConfig,
+) -> Detections2D:
+    """Make detections of one input: `suppressed` after `candidates`.
+
+    Boxes of several detectors are treated alike, which is how late fusion joins them.
+    """
+    found = candidates(scores, boxes, placement, config)
+    return suppressed((found,), placement.image_size, config)

@@ -12,14 +12,8 @@ from sightline.detection2d.config import Fusion
 from sightline.detection2d.export_graph import export_graph
 from sightline.detection2d.model import Detector
 from sightline.detection2d.network_task import NETWORK_TASK
-from sightline.detection2d.placement import (
-    camera_image,
-    lidar_image,
-    padded,
-    place,
-    to_detections,
-    whole_strides,
-)
+from sightline.detection2d.placement import candidates, suppressed
+from sightline.detection2d.views import gate_over_frame, views_of
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.checked import checked
@@ -39,7 +33,8 @@ class DetectionResult:
     """Detections in the frame's pixels, by descending score."""
     camera_gate: Float32[Tensor, "rows columns"] | None = None
     """Camera gate over the frame, from 0 (the camera's features are not used) to 1, at the
-    resolution of the network's finest map; None for a network without gates."""
+    resolution of the network's finest map: that of the finest view, and 0 in rows that no view
+    shows (`detection2d.views`); None for a network without gates."""
     lidar_gate: Float32[Tensor, "rows columns"] | None = None
 
 
@@ -62,7 +57,8 @@ class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
         >>> "Car" in result.detections.class_names, float(result.camera_gate.max()) < 0.5
         (True, True)
 
-    Takes images of any size and sweeps with any number of beams. Either sensor may be missing; a
+    Takes images of any size and sweeps with any number of beams; of taller views than KITTI's, two
+    bands along the horizon (`detection2d.views`). Either sensor may be missing; a
     black image or an empty sweep counts as missing. A network trained with faults can handle this.
     May be pickled, and called in a forked process.
     """
@@ -78,6 +74,7 @@ class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
     ) -> EngineName:
         self._config = loaded.network.config
         self._stride = loaded.network.stride
+        self._smallest_px = loaded.network.smallest_px
         self._input_names = loaded.network.input_names
         self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
         return self._run.name
@@ -120,30 +117,21 @@ class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
                 "data with a sensor that the network takes"
             )
         check_finite_points(sample)
-        given, placement = place(sample, self._config.input)
-        size = whole_strides(given.image_size, self._stride)
-        images = {"image": camera_image(given), "lidar": lidar_image(given, self._config.input)}
-        outputs = self._run({name: padded(images[name], size)[None] for name in self._input_names})
-        on_cpu = {name: tensor[0].cpu() for name, tensor in outputs.items()}
-        gates = {
-            name: _over_frame(on_cpu[name], size, given.image_size)
-            for name in ("camera_gate", "lidar_gate")
-            if name in on_cpu
-        }
-        found = to_detections(
-            on_cpu["scores"], on_cpu["boxes"], placement, self._config.postprocess
+        views = views_of(
+            sample, self._config.input, stride=self._stride, smallest_px=self._smallest_px
         )
-        return DetectionResult(detections=found, **gates)
-
-
-def _over_frame(
-    gate: Float32[Tensor, "groups rows columns"],
-    padded_size: tuple[int, int],
-    size: tuple[int, int],
-) -> Float32[Tensor, "new_rows new_columns"]:
-    """Average a gate's groups, and remove the padding."""
-    rows, columns = (
-        max(round(count * side / whole), 1)
-        for count, side, whole in zip(gate.shape[1:], size, padded_size, strict=True)
-    )
-    return gate.mean(dim=0)[:rows, :columns].contiguous()
+        found, gates = [], []
+        for view in views:
+            outputs = self._run(view.inputs(self._input_names, self._config.input, self._stride))
+            on_cpu = {name: tensor[0].cpu() for name, tensor in outputs.items()}
+            postprocess = self._config.postprocess
+            best = candidates(on_cpu["scores"], on_cpu["boxes"], view.placement, postprocess)
+            found.append(view.own(best))
+            gates.append(on_cpu)
+        laid = {
+            name: gate_over_frame([each[name] for each in gates], views, self._stride)
+            for name in ("camera_gate", "lidar_gate")
+            if name in gates[0]
+        }
+        detections = suppressed(found, sample.image_size, self._config.postprocess)
+        return DetectionResult(detections=detections, **laid)

@@ -132,6 +132,7 @@ def dhi_image(
     image_size: tuple[int, int],
     *,
     height_offset_m: float = KITTI_LIDAR_HEIGHT_M,
+    range_m: float = DHI_RANGE_M,
 ) -> Float32[Tensor, "3 height width"]:
     """Image of a sweep's depth, height and intensity in [0, 255]: Kim et al. 2018, Eq. 1-4.
 
@@ -142,7 +143,8 @@ def dhi_image(
 
     Departure: the paper uses z directly, which is negative for nearly all road users; here
     `height_offset_m` (the LiDAR's height above the road; 0 as in the paper) is added first and the
-    sum is clipped to [0, 6] m.
+    sum is clipped to [0, 6] m. Another `range_m` than 80 suits an image of another scale: see
+    `detection2d.views`.
     """
     height, width = image_size
     flat, depths, kept = _visible(points, calibration, image_size)
@@ -152,7 +154,7 @@ def dhi_image(
     x, _, z, reflectance = points[kept[nearest]].unbind(dim=-1)
     shares = torch.stack(
         (
-            x / DHI_RANGE_M,
+            x / range_m,
             (z + height_offset_m) / DHI_HEIGHT_M,
             reflectance / DHI_REFLECTANCE,
         )
