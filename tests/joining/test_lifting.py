@@ -1,7 +1,6 @@
 import math
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -70,4 +69,4 @@ def test_a_box_cut_by_the_border_is_marked_and_finite():
     found = lifted("Car", box_of("Car", 4.0, 2.5))
     assert np.isfinite(found.box).all()
     assert found.evidence[LIFTED_COLUMNS.index("at the image's border")] == 1
-    assert found.box[0] == pytest.approx(4.0, abs=3.0)
+    assert 2 < found.box[0] < 8.5  # the road is seen from 6 m on

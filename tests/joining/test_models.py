@@ -43,7 +43,7 @@ def test_a_damaged_file_is_refused_with_its_name_and_a_remedy(tmp_path, fault):
         content["sweep"]["Cyclist"]["weights"].pop()
     text = json.dumps(content)
     path.write_text({"cut": text[:-40], "nan": text, "columns": text}.get(fault, fault))
-    with pytest.raises(FileError, match=r"models.json holds no models of this version.*; fit the"):
+    with pytest.raises(FileError, match=r"models.json: holds no models of this version.*; fit the"):
         read_models(path)
 
 

@@ -4,7 +4,8 @@ import json
 import pytest
 
 from sightline.data.open import open_dataset
-from sightline.detection2d.predictor import DetectionResult
+from sightline.detection2d.predictor import DetectionPredictor, DetectionResult
+from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.joining.models import read_models
 from sightline.joining.predictor import JoinedPredictor
 from sightline.perception.perceive import perceive
@@ -17,29 +18,31 @@ CAR = ("Car", 0.5, 20.0, 1.0, -0.95, 4.0, 1.8, 1.5, 0.0)
 SEEN = ("Car", 0.25, (100.0, 180.0, 200.0, 240.0))
 
 
-@dataclasses.dataclass
-class Detector:
-    """Detector with a fixed prediction."""
+class ImageDetector(DetectionPredictor):
+    """Detector in the image with a fixed prediction."""
 
-    prediction: object
-    sha256: str
-    name: str = "fixed"
-    engine: str = "torch"
+    def __init__(self, sha256):
+        self.name, self.sha256, self.engine = "image", sha256, "torch"
 
-    def __call__(self, _sample):
-        return self.prediction
+    def predict(self, sample):
+        del sample
+        return DetectionResult(detections=detections2d(SEEN))
 
 
-def detectors(digests):
-    image = DetectionResult(detections=detections2d(SEEN))
-    return Detector(image, digests[0]), Detector(detections3d(CAR), digests[1])
+class SweepDetector(Detection3DPredictor):
+    """Detector in the sweep with a fixed prediction."""
+
+    def __init__(self, sha256):
+        self.name, self.sha256, self.engine = "sweep", sha256, "torch"
+
+    def predict(self, sample):
+        assert sample.points is not None
+        return detections3d(CAR)
 
 
 def joined(*, digests=("a", "b")):
     models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})
-    made = JoinedPredictor.__new__(JoinedPredictor)
-    JoinedPredictor.__init__.__wrapped__(made, *detectors(digests), models)
-    return made
+    return JoinedPredictor(ImageDetector(digests[0]), SweepDetector(digests[1]), models)
 
 
 @pytest.fixture
@@ -61,13 +64,14 @@ def test_without_a_sweep_its_detector_does_not_run(packaged):
 
 
 def test_models_of_other_weights_are_refused():
-    with pytest.raises(ValueError, match="were not fitted for fixed and fixed; give the weights"):
+    with pytest.raises(ValueError, match="were not fitted for image and sweep; give the weights"):
         joined(digests=("b", "a"))
 
 
 def perceiver(digests):
     made_by = [{"weights_sha256": digest} for digest in digests]
-    image, sweep = (detector.prediction for detector in detectors(digests))
+    image = DetectionResult(detections=detections2d(SEEN))
+    sweep = detections3d(CAR)
     return MultiTaskPredictor(
         {
             "detection2d": FunctionPredictor(

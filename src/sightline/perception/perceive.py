@@ -268,8 +268,8 @@ def _done_frames(
         lacking = {part for entry in tasks.values() for part in entry.get("lacks", ())}
         still_lacks = not any(has_file(dataset, index, part) for part in lacking)
         has_files = all(name in present.get(task, ()) for task in _predicting_tasks(line))
-        is_joined = perceiver.join_models is not None
-        has_files &= not is_joined or (folder.parent / JOINED / f"{name}.txt").is_file()
+        if line["objects"] is not None:
+            has_files &= (folder.parent / JOINED / f"{name}.txt").is_file()
         if has_same_predictors and still_lacks and has_files:
             done.add(name)
     return done
