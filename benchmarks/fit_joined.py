@@ -17,7 +17,6 @@ from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.export.names import EngineName
 from sightline.files.weights_header import find_weights
-from sightline.jobs.output_dirs import data_name
 from sightline.joining.fitting import fit_models
 
 
@@ -60,7 +59,7 @@ def main(
                 task: hashlib.sha256(find_weights(name).read_bytes()).hexdigest()
                 for task, name in given.items()
             },
-            "data": data_name(data),
+            "data": data.name,
             "frames": ",".join(dataset.sample_ids),
             "states": list(FIT_CASES),
             "engine": engine,

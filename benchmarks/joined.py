@@ -19,7 +19,7 @@ from sightline.data.kitti_conversion import kitti_from_detections, kitti_from_la
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
-from sightline.evaluation.kitti_object_comparison import compare_submissions
+from sightline.evaluation.kitti_object_comparison import PairedDifference, compare_submissions
 from sightline.evaluation.kitti_object_pairs import find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, ClassOverlaps, MinimumOverlaps
 from sightline.export.names import EngineName
@@ -133,15 +133,9 @@ def _compare(
         for name, alone in (("image", found.image), ("sweep", found.sweep)):
             if metric == "3d" and name == "image":
                 continue
-            pairs = (find_pairs(each, labels, overlaps.as_array()) for each in (joined, alone))
-            entries = compare_submissions(*pairs, overlaps, num_resamples=resamples, seed=seed)
-            (entry,) = [
-                each
-                for each in entries
-                if (each.class_name, each.metric, each.difficulty)
-                == (class_name, metric, "moderate")
-            ] or [None]
-            pair = None if entry is None else entry.all_points
+            pair = _difference(
+                joined, alone, labels, overlaps, (class_name, metric), resamples, seed
+            )
             if pair is not None:
                 row["joined"] = round(pair.first, 2)
                 row[name] = round(pair.second, 2)
@@ -150,6 +144,29 @@ def _compare(
                 )
         rows.append(row)
     return rows
+
+
+def _difference(
+    joined: list[KittiObjects],
+    alone: list[KittiObjects],
+    labels: list[KittiObjects],
+    overlaps: MinimumOverlaps,
+    score: tuple[str, str],
+    resamples: int,
+    seed: int,
+) -> PairedDifference | None:
+    """Compare by class and metric, moderate; None: neither has results."""
+    entries = compare_submissions(
+        find_pairs(joined, labels, overlaps.as_array()),
+        find_pairs(alone, labels, overlaps.as_array()),
+        overlaps,
+        num_resamples=resamples,
+        seed=seed,
+    )
+    for entry in entries:
+        if (entry.class_name, entry.metric) == score and entry.difficulty == "moderate":
+            return entry.all_points
+    return None
 
 
 def _text(row: dict[str, Any]) -> str:

@@ -8,18 +8,18 @@ Rows = list[list[str]]
 
 _STATES = {"clean": "both sensors", "camera_blank": "camera blank", "lidar_blank": "LiDAR blank"}
 _BEAMS = "beams_16_from_"
-_COLUMNS = (
-    ("cars in the image, IoU 0.7", "Car", "bbox", 0.7),
-    ("cars in 3D, 0.7", "Car", "3d", 0.7),
-    ("cars in 3D, 0.5", "Car", "3d", 0.5),
-    ("pedestrians in the image, 0.5", "Pedestrian", "bbox", 0.5),
-    ("pedestrians in 3D, 0.5", "Pedestrian", "3d", 0.5),
-)
+_COLUMNS = {
+    "cars in the image, IoU 0.7": ("Car", "bbox", 0.7),
+    "cars in 3D, 0.7": ("Car", "3d", 0.7),
+    "cars in 3D, 0.5": ("Car", "3d", 0.5),
+    "pedestrians in the image, 0.5": ("Pedestrian", "bbox", 0.5),
+    "pedestrians in 3D, 0.5": ("Pedestrian", "3d", 0.5),
+}
 
 
 def joined(*records: Record) -> Rows:
     """Give a row for each list of frames and state of the sensors."""
-    rows: Rows = [["frames", "sensors", *(title for title, *_ in _COLUMNS)]]
+    rows: Rows = [["frames", "sensors", *_COLUMNS]]
     for record in records:
         cases = list(dict.fromkeys(row["case"] for row in record["results"]))
         beams = [case for case in cases if case.startswith(_BEAMS)]
@@ -27,7 +27,7 @@ def joined(*records: Record) -> Rows:
         if beams:
             states[f"16 beams, mean of {len(beams)} choices of rings"] = beams
         for title, chosen in states.items():
-            cells = [_cell(record, chosen, *column) for _, *column in _COLUMNS]
+            cells = [_cell(record, chosen, *column) for column in _COLUMNS.values()]
             rows.append([f"{record['sample_list']}, {record['frames']}", title, *cells])
     return rows
 

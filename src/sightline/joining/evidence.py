@@ -124,7 +124,7 @@ def image_iou(
 ) -> Float64[np.ndarray, "num_boxes num_others"]:
     """Compute the IoU of all pairs of boxes in the image; 0 for boxes outside it (NaN)."""
     iou = pairwise_iou2d(*(Boxes2D(torch.from_numpy(each)) for each in (boxes, others)))
-    return np.nan_to_num(iou.numpy())
+    return np.asarray(np.nan_to_num(iou.numpy()))
 
 
 def _best(
@@ -143,7 +143,7 @@ def _best(
 
 def _sizes(boxes: Boxes) -> Float64[np.ndarray, "num_boxes 2"]:
     sizes = boxes.in_image[:, 2:] - boxes.in_image[:, :2]
-    return np.maximum(np.nan_to_num(sizes, nan=1.0), 1.0)
+    return np.asarray(np.maximum(np.nan_to_num(sizes, nan=1.0), 1.0))
 
 
 def _log_height(boxes: Boxes) -> Float64[np.ndarray, " num_boxes"]:

@@ -136,7 +136,7 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
     lifted = [lift(scene, index) for index in alone]
     boxes3d = np.array([each.box for each in lifted]).reshape(-1, 7)
     lifted_rows = np.array([each.evidence for each in lifted]).reshape(-1, len(COLUMNS["lifted"]))
-    rows = {}
+    rows: dict[tuple[str, str], _Rows] = {}
     for name in CLASSES:
         is_swept = _is_class(scene.sweep.names, name) & ~np.isnan(scene.sweep.in_image).any(axis=1)
         is_seen = _is_class(scene.image.names, name)

@@ -62,7 +62,8 @@ def make_scene(
     level = level_sample(sample)
     points, pixels = _seen(level)
     boxes3d = Boxes3D(torch.zeros(0, 7, dtype=torch.float64))
-    names3d, scores3d = (), torch.zeros(0)
+    names3d: tuple[str, ...] = ()
+    scores3d = torch.zeros(0)
     if found3d is not None:
         found3d = level_detections(found3d, sample)
         boxes3d = Boxes3D(found3d.boxes.tensor.detach().cpu().double())
