@@ -53,10 +53,10 @@ def some_boxes(seed, count=5):
     return low + (high - low) * drawn
 
 
-@pytest.mark.parametrize("reflectance", [False, True])
+@pytest.mark.parametrize("fields", [{}, {"reflectance": True}, {"local_window": 3}])
 @given(seed=seeds)
-def test_pillars_of_mirrored_points_are_the_mirrored_pillars(reflectance, seed):
-    grid = PillarGridConfig(x_m=(0.0, 8.0), y_m=(-8.0, 8.0), cell_m=0.5, reflectance=reflectance)
+def test_pillars_of_mirrored_points_are_the_mirrored_pillars(fields, seed):
+    grid = PillarGridConfig(x_m=(0.0, 8.0), y_m=(-8.0, 8.0), cell_m=0.5, **fields)
     drawn = torch.randint(128, (200, 4), generator=torch.Generator().manual_seed(seed))
     points = (drawn + 0.5) / 128  # off the borders of pillars, and exact in float32
     points = points * torch.tensor([8.0, 16, 4, 1]) - torch.tensor([0.0, 8, 3, 0])

@@ -35,7 +35,28 @@ def pillar_features(points, grid):
         ]
         if grid.reflectance:
             features[row, column].append(sum(point[3] for point in inside) / len(inside))
+        if grid.local_window:
+            half = grid.local_window // 2
+            around = [
+                point
+                for (other_row, other_column), points in held.items()
+                for point in points
+                if abs(other_row - row) <= half and abs(other_column - column) <= half
+            ]
+            features[row, column] += _local_statistics(around, inside)
     return features
+
+
+def _local_statistics(around, inside):
+    """Means of `around` less those of `inside`, and the covariances of `around`, point by point."""
+    means = [sum(point[axis] for point in around) / len(around) for axis in range(3)]
+    own = [sum(point[axis] for point in inside) / len(inside) for axis in range(3)]
+    pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+    covariances = [
+        sum((point[a] - means[a]) * (point[b] - means[b]) for point in around) / len(around)
+        for a, b in pairs
+    ]
+    return [mean - mine for mean, mine in zip(means, own, strict=True)] + covariances
 
 
 def _cell_middles(grid):

@@ -12,6 +12,7 @@ from typing import Any
 
 import jsonargparse
 
+from sightline.cli.adapt import adapt
 from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
@@ -154,6 +155,7 @@ def _commands() -> dict[str, Any]:
         "health": health,
         "health-limits": health_limits,
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
+        "adapt": adapt,
         "tasks": list_tasks,
         "predict": predict_commands(),
         "perceive": perceive_command(),

@@ -276,9 +276,20 @@ def _pillar_channels(grid: PillarGridConfig) -> list[dict[str, str]]:
         ("lowest", "least z + height_shift_m", "m"),
         ("offset along x", "mean of -1 to 1 across the pillar", "1"),
         ("offset along y", "mean of -1 to 1 across the pillar", "1"),
-        ("reflectance", "mean reflectance", "1"),
     ]
-    values = heights + (rest if grid.reflectance else rest[:-1])
+    if grid.reflectance:
+        rest.append(("reflectance", "mean reflectance", "1"))
+    if grid.local_window:
+        around = f"of the points in {grid.local_window} x {grid.local_window} pillars"
+        rest += [
+            (f"local mean {axis}", f"mean {axis} {around} less that of the pillar's own", "m")
+            for axis in "xyz"
+        ]
+        rest += [
+            (f"local covariance {pair}", f"covariance {pair} {around}", "m^2")
+            for pair in ("xx", "xy", "xz", "yy", "yz", "zz")
+        ]
+    values = heights + rest
     return [{"name": name, "formula": formula, "unit": unit} for name, formula, unit in values]
 
 

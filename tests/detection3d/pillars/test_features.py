@@ -1,5 +1,7 @@
 """Pillars against a dictionary of lists."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from hypothesis import given
@@ -17,11 +19,13 @@ quarter = st.integers(-24, 24).map(lambda number: number / 4)  # on borders, and
 point = st.tuples(quarter, quarter, quarter, st.sampled_from([0.0, 0.25, 1.0]))
 
 
+@pytest.mark.parametrize("local_window", [0, 1, 3, 5])
 @given(points=st.lists(point, max_size=12))
-def test_each_pillar_tells_what_a_dictionary_of_points_tells(points):
-    maps = pillar_features(torch.tensor(points).reshape(-1, 4), GRID)
-    expected = torch.zeros(GRID.rows, GRID.columns, GRID.channels)
-    for (row, column), values in reference.pillar_features(points, GRID).items():
+def test_each_pillar_tells_what_a_dictionary_of_points_tells(local_window, points):
+    grid = replace(GRID, local_window=local_window)
+    maps = pillar_features(torch.tensor(points).reshape(-1, 4), grid)
+    expected = torch.zeros(grid.rows, grid.columns, grid.channels)
+    for (row, column), values in reference.pillar_features(points, grid).items():
         expected[row, column] = torch.tensor(values)
     torch.testing.assert_close(maps.permute(1, 2, 0), expected)
 
@@ -56,6 +60,7 @@ def test_points_that_are_no_numbers_or_endless_lie_nowhere():
     [
         ({"cell_m": 0.0}, "cell_m must be positive and finite, got 0"),
         ({"slices": 0}, "slices must be at least 1"),
+        ({"local_window": 4}, "local_window must be 0 or odd and at most 15, got 4"),
         ({"z_m": (1.0, 1.0)}, "z_m must rise and lie within 100000, got 1.0 to 1.0"),
         ({"y_m": (-40.0, 1e9)}, "y_m must rise and lie within 100000, got -40.0 to 1000000000.0"),
         ({"lowest_slice_m": 1e9}, "lowest_slice_m must be from -100000 to 100000, got 1"),

@@ -9,11 +9,14 @@ from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClas
 HEAD_STRIDE: Final = 2
 """Length and width of a head cell, in cells of the features."""
 
+LOCAL_CHANNELS: Final = 9
+"""Number of local statistics: three means and six covariances."""
 
 _COARSEST_STRIDE: Final = 8  # stride of the backbone's last stage
 _MAX_NUMBERS: Final = 2**26  # values in the map: a network then takes 3 GB
 _FARTHEST_M: Final = 1e5
 _MAX_PAIRS: Final = 2**25  # pairs of boxes for the IoU: 256 MB for each value per pair
+_MAX_WINDOW: Final = 15  # pillars; it is summed anew for each
 _SLACK: Final = 1e-6  # rounding tolerance, in blocks of cells
 
 
@@ -37,11 +40,20 @@ class PillarGridConfig:
     """Distance from one slice to the next."""
     reflectance: bool = False
     """Whether a pillar has its mean reflectance as a feature. It differs between sensors."""
+    local_window: int = 0
+    """Edge, in pillars, of the square whose points' mean and covariance are features of the pillar
+    in its middle; odd. 0: none."""
 
     def __post_init__(self) -> None:
         """Checks the numbers, and that the backbone can halve the grid in all its stages."""
         check_numbers(self, "positive and finite", "cell_m", "slice_m")
         check_numbers(self, "at least 1", "slices")
+        if self.local_window and not (
+            self.local_window % 2 and 0 < self.local_window <= _MAX_WINDOW
+        ):
+            raise ValueError(
+                f"local_window must be 0 or odd and at most {_MAX_WINDOW}, got {window}"
+            )
         check_range("lowest_slice_m", self.lowest_slice_m, -_FARTHEST_M, _FARTHEST_M)
         for name in ("x_m", "y_m", "z_m"):
             low, high = getattr(self, name)
@@ -77,7 +89,8 @@ class PillarGridConfig:
     @property
     def channels(self) -> int:
         """Features of each pillar."""
-        return self.slices + 6 + self.reflectance
+        local = LOCAL_CHANNELS if self.local_window else 0
+        return self.slices + 6 + self.reflectance + local
 
     @property
     def head_cell_m(self) -> float:

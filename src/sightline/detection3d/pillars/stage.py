@@ -21,6 +21,7 @@ from sightline.detection3d.pillars.boxes import (
     mirror_centers,
 )
 from sightline.detection3d.pillars.config import (
+    LOCAL_CHANNELS,
     PillarDetectionConfig,
     PillarGridConfig,
     PillarNetworkConfig,
@@ -38,6 +39,8 @@ PILLAR_COUNT_SCALE = 0.5  # factor on log(1 + number of points)
 _INITIAL_HEAT = 0.03  # heat of every cell before training
 _NORM_MOMENTUM = 0.05  # batches are of a few sweeps
 _ASIDE_AFTER_SLICES = 5  # channel of the mean y offset, counted from the point count
+_UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # rows and columns of a covariance, once each
+_LOCAL_ASIDE = (1, 4, 7)  # local statistics that change signs with y: mean y, xy, yz
 GROUND_SHIFT_M = 1.0  # heights are relative to the middle of road users, 1 m below the sensor
 
 
@@ -48,9 +51,9 @@ def pillar_features(
 
     Channels: for each height, how close a point comes to it (1 at it, falling to 0 at the next
     heights); half the logarithm of 1 + the number of points; mean, highest and lowest z [m] + 1;
-    the mean offset along x and y from the pillar's middle (-1 to 1 at its borders); and the mean
-    reflectance, if requested. After Lang et al. 2019 (PointPillars), with heights kept apart and
-    without layers before the scatter.
+    the mean offset along x and y from the pillar's middle (-1 to 1 at its borders); the mean
+    reflectance, if requested; and local statistics, if requested (`_local_statistics`). After Lang
+    et al. 2019 (PointPillars), with heights kept apart and without layers before the scatter.
 
     Pillars and grid contain their lower borders but not their upper ones; in z, the grid contains
     both. Computed in float64: the order of the points does not matter beyond its rounding, and on a
@@ -88,6 +91,8 @@ def pillar_features(
         heights,
         mean[:, 1:],
     )
+    if grid.local_window:
+        columns += (_local_statistics(pillar, values[:, :3], count, grid),)
     together = torch.cat(columns, dim=1).float()
     return together.reshape(grid.rows, grid.columns, -1).permute(2, 0, 1)
 
@@ -101,6 +106,9 @@ def mirror_pillars(
     """
     mirrored = pillars.flip(-1)
     mirrored[:, grid.slices + _ASIDE_AFTER_SLICES] *= -1
+    if grid.local_window:
+        first = grid.channels - LOCAL_CHANNELS
+        mirrored[:, [first + number for number in _LOCAL_ASIDE]] *= -1
     return mirrored
 
 
@@ -120,6 +128,33 @@ def _slices(
     is_between = share > 0  # the last height has no next one
     occupied.scatter_reduce_(0, first[is_between] + 1, share[is_between], "amax")
     return occupied.reshape(number, grid.slices)
+
+
+def _local_statistics(
+    pillar: Int64[Tensor, " num_points"],
+    xyz: Float64[Tensor, "num_points 3"],
+    count: Float64[Tensor, " number"],
+    grid: PillarGridConfig,
+) -> Float64[Tensor, "number 9"]:
+    """Compute mean and covariance of the points in a square of pillars around each filled pillar.
+
+    Channels: the mean x, y, z [m] less that of the pillar's own points; the covariances xx, xy, xz,
+    yy, yz, zz [m^2]. They describe a local shape whatever its place and the density of the points.
+    After Malic et al. 2025 (GBlobs), with squares of pillars for the neighbours of each point.
+    """
+    products = (xyz[:, :, None] * xyz[:, None, :])[:, *_UPPER]
+    moments = torch.cat((xyz, products), dim=1)
+    summed = moments.new_zeros(len(count), LOCAL_CHANNELS).index_add_(0, pillar, moments)
+    together = torch.cat((count[:, None], summed), dim=1)
+    maps = together.T.reshape(1, -1, grid.rows, grid.columns)
+    half = grid.local_window // 2
+    around = F.avg_pool2d(maps, grid.local_window, stride=1, padding=half, divisor_override=1)
+    around = around.reshape(LOCAL_CHANNELS + 1, -1).T
+    mean = around[:, 1:] / around[:, :1].clamp(min=1)
+    covariance = mean[:, 3:] - (mean[:, :3, None] * mean[:, None, :3])[:, *_UPPER]
+    own = summed[:, :3] / count.clamp(min=1)[:, None]
+    statistics = torch.cat((mean[:, :3] - own, covariance), dim=1)
+    return torch.where(count[:, None] > 0, statistics, 0.0)
 
 
 class PillarConv(nn.Sequential):

@@ -1,0 +1,1 @@
+"""Adaptation of the shipped networks to a recording's rig, by simulated frames of that rig."""

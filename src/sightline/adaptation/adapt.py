@@ -1,0 +1,261 @@
+"""Simulation of a recording's rig, and fine-tuning of the shipped networks on its frames."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from sightline.adaptation.measured_rig import measure_rig, rig_text
+from sightline.data.open import open_dataset
+from sightline.files.atomic import atomic_write_text
+from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
+from sightline.robustness.bench import BenchSettings, run_bench
+from sightline.robustness.record import RECORD_NAME, Record, read_record
+from sightline.simulation.generate import simulate
+from sightline.simulation.rigs import Rig, read_rig
+from sightline.simulation.settings import SimulationConfig
+from sightline.tasks import PACKAGE_RECIPES, find_task
+from sightline.training.command import run_training
+from sightline.training.interruption import Interruption
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+RIG_NAME: Final = "rig.yaml"
+"""File with the rig."""
+REPORT_NAME: Final = "adapt.json"
+"""File with the scores before and after."""
+_SUITE: Final = "dgfn7"  # of which only the clean case is run
+_SHOWN: Final = 4  # metrics of each task in the table
+_LEAST: Final = {"frames": 4, "validation_frames": 1, "steps": 1, "workers": 1}  # 4: a batch
+_LAST_CHECKPOINT: Final = "last.ckpt"
+_WEIGHTS: Final = "weights.safetensors"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FineTuning:
+    """Recipe and settings by which a task's shipped network is fine-tuned."""
+
+    recipe: str
+    learning_rate: float
+    """A quarter of the recipe's or less."""
+    settings: Mapping[str, str]
+    """Further settings of the recipe, as of the command line."""
+
+
+# Beams of 64 are all of a sweep's: the rig has its own rings, and none is left out.
+FINE_TUNINGS: Final[Mapping[str, FineTuning]] = {
+    "detection2d": FineTuning(recipe="detection2d-best", learning_rate=3e-4, settings={}),
+    "detection3d": FineTuning(
+        recipe="detection3d-best",
+        learning_rate=5e-4,
+        settings={"data.init_args.preparation.init_args.settings.changes.beams": "[64]"},
+    ),
+    "depth-completion": FineTuning(
+        recipe="depth-best-further",
+        learning_rate=2e-4,
+        settings={"data.init_args.preparation.init_args.settings.beams": "[64]"},
+    ),
+}
+"""Fine-tuning of each task that can be adapted."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AdaptSettings:
+    """Size of an adaptation."""
+
+    tasks: tuple[str, ...] = tuple(FINE_TUNINGS)
+    frames: int = 600
+    """Simulated frames for training."""
+    validation_frames: int = 100
+    """Further simulated frames, by which the networks are scored."""
+    steps: int = 600
+    """Steps of each fine-tuning, of four frames each."""
+    seed: int = 39000
+    """Seed of the streets."""
+    workers: int = 2
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        """Check the numbers and the tasks."""
+        for name, least in _LEAST.items():
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        unknown = [name for name in self.tasks if name not in FINE_TUNINGS]
+        if unknown or not self.tasks:
+            raise ValueError(
+                f"tasks must be some of {', '.join(FINE_TUNINGS)}, got "
+                f"{unknown[0] if unknown else 'none'}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AdaptReport:
+    """Scores of each task's network before and after, on simulated frames of the rig."""
+
+    rig: Rig
+    before: Mapping[str, Record]
+    after: Mapping[str, Record]
+    weights: Mapping[str, Path]
+    """Fine-tuned weights by task."""
+    notes: tuple[str, ...]
+
+    def table(self) -> "Table":
+        """Format the first metrics of each task."""
+        from rich.table import Table
+
+        table = Table(
+            "task", "metric", "before", "after", title=f"simulated frames of {self.rig.name}"
+        )
+        for task, record in self.before.items():
+            for metric in record.setting.metrics[:_SHOWN]:
+                scores = (each[task].score("clean", metric) for each in (self.before, self.after))
+                table.add_row(task, f"{metric.title} [{metric.unit}]", *map(_format, scores))
+        return table
+
+    def to_json(self) -> dict[str, object]:
+        """Convert to the content of adapt.json: all metrics of each task."""
+        return {
+            "rig": self.rig.name,
+            "tasks": {
+                task: {
+                    "weights": str(self.weights[task]),
+                    "is_better": self.is_better(task),
+                    "before": dict(self.before[task].scores["clean"]),
+                    "after": dict(self.after[task].scores["clean"]),
+                }
+                for task in self.before
+            },
+            "notes": list(self.notes),
+        }
+
+    def is_better(self, task: str) -> bool:
+        """Whether a task's most important metric with a score has improved."""
+        for metric in self.before[task].setting.metrics:
+            before = self.before[task].score("clean", metric)
+            after = self.after[task].score("clean", metric)
+            if before is not None and after is not None:
+                return metric.lead(after, before) > 0
+        return False
+
+
+def _format(score: float | None) -> str:
+    return "-" if score is None else f"{score:.1f}"
+
+
+def adapt(
+    data: Path, out: Path, settings: AdaptSettings, *, rig_file: Path | None = None
+) -> AdaptReport:
+    """Adapt the shipped networks of some tasks to a recording's rig.
+
+    OUT gets the rig (rig.yaml), simulated frames of it, a run folder for each task with its
+    weights.safetensors, scores before and after, and adapt.json. Steps that are finished are
+    skipped, so a stopped adaptation goes on where it was.
+
+    Args:
+        data: Data set with sweeps, by whose first frames the rig is measured.
+        out: Output folder.
+        settings: Tasks and sizes.
+        rig_file: Rig in YAML, in place of the measured one.
+
+    Raises:
+        ValueError: The rig cannot be measured or simulated, or `out` holds another adaptation.
+        Interruption: Ctrl-C or SIGTERM; the same command goes on.
+    """
+    check_outside_dataset(data, [out])
+    rig, notes = _rig(data, out, rig_file)
+    claim = {
+        "adapt": data_name(data),
+        "rig": rig_text(rig),
+        "frames": settings.frames,
+        "validation_frames": settings.validation_frames,
+        "steps": settings.steps,
+        "seed": settings.seed,
+    }
+    acquire_output_dir(out, claim, results=("frames", *FINE_TUNINGS))
+    atomic_write_text(out / RIG_NAME, rig_text(rig))
+    frames = out / "frames"
+    simulate(
+        frames,
+        frames=settings.frames + settings.validation_frames,
+        validation_frames=settings.validation_frames,
+        config=SimulationConfig(seed=settings.seed, rig=rig),
+        velodyne="velodyne_reduced",
+        workers=settings.workers,
+    )
+    before, after, weights = {}, {}, {}
+    for name in settings.tasks:
+        before[name] = _score(name, None, frames, out / "before" / name, settings)
+        weights[name] = _fine_tune(name, frames, out / name, settings)
+        after[name] = _score(name, weights[name], frames, out / "after" / name, settings)
+    report = AdaptReport(rig=rig, before=before, after=after, weights=weights, notes=notes)
+    atomic_write_text(out / REPORT_NAME, json.dumps(report.to_json(), indent=2) + "\n")
+    return report
+
+
+def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, ...]]:
+    """Take the given rig, that of an earlier run, or measure it."""
+    if rig_file is not None:
+        return read_rig(rig_file), ()
+    if (out / RIG_NAME).exists():
+        return read_rig(out / RIG_NAME), (f"the rig is that of {out / RIG_NAME}",)
+    measured = measure_rig(open_dataset(data, parts=("points",)), RIG_NAME.removesuffix(".yaml"))
+    return measured.rig, measured.notes
+
+
+def _score(
+    name: str, weights: Path | None, frames: Path, out: Path, settings: AdaptSettings
+) -> Record:
+    """Score a network, by default the shipped one, on the simulated validation frames."""
+    if not (out / RECORD_NAME).exists():
+        run_bench(
+            find_task(name),
+            frames,
+            out,
+            BenchSettings(suite=_SUITE, cases=(), sample_list="val", workers=settings.workers),
+            weights=weights,
+            engine="torch",
+            device=settings.device,
+        )
+    return read_record(out / RECORD_NAME)
+
+
+def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> Path:
+    """Train a task's shipped network on; returns the weights of the last step."""
+    weights = folder / _WEIGHTS
+    finished = folder / "finished"
+    if finished.exists():
+        return weights
+    arguments = _arguments(name, frames, folder, settings)
+    if (folder / _LAST_CHECKPOINT).exists():
+        arguments.append("--ckpt_path=last")
+    try:
+        run_training("fit", arguments, PACKAGE_RECIPES)
+    except Interruption as interruption:
+        raise Interruption(
+            f"interrupted while {name} was fine-tuned; run the same command again to go on",
+            interruption.number,
+        ) from None
+    atomic_write_text(finished, "")
+    return weights
+
+
+def _arguments(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> list[str]:
+    tuning = FINE_TUNINGS[name]
+    chosen = {
+        "run_folder": str(folder),
+        "keep_last_weights": "true",
+        "data.init_args.root": str(frames),
+        "data.init_args.training": "[{path: ., sample_list: train}]",
+        "data.init_args.workers": "1",
+        "model.init_args.initial_weights": find_task(name).default_weights,
+        "model.init_args.optimizer.learning_rate": str(tuning.learning_rate),
+        "trainer.max_steps": str(settings.steps),
+        "trainer.max_epochs": "-1",
+        "trainer.limit_val_batches": "0",
+        "trainer.accelerator": "cpu" if settings.device == "cpu" else "auto",
+        **tuning.settings,
+    }
+    flags = [f"--{key}={value}" for key, value in chosen.items()]
+    return ["--config", tuning.recipe, *flags]

@@ -1,0 +1,203 @@
+"""Measurement of a recording's rig: camera, LiDAR and mounts as the simulator takes them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
+
+import numpy as np
+import yaml
+from jaxtyping import Float64
+
+from sightline.data.open import SampleDataset
+from sightline.data.rings import rings_of_any_order
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.tilt import Tilt
+from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES
+from sightline.simulation.rigs import CameraRig, LidarRig, Rig, Rosette
+from sightline.structures.sample import CameraLidarSample
+
+_FRAMES: Final = 5  # of the recording, evenly spread
+_MIN_POINTS: Final = 1000
+_MIN_RING_POINTS: Final = 20  # of a ring whose elevation counts
+_FARTHEST_SHARE: Final = 0.999  # of the points: beyond are stray echoes
+_VIEW_SHARES: Final = (0.005, 0.995)  # of the points: edges of a LiDAR without rings
+_REACH_SHARE: Final = 0.9  # of the largest range: farther returns are rare
+_RANGES_M: Final = (20.0, 250.0)
+_STEPS_DEG: Final = (0.02, 5.0)
+_REMEDY: Final = "give the rig's file by --rig (docs/guides/simulate.md, Other rigs)"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MeasuredRig:
+    """Rig of a recording, and what could not be measured."""
+
+    rig: Rig
+    notes: tuple[str, ...]
+    """Assumptions in place of measurements."""
+
+
+def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
+    """Measure the rig from calibration, image size and a few sweeps of a recording.
+
+    Rings are found by the order of the points or by elevation; a sweep without rings becomes a
+    solid-state pattern of the same view and number of points. Range noise, scale of reflectances,
+    exposure and the own car's parts in view are not measured.
+
+    Args:
+        dataset: Samples with points; images are not needed.
+        name: Name for the rig.
+
+    Raises:
+        ValueError: No frame has enough points, or a number is beyond what can be simulated.
+    """
+    positions = np.linspace(0, len(dataset) - 1, min(_FRAMES, len(dataset))).round().astype(int)
+    samples = [dataset[int(position)] for position in positions]
+    swept = [
+        sample
+        for sample in samples
+        if sample.points is not None and len(sample.points) >= _MIN_POINTS
+    ]
+    if not swept:
+        raise ValueError(
+            f"none of {len(samples)} frames has {_MIN_POINTS} points, by which the LiDAR is "
+            f"measured; {_REMEDY}"
+        )
+    sample = swept[len(swept) // 2]
+    notes = []
+    if sample.lidar_height_m is None:
+        notes.append(f"the LiDAR's height is not known: {KITTI_LIDAR_HEIGHT_M} m is assumed")
+    lidar, lidar_notes = _measure_lidar(swept, sample)
+    try:
+        rig = Rig(
+            name=name,
+            camera=_measure_camera(sample),
+            lidar=lidar,
+            source="measured from a recording",
+        )
+    except ValueError as error:
+        raise ValueError(f"the rig cannot be simulated: {error}; {_REMEDY}") from error
+    return MeasuredRig(rig=rig, notes=(*notes, *lidar_notes))
+
+
+def rig_text(rig: Rig) -> str:
+    """Format a rig as the YAML file that `simulation.rigs.read_rig` reads."""
+    content = {"source": rig.source, "camera": _entries(rig.camera), "lidar": _entries(rig.lidar)}
+    height, width = rig.camera.image_size
+    content["camera"]["image_size"] = {"width": width, "height": height}
+    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    return text
+
+
+def _entries(part: CameraRig | LidarRig) -> dict[str, Any]:
+    """Entries that differ from the defaults, with lists for tuples."""
+    plain = asdict(part)
+    return {
+        each.name: _as_lists(plain[each.name])
+        for each in fields(part)
+        if getattr(part, each.name) != each.default
+    }
+
+
+def _as_lists(value: Any) -> Any:  # noqa: ANN401 - any plain value
+    return [_as_lists(each) for each in value] if isinstance(value, tuple) else value
+
+
+def _level_from_lidar(sample: CameraLidarSample) -> Float64[np.ndarray, "3 3"]:
+    if sample.level_from_lidar is None:
+        return np.eye(3)
+    rotation: Float64[np.ndarray, "3 3"] = sample.level_from_lidar[:3, :3].numpy()
+    return rotation
+
+
+def _lidar_height_m(sample: CameraLidarSample) -> float:
+    height_m = sample.lidar_height_m
+    return KITTI_LIDAR_HEIGHT_M if height_m is None else height_m
+
+
+def _measure_camera(sample: CameraLidarSample) -> CameraRig:
+    """Measure intrinsics, and the mount in the level frame, whose x axis lies along the view."""
+    projection = sample.calibration.image_from_camera.numpy()
+    camera_from_lidar = sample.calibration.camera_from_lidar.numpy()
+    camera_from_level = camera_from_lidar[:3, :3] @ _level_from_lidar(sample).T
+    # The image's own camera stands where the projection's last column says (KITTI's baseline).
+    own = np.linalg.solve(projection[:, :3], projection[:, 3])
+    place = -camera_from_level.T @ (camera_from_lidar[:3, 3] + own)
+    body_from_level = LEVEL_CAMERA_AXES.T @ camera_from_level
+    tilt = Tilt.from_up(body_from_level[:, 2])
+    return CameraRig(
+        image_size=sample.image_size,
+        focal_px=round(float(projection[0, 0] + projection[1, 1]) / 2, 3),
+        principal_px=(round(float(projection[0, 2]), 3), round(float(projection[1, 2]), 3)),
+        height_m=round(_lidar_height_m(sample) + float(place[2]), 3),
+        ahead_m=round(float(place[0]), 3),
+        left_m=round(float(place[1]), 3),
+        pitch_deg=_rounded(tilt.pitch_deg),
+        roll_deg=_rounded(tilt.roll_deg),
+    )
+
+
+def _measure_lidar(
+    samples: Sequence[CameraLidarSample], middle: CameraLidarSample
+) -> tuple[LidarRig, tuple[str, ...]]:
+    sweeps = [sample.points.double().numpy() for sample in samples if sample.points is not None]
+    ranges_m = np.concatenate([np.linalg.norm(sweep[:, :3], axis=1) for sweep in sweeps])
+    reach_m = np.quantile(ranges_m, _FARTHEST_SHARE)
+    level_from_lidar = _level_from_lidar(middle)
+    ahead = level_from_lidar.T[:, 0]  # of the level frame, in the LiDAR's own
+    turn = math.atan2(ahead[1], ahead[0])
+    own_from_ahead = np.array(
+        [[math.cos(turn), -math.sin(turn), 0], [math.sin(turn), math.cos(turn), 0], [0, 0, 1]]
+    )
+    tilt = Tilt.from_up(own_from_ahead.T @ level_from_lidar[2])
+    common = {
+        "height_m": round(_lidar_height_m(middle), 3),
+        "pitch_deg": _rounded(tilt.pitch_deg),
+        "roll_deg": _rounded(tilt.roll_deg),
+        "range_m": round(float((reach_m / _REACH_SHARE).clip(*_RANGES_M)), 1),
+        "reflectance": float(any(sweep[:, 3].any() for sweep in sweeps)),
+    }
+    notes = []
+    sweep = max(sweeps, key=len)
+    try:
+        numbers, _ = rings_of_any_order(sweep)
+    except ValueError:
+        xyz = sweep[:, :3] @ own_from_ahead
+        azimuth_deg, elevation_deg = _angles_deg(xyz)
+        notes.append("no rings are found: a pattern without rings is simulated")
+        rosette = Rosette(
+            width_deg=_span_deg(azimuth_deg, 5.0, 120.0),
+            height_deg=_span_deg(elevation_deg, 5.0, 90.0),
+            points=len(sweep),
+        )
+        return LidarRig(rosette=rosette, **common), tuple(notes)
+    azimuth_deg, elevation_deg = _angles_deg(sweep[:, :3])
+    rings, steps = [], []
+    for number in np.unique(numbers):
+        is_ring = numbers == number
+        if np.count_nonzero(is_ring) < _MIN_RING_POINTS:
+            continue
+        rings.append(round(float(np.median(elevation_deg[is_ring])), 2))
+        steps.append(float(np.median(np.diff(np.sort(azimuth_deg[is_ring])))))
+    return LidarRig(
+        elevations_deg=tuple(sorted(rings, reverse=True)),
+        azimuth_step_deg=round(float(np.median(steps).clip(*_STEPS_DEG)), 3),
+        **common,
+    ), tuple(notes)
+
+
+def _angles_deg(
+    xyz: Float64[np.ndarray, "num_points 3"],
+) -> tuple[Float64[np.ndarray, " num_points"], Float64[np.ndarray, " num_points"]]:
+    """Azimuths, counter-clockwise from ahead, and elevations."""
+    x, y, z = xyz.T
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def _rounded(angle_deg: float) -> float:
+    return round(angle_deg, 2) + 0.0  # no -0.0
+
+
+def _span_deg(angles_deg: Float64[np.ndarray, " num_points"], least: float, most: float) -> float:
+    low, high = np.quantile(angles_deg, _VIEW_SHARES)
+    return round(float(np.clip(high - low, least, most)), 1)

@@ -1,0 +1,66 @@
+"""`sightline adapt`: fine-tunes the shipped networks for a recording's rig, by simulation."""
+
+from pathlib import Path
+
+from sightline.cli.output import say, warn
+from sightline.cli.parser import Device
+from sightline.cli.report import check_places, deliver, named_file
+
+
+def adapt(
+    data: Path,
+    out: Path,
+    *,
+    tasks: tuple[str, ...] | None = None,
+    frames: int = 600,
+    validation_frames: int = 100,
+    steps: int = 600,
+    rig: str | None = None,
+    seed: int = 39000,
+    workers: int = 2,
+    device: Device = "cpu",
+) -> None:
+    """Fine-tunes the shipped networks for a recording's camera and LiDAR, on simulated frames.
+
+    The rig is measured from the calibration and a few sweeps and written to OUT/rig.yaml; streets
+    are simulated as it sees them; the networks are trained on; both are scored on further simulated
+    frames. No labels are needed, and no real frame is trained on. To go on after an interruption,
+    run the same command again.
+
+    Args:
+        data: A recording, or a KITTI object tree or raw drive.
+        out: Folder for frames, runs, weights and adapt.json.
+        tasks: Tasks to adapt. Default: detection2d, detection3d and depth-completion.
+        frames: Number of simulated frames for training.
+        validation_frames: Number of further simulated frames, on which both networks are scored.
+        steps: Number of training steps for each task, of four frames each.
+        rig: File with the rig, in YAML, in place of the measured one: OUT/rig.yaml, corrected.
+        seed: Seed of the streets.
+        workers: Number of processes that simulate and predict.
+        device: Device of the networks.
+    """
+    from sightline.adaptation.adapt import FINE_TUNINGS, AdaptSettings
+    from sightline.adaptation.adapt import adapt as run
+
+    rig_file = named_file(rig)
+    if rig is not None and rig_file is None:
+        raise ValueError(f"there is no file {rig}; give the file of a rig, such as OUT/rig.yaml")
+    check_places({"OUT": out}, data=[data, rig_file])
+    settings = AdaptSettings(
+        tasks=tuple(FINE_TUNINGS) if tasks is None else tasks,
+        frames=frames,
+        validation_frames=validation_frames,
+        steps=steps,
+        seed=seed,
+        workers=workers,
+        device=device,
+    )
+    report = run(data, out, settings, rig_file=rig_file)
+    for note in report.notes:
+        warn(f"warning: {note}")
+    deliver(report, None)
+    for task, weights in report.weights.items():
+        advice = (
+            "" if report.is_better(task) else " (no better on these frames: keep the shipped one)"
+        )
+        say(f"{task}: {weights}{advice}")

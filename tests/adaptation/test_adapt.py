@@ -1,0 +1,97 @@
+"""Adaptation to a small rig, from the sweep to the weights."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from sightline.adaptation.adapt import AdaptSettings, adapt
+from sightline.cli.main import main
+from sightline.files.weights import read_weights
+from sightline.simulation.generate import simulate
+from sightline.simulation.rigs import Rig, named_rig
+from sightline.simulation.settings import SimulationConfig
+from sightline.training.interruption import Interruption
+
+SMALL = AdaptSettings(tasks=("detection3d",), frames=4, validation_frames=1, steps=1, workers=1)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A sweep of a rig with 16 rings and a small image."""
+    named = named_rig("robot-vlp16")
+    camera = replace(named.camera, image_size=(96, 320), focal_px=200.0, principal_px=None)
+    rig = Rig(name="small", camera=camera, lidar=replace(named.lidar, azimuth_step_deg=0.4))
+    folder = tmp_path_factory.mktemp("recording") / "data"
+    simulate(folder, frames=1, config=SimulationConfig(seed=7, rig=rig, camera=False), workers=1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def adapted(recording, tmp_path_factory):
+    out = tmp_path_factory.mktemp("adapted") / "out"
+    return out, adapt(recording, out, SMALL)
+
+
+def test_the_rig_is_simulated_and_the_shipped_weights_are_trained_on(adapted):
+    out, report = adapted
+    assert len(report.rig.lidar.elevations_deg) == 16
+    assert len(list((out / "frames/training/image_2").iterdir())) == 5
+    weights = read_weights(report.weights["detection3d"])
+    shipped = read_weights("detection3d-best")
+    assert weights.task == "detection3d"
+    assert weights.tensors.keys() == shipped.tensors.keys()
+    assert any(
+        (weights.tensors[name] != shipped.tensors[name].float()).any() for name in shipped.tensors
+    )
+
+
+def test_scores_before_and_after_are_in_the_report(adapted):
+    out, report = adapted
+    content = json.loads((out / "adapt.json").read_text())
+    scores = content["tasks"]["detection3d"]
+    assert scores["before"].keys() == scores["after"].keys()
+    assert content["tasks"]["detection3d"]["is_better"] == report.is_better("detection3d")
+    assert report.table().row_count == 4
+
+
+def test_finished_steps_are_not_repeated_and_other_settings_are_refused(
+    adapted, recording, monkeypatch
+):
+    out, report = adapted
+    monkeypatch.setattr("sightline.adaptation.adapt.run_training", None)
+    monkeypatch.setattr("sightline.adaptation.adapt.run_bench", None)
+    assert adapt(recording, out, SMALL).to_json()["tasks"] == report.to_json()["tasks"]
+    with pytest.raises(ValueError, match="steps"):
+        adapt(recording, out, replace(SMALL, steps=2))
+
+
+def test_an_interruption_says_how_to_go_on(adapted, recording, monkeypatch):
+    out, _ = adapted
+
+    def interrupted(*_):
+        raise Interruption("add --ckpt_path last", 15)
+
+    monkeypatch.setattr("sightline.adaptation.adapt.run_training", interrupted)
+    (out / "detection3d/finished").unlink()
+    with pytest.raises(Interruption, match="run the same command again"):
+        adapt(recording, out, SMALL)
+    (out / "detection3d/finished").touch()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--tasks", "[tracking]"], "tasks must be some of"),
+        (["--steps", "0"], "steps must be at least 1"),
+        (["--frames", "3"], "frames must be at least 4"),
+        (["--rig", "no.yaml"], "there is no file no.yaml"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_the_work(
+    recording, tmp_path, capsys, arguments, message
+):
+    out = tmp_path / "out"
+    assert main(["adapt", str(recording), str(out), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
