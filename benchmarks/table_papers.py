@@ -1,10 +1,12 @@
 """Rows of the tables of the papers' own networks, trained on simulated streets."""
 
 import statistics
+from collections.abc import Sequence
 from typing import Any
 
 from sightline.corruptions.suites import CLEAN, find_suite
 from sightline.papers.gated_fusion import FULL, NAMES
+from sightline.papers.two_stage import NAMES as STAGES
 
 Record = dict[str, Any]
 Rows = list[list[str]]
@@ -49,8 +51,11 @@ def fusion_differences(record: Record) -> Rows:
 
 
 def _interval(difference: Record) -> str:
-    low, high = difference["interval"]
-    return f"{statistics.fmean(difference['by_seed']):+.1f} [{low:+.1f}, {high:+.1f}]"
+    return _with_interval(statistics.fmean(difference["by_seed"]), difference["interval"])
+
+
+def _with_interval(difference: float, ends: Sequence[float] | None) -> str:
+    return f"{difference:+.1f}" + (f" [{ends[0]:+.1f}, {ends[1]:+.1f}]" if ends else "")
 
 
 def gate_means(record: Record) -> Rows:
@@ -69,3 +74,45 @@ def gate_means(record: Record) -> Rows:
         rows.append([case["case"].replace("_", " "), *cells])
     assert rows[1][0] == CLEAN, "the first case"
     return rows
+
+
+def two_stage(record: Record) -> Rows:
+    """Give the rows of the course's table: AP of cars at both IoUs, easy / moderate / hard."""
+    scores = record["rows"]
+    ious = list(next(iter(scores.values())))
+    rows: Rows = [["detector"]]
+    published = ["the course's, on its own frames"]
+    for iou in ious:
+        rows[0] += [f"R11, IoU {iou}", f"R40, IoU {iou}", f"all points, IoU {iou}, moderate"]
+        is_published = float(iou) == record["published"]["iou"]
+        published += [_levels(record["published"]["ap_r11"], 2) if is_published else "", "", ""]
+    rows.append(published)
+    for row, by_iou in scores.items():
+        cells = [STAGES[row]]
+        for iou in ious:
+            each = by_iou[iou]
+            ends = each["ap_all_points_95"]
+            interval = f" [{ends[1][0]:.1f}, {ends[1][1]:.1f}]" if ends else ""
+            cells += [_levels(each["ap_r11"]), _levels(each["ap_r40"])]
+            cells.append(f"{each['ap_all_points'][1]:.1f}{interval}")
+        rows.append(cells)
+    return rows
+
+
+def two_stage_differences(record: Record) -> Rows:
+    """Give the rows of the differences between the course's rows, with paired intervals."""
+    measures = {"r40": "R40", "all_points": "all points"}
+    ious = list(next(iter(record["rows"].values())))
+    rows: Rows = [["difference", "cars"]]
+    rows[0] += [f"{name}, IoU {iou}" for iou in ious for name in measures.values()]
+    cells: dict[tuple[str, str], list[str]] = {}
+    for each in record["differences"]:  # by IoU within each pair of rows
+        name = f"{STAGES[each['row']]} less {STAGES[each['less']]}"
+        cells.setdefault((name, each["difficulty"]), []).extend(
+            _with_interval(each[key]["difference"], each[key]["difference_95"]) for key in measures
+        )
+    return rows + [[name, difficulty, *each] for (name, difficulty), each in cells.items()]
+
+
+def _levels(levels: Sequence[float], digits: int = 1) -> str:
+    return " / ".join(f"{level:.{digits}f}" for level in levels)

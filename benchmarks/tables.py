@@ -70,6 +70,8 @@ TABLES: Final = {
     "gated-fusion-sample-val": Table(("gated_fusion_sample_val",), table_papers.fusion_differences),
     "gated-fusion-width-1": Table(("gated_fusion_full_width",), table_papers.fusion_differences),
     "gated-fusion-gates": Table(("gated_fusion_table_1",), table_papers.gate_means),
+    "two-stage": Table(("two_stage",), table_papers.two_stage),
+    "two-stage-differences": Table(("two_stage",), table_papers.two_stage_differences),
     "time-depth": Table(("depth_completion",), table_speed.depth),
     "time-detection2d": Table(("detection2d",), table_speed.detection2d),
     "time-detection3d": Table(("detection3d",), table_speed.detection3d),

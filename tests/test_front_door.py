@@ -34,6 +34,20 @@ def test_predictors_import_nothing_of_training(task):
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("weights", ["detection2d-fast-cpu", "detection3d-fast-cpu"])
+def test_a_first_prediction_imports_no_training_and_no_compiler(weights):
+    code = (
+        "import sys; import sightline; import sightline.perception.perceive; "
+        "from sightline.simulation.packaged import PACKAGED_FRAMES; "
+        f"sightline.load({weights!r}, engine='torch')(sightline.open_dataset(PACKAGED_FRAMES)[0]); "
+        "needless = {'lightning', 'torchmetrics', 'tensorboard', 'torchvision', 'embreex', "
+        "'matplotlib', 'pandas', 'onnx', 'torch._dynamo', 'torch._inductor', 'sympy', "
+        "'sightline.training'}; print(sorted(needless & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
 def test_every_name_is_where_the_type_checker_is_told_it_is():
     source = inspect.getsource(sightline)
     for name in NAMES:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sightline.cli.main import _commands
+from sightline.cli.main import _commands, main
 from sightline.files.problem import plain_line
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import REGISTRY, find_task
 
 FURTHER = {each.name for name in REGISTRY for each in find_task(name).outputs[1:]}
@@ -124,3 +125,17 @@ def test_no_output_takes_the_place_of_an_input(name, tmp_path, monkeypatch):
         assert plain_line(str(caught.value)) == str(caught.value)
         assert [path.name for path in (tmp_path / "both").iterdir()] == ["input.json"], pair
         assert (tmp_path / "both" / "input.json").read_text() == "mine"
+
+
+def test_a_link_that_leads_to_itself_is_named_in_one_line(tmp_path, capsys):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    commands = (
+        ["check", loop],
+        ["import", loop, tmp_path / "out"],
+        ["predict", "depth-completion", PACKAGED_FRAMES, loop / "out", "--method", "nearest"],
+    )
+    for command in commands:
+        assert main([str(word) for word in command]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert str(loop) in line

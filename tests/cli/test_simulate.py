@@ -133,6 +133,8 @@ def test_hard_streets_of_a_preset_can_be_refused(calls: list[dict]):
         (["--focal-px", "1e30"], "focal_px must be between 1 and 100000, got 1e+30"),
         (["--focal-px", "-721"], "focal_px must be between 1 and 100000, got -721"),
         (["--image-size", "100000", "9"], "got 100000 x 9 (width x height)"),
+        (["--image-size", "32", "32"], "the camera has its principal point at (4.5593, -170.146)"),
+        (["--focal-px", "2"], "focal lengths of 2 and 2 px, which do not fit an image of 375x1242"),
         (["--samples-per-pixel", "3"], "--samples-per-pixel: expected one of 1, 4, got 3"),
         (["--sequence-length", "0"], "sequence_length must be between 1 and 10000, got 0"),
         (["--sequence-length", "1000000"], "sequence_length must be between 1 and 10000"),

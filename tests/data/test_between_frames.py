@@ -11,6 +11,7 @@ from sightline.data.image_file import write_rgb
 from sightline.data.kitti_trees import CORRUPTED
 from sightline.data.open import open_dataset
 from tests.data.recordings import write_recording
+from tests.data.test_image_file import with_exif
 from tests.data.trees import picture, write_drive, write_object_tree, write_selection
 
 NAMES = ("000001", "000002", "000003")
@@ -169,3 +170,27 @@ def test_an_image_of_another_size_in_a_drive_is_told(tmp_path):
     ((path, said),) = problems(drive)
     assert path.name == "0000000002.png"
     assert "is 14x40 (height x width), expected 12x40 like 2 images" in said
+
+
+def test_pictures_that_viewers_turn_are_told_once_by_check_and_on_opening(tmp_path):
+    folder = write_recording(tmp_path / "drive", names=NAMES)
+    assert problems(folder) == []
+    for name in NAMES[1:]:
+        path = folder / "images" / f"{name}.jpg"
+        path.write_bytes(with_exif(path.read_bytes(), "<", 3))
+    ((path, said),) = problems(folder)
+    assert path == folder / "images" / "000002.jpg"
+    assert said.startswith("has EXIF orientation 3, like 1 more, of 3 pictures: pixels are used as")
+    (warned,) = told_on_opening(folder)
+    assert said in warned
+
+
+def test_label_files_that_are_all_empty_are_told(tree):
+    labels = sorted((tree / "label_2").iterdir())
+    for path in labels[1:]:
+        path.write_text("")
+    assert problems(tree.parent) == []
+    labels[0].write_text("\n")
+    assert problems(tree.parent) == [
+        (tree / "label_2", "holds 3 label files, all without an object")
+    ]

@@ -173,6 +173,16 @@ def test_files_in_folders_below_are_told(tree):
         open_dataset(tree)
 
 
+def test_files_in_folders_beside_those_that_are_read_are_told(tree):
+    (tree / "image_2" / "left").mkdir()
+    (tree / "image_2" / "left" / "notes.txt").write_text("")
+    open_dataset(tree)  # an error if it warned
+    shutil.copy(next((tree / "image_2").glob("*.png")), tree / "image_2" / "left")
+    expected = "holds 1 files in folders such as left, which are not searched, beside 3 that are"
+    with pytest.warns(UserWarning, match=expected):
+        open_dataset(tree)
+
+
 def test_capital_endings_are_read_in_every_tree(tmp_path, tree):
     write_selection(tmp_path / "depth")
     write_drive(tmp_path / "raw")

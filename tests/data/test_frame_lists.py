@@ -3,7 +3,11 @@ import threading
 
 import pytest
 
-from sightline.data.frame_lists import read_sample_list, require_frame_files
+from sightline.data.frame_lists import (
+    describe_left_out,
+    read_sample_list,
+    require_frame_files,
+)
 from sightline.evaluation.kitti_object import frame_names
 from sightline.files import plain_file, plain_text
 from sightline.files.problem import FileError
@@ -114,3 +118,28 @@ def test_labels_of_another_format_are_told(tmp_path):
     (tmp_path / "000000.xml").write_text("")
     with pytest.raises(ValueError, match=r"1 files of another format, such as 000000\.xml"):
         frame_names(tmp_path, None)
+
+
+@pytest.mark.parametrize(
+    "written", [("0", "1"), ("00000000", "00000001"), ("000000.png", "000001.png"), ("f0", "f1")]
+)
+def test_files_of_the_same_frames_in_another_form_are_told_to_be_renamed(tmp_path, written):
+    for name in written:
+        (tmp_path / f"{name}.txt").write_text("")
+    assert refusal(tmp_path).endswith(
+        f"holds 2 files with other names, such as {written[0]}.txt; rename them as 000000.txt"
+    )
+
+
+@pytest.mark.parametrize("written", [("0", "00"), ("0", "7"), ("0", "a"), ("0_1", "1_1")])
+def test_files_that_name_no_frame_each_are_of_other_frames(tmp_path, written):
+    for name in written:
+        (tmp_path / f"{name}.txt").write_text("")
+    assert "holds 2 files of other frames" in refusal(tmp_path)
+
+
+def test_results_two_folders_below_are_found(tmp_path):
+    (tmp_path / "epoch_80" / "pred").mkdir(parents=True)
+    (tmp_path / "epoch_80" / "pred" / "000001.txt").write_text("")
+    assert refusal(tmp_path).endswith(f"are in {tmp_path}/epoch_80/pred; name that folder")
+    assert describe_left_out(tmp_path) == "1 folder (the first is epoch_80) with 1 .txt files"

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from sightline.data.image_file import read_rgb, write_rgb
-from sightline.data.image_header import MAX_PIXELS, parse_image_header, read_image_size
+from sightline.data.image_header import (
+    MAX_PIXELS,
+    parse_image_header,
+    read_image_size,
+    read_orientation,
+)
 from sightline.files.problem import FileError
 from tests.data.trees import IMAGE_SIZE, depth_map, picture
 
@@ -289,3 +294,40 @@ def test_pictures_of_other_formats_are_named_by_their_first_bytes(tmp_path, suff
     (tmp_path / "a.png").write_bytes(encoded.tobytes())
     with pytest.raises(FileError, match=f"neither a PNG nor a JPEG picture: .* {name};"):
         read_rgb(tmp_path / "a.png")
+
+
+def with_exif(content: bytes, order: str, orientation: int) -> bytes:
+    """A JPEG with an EXIF segment of two entries, behind its first segment."""
+    table = struct.pack(
+        f"{order}HHHIHHHHIHHI", 2, 0x010F, 3, 1, 7, 0, 0x0112, 3, 1, orientation, 0, 0
+    )
+    tiff = (b"MM" if order == ">" else b"II") + struct.pack(f"{order}HI", 42, 8) + table
+    body = b"Exif\0\0" + tiff
+    end = 4 + struct.unpack(">H", content[4:6])[0]
+    segment = b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
+    return content[:end] + segment + content[end:]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", range(10))
+def test_the_exif_orientation_is_read_and_pixels_are_as_stored(tmp_path, order, orientation):
+    path = tmp_path / "0.jpg"
+    write_rgb(path, picture())
+    assert read_orientation(path) == 1
+    stored = read_rgb(path)
+    path.write_bytes(with_exif(path.read_bytes(), order, orientation))
+    assert read_orientation(path) == (orientation if 1 <= orientation <= 8 else 1)
+    assert np.array_equal(read_rgb(path), stored)
+    turned = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+    assert np.array_equal(turned, stored) == (read_orientation(path) == 1)
+
+
+def test_files_without_an_orientation_or_cut_short_are_upright(tmp_path):
+    path = tmp_path / "0.jpg"
+    write_rgb(path, picture())
+    content = with_exif(path.read_bytes(), "<", 6)
+    for length in range(60):
+        path.write_bytes(content[:length])
+        assert read_orientation(path) in (1, 6)
+    write_rgb(tmp_path / "0.png", picture())
+    assert read_orientation(tmp_path / "0.png") == 1

@@ -21,6 +21,8 @@ from sightline.data.kitti_labels import (
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.calibration import Calibration
+from sightline.geometry.tilt import Tilt
 from sightline.structures.predictions import Detections2D, Detections3D
 from tests.data.trees import LABELS, calibration
 from tests.geometry.cameras import IMAGE_FROM_CAMERA, kitti_like_calibration
@@ -129,6 +131,72 @@ def test_3d_detections_become_rows_in_the_camera_frame_where_the_image_shows_the
         assert all(abs(math.remainder(angle, 2 * math.pi)) < 1e-9 for angle in turned)
         assert -math.pi <= results.alpha[index] < math.pi
     assert set(results.truncation) | set(results.occlusion) <= {-1.0}
+
+
+def pitched_calibration(pitch_deg, roll_deg):
+    """A camera that looks down and leans, at the LiDAR's place."""
+    camera_from_level = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg).level_from_lidar[:3, :3]
+    matrix = np.eye(4)
+    matrix[:3, :3] = camera_from_level @ tilt.T
+    return Calibration(
+        image_from_camera=torch.tensor(IMAGE_FROM_CAMERA, dtype=torch.float64),
+        camera_from_lidar=torch.from_numpy(matrix),
+    )
+
+
+def bounds_of_the_true_corners(row, calibration):
+    """The bounds of the eight corners, one by one, of a box in the LiDAR frame."""
+    x, y, z, length, width, height, yaw = row
+    pixels = []
+    for ahead in (-length / 2, length / 2):
+        for aside in (-width / 2, width / 2):
+            for up in (-height / 2, height / 2):
+                place = (
+                    x + ahead * math.cos(yaw) - aside * math.sin(yaw),
+                    y + ahead * math.sin(yaw) + aside * math.cos(yaw),
+                    z + up,
+                    1.0,
+                )
+                seen = calibration.image_from_camera.numpy() @ (
+                    calibration.camera_from_lidar.numpy() @ np.array(place)
+                )
+                pixels.append((seen[0] / seen[2], seen[1] / seen[2]))
+    columns, rows = zip(*pixels, strict=True)
+    return [min(columns), min(rows), max(columns), max(rows)]
+
+
+@given(
+    pitch_deg=st.floats(1.5, 12.0),
+    roll_deg=st.floats(-5.0, 5.0),
+    ahead=st.floats(12, 40),
+    yaw=st.floats(-3.1, 3.1),
+)
+def test_boxes_of_a_camera_that_looks_down_bound_the_true_corners(pitch_deg, roll_deg, ahead, yaw):
+    calibration = pitched_calibration(pitch_deg, roll_deg)
+    row = (ahead, 1.0, -0.9, 4.2, 1.7, 1.6, yaw)
+    results = kitti_from_detections(found_3d([row]), calibration, (4000, 4000))
+    expected = bounds_of_the_true_corners(row, calibration)
+    if min(expected) > 0:
+        np.testing.assert_allclose(results.boxes2d[0], expected, atol=1e-6)
+
+
+def test_convention_boxes_stay_upright_in_a_camera_tilted_as_little_as_kittis():
+    row = (12.0, 1.0, -0.9, 4.2, 1.7, 1.6, 0.4)
+    slightly, more = (
+        kitti_from_detections(found_3d([row]), pitched_calibration(pitch_deg, 0.0), SIZE)
+        for pitch_deg in (0.95, 1.05)
+    )
+    place, size = slightly.locations[0], slightly.dimensions_hwl[0]
+    upright = reference.image_box(
+        tuple(size), tuple(place), slightly.rotation_y[0], IMAGE_FROM_CAMERA, SIZE
+    )
+    np.testing.assert_allclose(slightly.boxes2d[0], upright, atol=1e-6)
+    place = more.locations[0]
+    upright = reference.image_box(
+        tuple(size), tuple(place), more.rotation_y[0], IMAGE_FROM_CAMERA, SIZE
+    )
+    assert np.abs(more.boxes2d[0] - np.array(upright)).max() > 0.5
 
 
 def test_what_is_found_survives_the_way_through_a_result_file(tmp_path):

@@ -101,3 +101,44 @@ def test_thousands_of_faults_are_a_few_lines():
     assert len(told) < 40
     assert any("names 2995 more of 3000 objects by 2995 more names" in each for each in told)
     assert any("has an occlusion other than -1 to 3 at 2995 more of 3000" in each for each in told)
+
+
+def test_2d_boxes_that_fit_only_in_another_convention_are_doubted_once_for_a_file():
+    wide = [CAR.replace("100 120 200 180", f"{x} 150 90 60") for x in (300, 700, 1100)]
+    (doubt,) = doubts(*wide)
+    assert "has 3 of 3 2D boxes that end before they begin or lie far outside the image" in doubt
+    assert "all are probably x_min, y_min, width, height or centre x, centre y, width" in doubt
+    turned = CAR.replace("100 120 200 180", "150 700 200 900")
+    (doubt,) = doubts(*(turned.replace("12.00", f"1{place}.00") for place in range(3)))
+    assert "probably y_min, x_min, y_max, x_max" in doubt
+    (doubt,) = doubts(CAR, CAR.replace("12.00", "13.00"), WALKER, wide[0])  # one of four
+    assert doubt.startswith("object 4 of 4 (Car) has a 2D box with its maximum below its minimum")
+
+
+@pytest.mark.parametrize(
+    ("sizes", "order"),
+    [
+        ("1.50 3.90 1.66", "height, length, width"),
+        ("1.66 3.90 1.50", "width, length, height"),
+        ("3.90 1.50 1.66", "length, height, width"),
+        ("3.90 1.66 1.50", "length, width, height"),
+    ],
+)
+def test_the_order_of_sizes_is_the_one_that_fits_a_class_best(sizes, order):
+    turned = CAR.replace("1.50 1.60 3.90", sizes)
+    (doubt,) = doubts(*(turned.replace("12.00", f"{12 + place}") for place in range(30)))
+    assert f"probably in the order {order}, expected height, width, length" in doubt
+    (doubt,) = doubts(CAR.replace("1.50 1.60 3.90", sizes))  # height and width of a car are alike
+    assert order in doubt
+    assert " or " in doubt
+
+
+def test_sizes_below_those_of_every_road_user_are_doubted():
+    (doubt,) = doubts(CAR.replace("1.50 1.60 3.90", "0.0015 0.0016 0.0039"))
+    assert doubt == "has no object larger than 0.0039 m; write sizes, and x, y, z, in metres"
+    assert doubts(CAR.replace("1.50 1.60 3.90", "0.0015 0.0016 0.0039"), WALKER) == []
+
+
+def test_placeholders_of_regions_are_no_3d_boxes():
+    assert doubts(CAR, REGION.replace("-1 -1 -1 -1000 -1000 -1000", "0 0 0 0 0 0")) == []
+    assert doubts(CAR, REGION.replace("-1000 -1000", "-1000 1000")) == []

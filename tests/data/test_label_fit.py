@@ -107,3 +107,50 @@ def test_check_tells_labels_of_another_camera_but_not_of_corrupted_trees(tmp_pat
     assert ["do not fit its 2D boxes" in each for each in problems()] == [True, True]
     (root / "training/corruption").mkdir()
     assert problems() == []
+
+
+def in_lidar(text: str, *, at_centre: bool) -> str:
+    """Labels with x, y, z and the yaw of the LiDAR's frame."""
+    lidar_from_camera = np.linalg.inv(
+        read_object_matrices(FRAMES / "calib/000000.txt").camera_from_lidar
+    )
+    rows = [line.split() for line in text.splitlines() if not line.startswith("DontCare")]
+    for row in rows:
+        place = np.array([*map(float, row[11:14]), 1.0])
+        place[1] -= at_centre * float(row[8]) / 2
+        row[11:14] = [f"{value:.3f}" for value in (lidar_from_camera @ place)[:3]]
+        row[14] = f"{-float(row[14]) - np.pi / 2:.3f}"
+    return "\n".join(" ".join(row) for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (
+            lambda text: changed(text, 12, lambda row, y: y - float(row[8]) / 2),
+            "y is the height of box centres",
+        ),
+        (lambda text: in_lidar(text, at_centre=True), "rotation_y is its yaw, of box centres"),
+        (lambda text: in_lidar(text, at_centre=False), "rotation_y is its yaw, of box bottoms"),
+        (
+            lambda text: changed(changed(text, 4, lambda _, x: x / 2), 6, lambda _, x: x / 2),
+            "",
+        ),
+        (
+            lambda text: _times(text, range(4, 8), 0.5),
+            "2D boxes are pixels of an image of half the size",
+        ),
+        (lambda text: _times(text, range(8, 11), 0.5), "sizes are halves"),
+    ],
+)
+def test_the_convention_that_makes_boxes_fit_is_named(labels, change, cause):
+    (doubt,) = doubts(change(labels))
+    _, _, named = doubt.partition("; if ")
+    assert cause in named
+    assert bool(named) == bool(cause)
+
+
+def _times(text: str, columns: range, factor: float) -> str:
+    for column in columns:
+        text = changed(text, column, lambda _, value: factor * value)
+    return text

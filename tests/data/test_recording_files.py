@@ -1,12 +1,15 @@
 import re
 import shutil
+from decimal import Decimal
+from pathlib import Path
 
 import pytest
 
 from sightline.data.check import check_tree
 from sightline.data.frame_lists import read_sample_list
+from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.open import open_dataset
-from sightline.data.recording_files import read_times
+from sightline.data.recording_files import doubtful_steps, order_doubt, read_times
 from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.recordings import write_recording
@@ -154,3 +157,28 @@ def test_check_and_opening_refuse_the_names_that_lists_of_frames_refuse(tmp_path
     assert "no plain file names" in str(next(check_tree(tmp_path)))
     with pytest.raises(FileError, match="expected a relative path of plain names"):
         read_sample_list([name], tmp_path)
+
+
+def test_numbers_without_leading_zeros_are_told_by_check_and_on_opening(tmp_path):
+    write_recording(tmp_path, tuple(f"f{number}" for number in (8, 9, 10)))
+    with pytest.warns(UserWarning, match="of their names as text: f8 follows f10; write") as told:
+        assert open_dataset(tmp_path).sample_ids == ("f10", "f8", "f9")
+    assert len(told) == 1
+    assert [str(each) for each in check_tree(tmp_path)] == [str(told[0].message)]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("8", "9"), ("08", "09", "10"), ("1700000000.1", "1700000000.15"), ("a1", "b02"), ("x", "y")],
+)
+def test_names_whose_order_as_text_is_that_of_their_numbers_are_sound(names):
+    frames = [ObjectFrame(sample_id=name) for name in names]
+    assert order_doubt(Path("drive"), frames) is None
+
+
+def test_times_closer_than_any_lidar_turns_are_told():
+    def doubt(step: str):
+        return doubtful_steps([(str(place), place * Decimal(step)) for place in range(4)])
+
+    assert "0.00167 s apart, so its times are probably in minutes" in doubt("0.001666667")[0]
+    assert doubt("0.01") is None

@@ -102,6 +102,16 @@ CHANGES = {
         lambda each: replace(each, dimensions_hwl=each.dimensions_hwl[:, [1, 2, 0]]),
         "in the order width, length, height",
     ),
+    "halves": (
+        lambda each: replace(each, dimensions_hwl=each.dimensions_hwl / 2),
+        "sizes of Car, Pedestrian in the results are probably halves: KITTI's are whole",
+    ),
+    "kilometres": (
+        lambda each: replace(
+            each, dimensions_hwl=each.dimensions_hwl / 1000, locations=each.locations / 1000
+        ),
+        "results of scored classes have a 3D box with no size above 0.3 m",
+    ),
     "LiDAR's frame": (
         lambda each: replace(each, locations=each.locations[:, [2, 0, 1]] * (1, -1, -1)),
         "3D boxes of results lie behind the camera",

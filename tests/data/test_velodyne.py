@@ -175,3 +175,15 @@ def test_a_sweep_with_hardly_anything_in_it_is_doubted(tmp_path, change, said):
 def test_no_sweep_of_kitti_is_hollow(kitti_root):
     for path in [*kitti_root.glob("training/velodyne/*.bin"), *kitti_root.glob("full_sweeps/*")]:
         assert hollow_sweep(path, read_sweep(path)) == []
+
+
+def test_the_remedy_of_a_sweeps_intensities_is_that_of_their_fault(tmp_path):
+    cloud = a_cloud(2000)
+    bright = sweep_doubt(tmp_path, cloud * np.float32([1, 1, 1, 255]))
+    assert "divide them by their full scale, probably 255, or make the data" in bright.remedy
+    negative = sweep_doubt(tmp_path, cloud * np.float32([1, 1, 1, -1]))
+    assert "columns in the order x, y, z, intensity" in negative.remedy
+    cloud[:, 3] = np.arange(len(cloud)) % 64
+    rings = sweep_doubt(tmp_path, cloud)
+    assert "look like ring numbers" in rings.problem
+    assert "columns in the order x, y, z, intensity" in rings.remedy

@@ -44,6 +44,7 @@ KEYS = {
     "flipped_share",
     "AP_all_points",
     "AP_all_points_95",
+    "centre_distance",
 }
 
 

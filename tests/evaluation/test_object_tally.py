@@ -57,6 +57,8 @@ SPACED = [spaced(n, y=1.7, z=20.0) for n in range(50)]
     [
         (lambda line: replace(line, h=line.l, l=line.h),
          "sizes of Car in the results are probably in the order length, width, height"),
+        (lambda line: replace(line, h=line.h / 2, w=line.w / 2, l=line.l / 2),
+         "sizes of Car in the results are probably halves: KITTI's are whole height"),
         (lambda line: replace(line, y=line.y - line.h / 2),
          "their y is probably that of the centre"),
         (lambda line: replace(line, x=line.z, y=-line.x, z=-1.0),
@@ -167,3 +169,10 @@ def test_files_that_no_frame_has_are_counted(tmp_path):
 def test_names_from_files_reach_a_note_as_plain_characters(tmp_path):
     notes = notes_of(tmp_path, [CAR], [FOUND, replace(FOUND, name="\x1b[31mred")])
     assert "\\x1b[31mred 1" in notes
+
+
+def test_of_angles_in_degrees_the_cause_is_told_once(tmp_path):
+    turned = [replace(line, ry=math.degrees(line.ry + 0.5), score=0.5) for line in SPACED]
+    notes = notes_of(tmp_path, SPACED, turned)
+    assert "50 of 50 results have angles beyond two pi" in notes
+    assert "contradicts rotation_y" not in notes

@@ -45,6 +45,10 @@ def test_aliases_stand_for_values_as_dumps_write_them(tmp_path):
         ("- " * 10_000, "nested more than 12 deep"),
         ("a: [1\n", "is neither YAML nor JSON: line 2, column 1"),
         ("a: !!python/object:os.system {}\n", "is neither YAML nor JSON: line 1"),
+        *(
+            (f"a: {value}\n", "is neither YAML nor JSON")
+            for value in ("!!bool x", "!!timestamp x", "!!int [1]", "2011-13-45")
+        ),
         (" " * 2**18, "bytes long, expected up to"),
     ],
 )

@@ -3,7 +3,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.geometry.cloud_checks import cloud_fault, echoes, losses, scale_doubt, warn_of_scale
+from sightline.geometry.cloud_checks import (
+    cloud_fault,
+    echoes,
+    hollow_doubt,
+    losses,
+    scale_doubt,
+    shape_doubt,
+    warn_of_scale,
+)
 
 VALUES = st.sampled_from([0.0, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])
 ROWS = st.lists(st.tuples(VALUES, VALUES, VALUES, VALUES), max_size=12)
@@ -83,3 +91,49 @@ def test_intensities_that_are_all_alike_are_doubted_but_zeros_are_none():
     warn_of_scale(np.zeros(200), 255.0)  # an error if it warned
     warn_of_scale(np.full(20, 7.0), 255.0)  # too few points for a warning
     assert scale_doubt(np.zeros(200), 255.0) is not None
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_flat_cloud_is_doubted(axis):
+    points = np.random.default_rng(0).normal(0, 10, (500, 4))
+    assert shape_doubt(points[:, :3]) is None
+    points[:, axis] = -1.5
+    problem, remedy = shape_doubt(points[:, :3])
+    assert problem == f"holds 500 points with {'xyz'[axis]} = -1.5: the cloud is flat"
+    assert f"write the measured {'xyz'[axis]}" in remedy
+    assert hollow_doubt(points) == (problem, remedy)
+    assert shape_doubt(points[:99, :3]) is None
+
+
+def test_a_cloud_within_a_metre_is_in_another_unit():
+    points = np.random.default_rng(0).uniform(-1, 1, (500, 3))
+    problem, remedy = hollow_doubt(0.08 * points)
+    assert "m of the LiDAR: they are probably in kilometres, or scaled to 1" in problem
+    assert remedy == "write x, y, z in metres"
+    assert shape_doubt(2 * points) is None
+
+
+@pytest.mark.parametrize(
+    ("largest", "limit", "expected"),
+    [
+        (0.9, 0.5, "1"),
+        (99, 1.0, "100"),
+        (252, 1.0, "255"),
+        (40_000, 255.0, "65535"),
+        (1e5, 1.0, "99000"),
+    ],
+)
+def test_the_likely_scale_is_named_and_never_the_one_that_was_refused(largest, limit, expected):
+    points = np.random.default_rng(0).uniform(-20, 20, (500, 4))
+    points[:, 3] = np.linspace(0, largest, 500)
+    _, remedy = cloud_fault(points, limit)
+    scale = remedy.rpartition("probably ")[2]
+    assert scale == expected
+    assert cloud_fault(points, float(scale)) is None
+
+
+def test_negative_intensities_may_be_coordinates():
+    points = np.random.default_rng(0).uniform(-20, 20, (500, 4))
+    problem, remedy = cloud_fault(points, 1.0)
+    assert problem.startswith("intensities from -")
+    assert "columns in the order x, y, z, intensity" in remedy

@@ -146,6 +146,17 @@ def test_files_that_are_there_are_skipped_and_missing_ones_are_made(data, out):
     assert contents_of(out) == before | {"000004.png": b"left as it is"}
 
 
+def test_folders_and_empty_files_in_the_place_of_results_are_not_taken_for_them(data, out):
+    write(data, out)
+    (out / "000001.png").write_bytes(b"")
+    assert write(data, out).written == 1
+    assert read_depth_png(out / "000001.png").any()
+    (out / "000001.png").unlink()
+    (out / "000001.png").mkdir()
+    with pytest.raises(ValueError, match=r"000001\.png cannot be written: it is no regular file"):
+        write(data, out)
+
+
 def test_overwrite_makes_all_files_anew(data, out):
     write(data, out)
     before = contents_of(out)

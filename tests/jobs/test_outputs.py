@@ -4,7 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from sightline.jobs.output_dirs import MANIFEST_NAME, check_outputs, check_outside_dataset
+from sightline.jobs.output_dirs import (
+    MANIFEST_NAME,
+    check_outputs,
+    check_outside_dataset,
+    finished_names,
+)
 
 
 @pytest.fixture
@@ -115,3 +120,12 @@ def test_every_command_refuses_outputs_among_its_inputs(tree, monkeypatch, capsy
     error = capsys.readouterr().err
     assert any(each in error for each in ("would change", "are both", "lies in", "among the"))
     assert sorted(tree.rglob("*")) == before
+
+
+def test_empty_files_are_results_only_where_nothing_was_found(tmp_path):
+    for name in ("none.txt", "some.txt", "empty.png", "whole.png"):
+        (tmp_path / name).write_text("" if name in ("none.txt", "empty.png") else "x")
+    (tmp_path / "folder.png").mkdir()
+    assert finished_names(tmp_path, ".txt") == {"none", "some"}
+    assert finished_names(tmp_path, ".png") == {"whole"}
+    assert finished_names(tmp_path / "missing", ".png") == set()

@@ -16,7 +16,8 @@ from sightline.detection3d.sweeps import network_sweep, to_kitti_frame
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import LOOSE
 from sightline.papers import two_stage as module
-from sightline.papers.two_stage import CURVES, FRAME, PUBLISHED, reproduce_two_stage
+from sightline.papers.two_stage import IOUS, PUBLISHED, reproduce_two_stage
+from sightline.papers.two_stage_figures import CURVES, FRAME, PROPOSALS, REGIONS, SCENES, TRAINING
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection3d.frames import COMPACT, without_refinement, write_network
 
@@ -104,7 +105,7 @@ def test_rows_of_the_course_are_filled_by_its_own_networks_alone(weights, tmp_pa
 
     def described(paper):
         monkeypatch.setattr(module, "COURSE", paper)
-        return {row: module._describe(row, module._load(row, weights)) for row in module._NAMES}
+        return {row: module._describe(row, module._load(row, weights)) for row in module.NAMES}
 
     assert not any(each.is_papers for each in described(module.COURSE).values())
     config = module._load("baseline", weights).network.config
@@ -136,10 +137,44 @@ def test_the_command_draws_curves_and_a_frame(results, tmp_path, capsys):
     command = ["reproduce", "two-stage", "--data", str(PACKAGED_FRAMES), "--json", str(report)]
     command += ["--improved", str(results), "--figures", str(figures)]
     assert main([*command, "--figure-frame", "000001"]) == 0
-    names = (*CURVES.values(), FRAME)
+    names = (*(CURVES.format(iou=iou) for iou in IOUS), FRAME)
     printed = capsys.readouterr()
     assert printed.err == ""
     assert printed.out.splitlines()[-3:] == [str(figures / name) for name in names]
     for name in names:
         assert read_rgb(figures / name).std() > 10
-    assert json.loads(report.read_text())["frames"] == 2
+    saved = json.loads(report.read_text())
+    assert saved["frames"] == 2
+    assert saved["not_drawn"] == [
+        "curves and scenes of the training, without --run",
+        "regions and proposals, without weights",
+    ]
+    assert {path.name for path in figures.iterdir()} == set(names)
+
+
+def test_the_command_draws_the_report_on_problem_1_from_weights_and_a_run(
+    weights, tmp_path, capsys
+):
+    figures, report, run = tmp_path / "figures", tmp_path / "report.json", tmp_path / "run"
+    run.mkdir()
+    (run / "metrics.csv").write_text("step,training/total\n1,2.5\n2,1.5\n")
+    command = ["reproduce", "two-stage", "--data", str(PACKAGED_FRAMES), "--json", str(report)]
+    command += ["--first", str(weights), "--figures", str(figures), "--run", str(run)]
+    command += ["--out", str(tmp_path / "out"), "--engine", "torch", "--workers", "1"]
+    assert main([*command, "--training-frame", "000001"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    names = (TRAINING, REGIONS, PROPOSALS, *(CURVES.format(iou=iou) for iou in IOUS), FRAME)
+    assert printed[-len(names) :] == [str(figures / name) for name in names]
+    saved = json.loads(report.read_text())
+    assert [each["sample_id"] for each in saved["regions"]] == ["000000", "000001"]
+    assert all(len(each["box"]) == 7 and each["num_inside"] > 0 for each in saved["regions"])
+    assert saved["not_drawn"] == [
+        f"precision curves: {run} has logged no validation",
+        f"scenes of the training: {run} has logged no pictures of a validation",
+    ]
+    assert not (figures / SCENES.format(number=0)).exists()
+
+
+def test_a_run_without_figures_is_refused(results, tmp_path):
+    with pytest.raises(ValueError, match="name a folder with --figures"):
+        reproduce_two_stage(PACKAGED_FRAMES, {"improved": results}, run=tmp_path)

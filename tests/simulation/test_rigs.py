@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -87,8 +87,38 @@ def test_random_rigs_are_valid_different_and_the_same_for_a_seed():
     assert all(0.1 <= lidar.azimuth_step_deg <= 0.4 for lidar in lidars)
     assert 0.05 < np.mean([lidar.reflectance == 0 for lidar in lidars]) < 0.3
     assert 0.05 < np.mean([camera.bonnet_m > 0 for camera in cameras]) < 0.5
+    assert 0.2 < np.mean([camera.dirt > 0 for camera in cameras]) < 0.5
+    assert 0.35 < np.mean([camera.readout_ms > 0 for camera in cameras]) < 0.65
+    assert max(camera.dirt for camera in cameras) <= 0.8
+    assert max(camera.readout_ms for camera in cameras) <= 35
+    assert {lidar.order for lidar in lidars} == {"rings", "firings", "none"}
+    roofs = [lidar for lidar in lidars if lidar.roof_m]
+    assert 0.2 < len(roofs) / len(lidars) < 0.6
+    for lidar in roofs:
+        assert 1.3 <= lidar.roof_m <= 2.2
+        assert 0.11 <= lidar.height_m - lidar.roof_m <= 0.61
     for rig in rigs[:50]:
         mount(rig)
+
+
+def as_entries(rig):
+    entries = {name: asdict(getattr(rig, name)) for name in ("camera", "lidar")}
+    height, width = rig.camera.image_size
+    entries["camera"]["image_size"] = {"width": width, "height": height}
+    return {"source": rig.source, **entries}
+
+
+@pytest.mark.parametrize(
+    "rig",
+    [
+        *(named_rig(name) for name in RIG_NAMES),
+        *(random_rig(np.random.default_rng(seed)) for seed in range(12)),
+    ],
+)
+def test_a_rig_survives_the_way_through_a_json_file(tmp_path, rig):
+    path = tmp_path / f"{rig.name}.json"
+    path.write_text(json.dumps(as_entries(rig)))
+    assert choose_rig(str(path)) == rig
 
 
 def test_a_file_gives_a_rig_with_its_rings(file):
@@ -126,6 +156,10 @@ def test_json_and_a_rosette_are_read_too(file):
         ("[-12, -20, 3]", "[-12, -20]", "an entry of fans is '[-12, -20]', expected a list of"),
         ("[-12, -20, 3]", "[12, 20, 3]", "elevations_deg must fall, from the top ring"),
         ("[-12, -20, 3]", "[-12, -20, 900]", "each of fans must have 1 to 256 rings, got 900"),
+        ("height_m: 1.9", "roof_m: 1.7", "roof_m must be 0.1 m or more below the LiDAR at 1.73 m"),
+        ("height_m: 1.9", "order: rows", "order is 'rows', expected one of rings, firings, none"),
+        ("pitch_deg: 2.5", "dirt: 2", "dirt must be finite and from 0 to 1, got 2"),
+        ("pitch_deg: 2.5", "readout_ms: -1", "readout_ms must be finite and from 0 to 100"),
         ("height_m: 1.9", "model: hdl-65e", "model is 'hdl-65e', expected one of hdl-64e"),
         ("height_m: 1.9", "model: hdl-64e", "needs one of elevations_deg (or fans), model and"),
         ("height_m: 1.9", "elevations_deg: [1]", "both fans and elevations_deg, expected one"),

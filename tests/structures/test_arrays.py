@@ -297,3 +297,9 @@ def test_true_is_no_height():
 def test_what_is_no_calibration_is_told_how_to_make_one(wrong):
     with pytest.raises(TypeError, match=r"calibration is of type .*; make one by Calibration.from"):
         plain_calibration(wrong)
+
+
+def test_a_cloud_without_heights_is_doubted():
+    flat = POINTS * np.float32([1, 1, 0, 1])
+    with pytest.warns(UserWarning, match="with z = 0: the cloud is flat; write the measured z"):
+        sweep_points(flat)

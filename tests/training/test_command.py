@@ -15,6 +15,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from sightline.files.weights import read_weights
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
+from sightline.training.run_log import read_run_log
 from tests.training import toy
 
 
@@ -220,6 +221,18 @@ def test_a_checkpoint_that_is_scored_is_said_to_be_of_no_step(recipes, capsys):
     output = capsys.readouterr().err
     assert "validation/mse " in output
     assert "step" not in output
+
+
+def test_the_scores_of_a_checkpoint_are_logged_at_its_step(recipes):
+    run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
+    given = ["--config", "toy", "--ckpt_path", "first/last.ckpt", "--run_folder", "other"]
+    run_training("validate", given, recipes)
+    fitted = read_run_log(Path("first")).series["validation/mse"]
+    scored = read_run_log(Path("other")).series["validation/mse"]
+    assert scored.steps.tolist() == [8]
+    assert fitted.steps.tolist() == [3, 7]  # Lightning counts these from 0
+    assert scored.values[0] == pytest.approx(fitted.values[-1])
+    assert "step" not in json.loads(Path("other/validate.json").read_text())["metrics"]
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from sightline.data.kitti_trees import find_velodyne
-from sightline.training.sources import SourceConfig, open_source
+from sightline.training.sources import SourceConfig, absent_classes, open_source
 from tests.data import recordings, trees
 from tests.training import toy
 
@@ -188,3 +188,19 @@ def test_what_is_wrong_with_the_data_names_the_flags(tree):
         ValueError, match=r"gone/x: does .* --data\.init_args\.root and .*validation"
     ):
         data.val_dataloader()
+
+
+@pytest.mark.filterwarnings("ignore:.*no class of KITTI")
+def test_classes_that_no_training_frame_shows_are_listed(tree):
+    for number, names in enumerate((["Car"], ["car", "Van"], [], ["Cyclist"])):
+        write_label(tree, number, *names)
+
+    def absent(*numbers: int) -> tuple[str, ...]:
+        write_list(tree, "some", numbers)
+        dataset = open_with_classes(tree, sample_list="some")
+        return absent_classes([dataset], ("Car", "Pedestrian", "Cyclist"))
+
+    assert absent(0, 1, 2, 3) == ("Pedestrian",)
+    assert absent(0) == ("Pedestrian", "Cyclist")
+    assert absent(1, 2) == ("Car", "Pedestrian", "Cyclist")
+    assert absent_classes([], ()) == ()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sightline.adaptation.measured_rig import measure_rig, rig_text
+from sightline.data.kitti_trees import Part
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_write_text
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
@@ -200,7 +201,8 @@ def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, 
         return read_rig(rig_file), ()
     if (out / RIG_NAME).exists():
         return read_rig(out / RIG_NAME), (f"the rig is that of {out / RIG_NAME}",)
-    measured = measure_rig(open_dataset(data, parts=("points",)), RIG_NAME.removesuffix(".yaml"))
+    parts: set[Part] = {"points"}
+    measured = measure_rig(open_dataset(data, parts=parts), RIG_NAME.removesuffix(".yaml"))
     return measured.rig, measured.notes
 
 

@@ -82,9 +82,9 @@ def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
 
 def rig_text(rig: Rig) -> str:
     """Format a rig as the YAML file that `simulation.rigs.read_rig` reads."""
-    content = {"source": rig.source, "camera": _entries(rig.camera), "lidar": _entries(rig.lidar)}
     height, width = rig.camera.image_size
-    content["camera"]["image_size"] = {"width": width, "height": height}
+    camera = {**_entries(rig.camera), "image_size": {"width": width, "height": height}}
+    content = {"source": rig.source, "camera": camera, "lidar": _entries(rig.lidar)}
     text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
     return text
 
@@ -150,7 +150,7 @@ def _measure_lidar(
         [[math.cos(turn), -math.sin(turn), 0], [math.sin(turn), math.cos(turn), 0], [0, 0, 1]]
     )
     tilt = Tilt.from_up(own_from_ahead.T @ level_from_lidar[2])
-    common = {
+    common: dict[str, Any] = {
         "height_m": round(_lidar_height_m(middle), 3),
         "pitch_deg": _rounded(tilt.pitch_deg),
         "roll_deg": _rounded(tilt.roll_deg),

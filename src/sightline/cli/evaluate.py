@@ -38,6 +38,8 @@ def objects_command(
 ) -> None:
     """Scores result files exactly as KITTI's official object evaluation does.
 
+    3D boxes are also scored by nuScenes' centre distance ("centre" in the table).
+
     With --against a second folder of results is scored on the same frames, and the differences are
     printed, with intervals from 10 frames on.
 
@@ -47,9 +49,9 @@ def objects_command(
         sample_list: List of frames: kitti-object-train, kitti-object-val, a list in ImageSets or a
             text file with one name per line. Default: all that have labels.
         overlaps: strict, loose, or per class e.g. car=0.7,0.5,0.5 (image, bird's eye, 3D).
-        bootstrap: Number of resamples of the frames for the interval of AP_all_points, from 10
-            frames on; 0: no interval. With --against, for the interval of each difference; there 0
-            means 1000.
+        bootstrap: Number of resamples of the frames for the intervals of AP_all_points and of AP by
+            centre distance, from 10 frames on; 0: no interval. With --against, for the interval of
+            each difference; there 0 means 1000.
         seed: Seed of the resamples.
         by_distance: End distances from the camera [m] of bands that are scored separately, e.g. 20
             40.

@@ -47,6 +47,7 @@ from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
 
 _INTERRUPTED = 130  # exit status of a program ended by Ctrl-C
+_LINK_LOOP = "Symlink loop"  # how `Path.resolve` begins its RuntimeError
 _BROKEN_PIPE = 141  # exit status of a program ended by SIGPIPE
 
 
@@ -203,6 +204,10 @@ def main(arguments: list[str] | None = None) -> int:
             return fail(HOW_TO_FINISH, Interruption("", number).exit_status)
         if isinstance(error, (ValueError, OSError)):
             return fail(str(error), REFUSED)
+        if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):
+            return fail(
+                f"{error}: a link that leads to itself; remove it, or give another path", REFUSED
+            )
         if (fault := memory_fault(error)) is None:
             raise
         return fail(fault, REFUSED)

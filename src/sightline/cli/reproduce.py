@@ -136,6 +136,8 @@ def reproduce_two_stage(
     out: Path = Path("two_stage"),
     figures: Path | None = None,
     figure_frame: str | None = None,
+    training_frame: str | None = None,
+    run: Path | None = None,
     engine: EngineChoice = "auto",
     device: Device = "cpu",
     sample_list: str | None = None,
@@ -156,9 +158,15 @@ def reproduce_two_stage(
         baseline: Weights of the plain second stage of problem 1, with its first stage.
         improved: Weights of an improved second stage, problem 2.
         out: Folder for the detections of weights: KITTI's result files, one folder per row.
-        figures: Folder for three pictures: precision over recall at both IoUs, and one frame with
-            the boxes of every row.
-        figure_frame: Frame of that picture. Default: the first.
+        figures: Folder for pictures: three regions of interest; a training scene with all proposals
+            and pooled points; loss and precision of a training, and three validation scenes at its
+            beginning, middle and end; precision over recall at both IoUs; one frame with the boxes
+            of every row.
+        figure_frame: Frame of the last picture. Default: the first.
+        training_frame: Frame of the training scene, of all in the data. Default: the first that is
+            not scored.
+        run: Run folder of `sightline fit`, or a folder of its logs (TensorBoard or CSV), for the
+            pictures of the training.
         engine: Engine of the networks: by default (auto) openvino on the CPU if it is installed,
             else torch.
         device: Device of the networks in PyTorch.
@@ -171,11 +179,11 @@ def reproduce_two_stage(
     options: Mapping[Row, str | None] = {"first": first, "baseline": baseline, "improved": improved}
     given = {row: each for row, each in options.items() if each is not None}
     folders = [Path(each) for each in given.values() if Path(each).is_dir()]
+    only_read = [*folders, *([] if run is None else [run])]
     files = [named_file(each) for each in (*given.values(), sample_list)]
     places = {"--json": json, "--out": out, "--figures": figures}
-    check_outputs(places, data=[data, *files], results=folders)
+    check_outputs(places, data=[data, *files], results=only_read)
     check_places({"--json": json})
-    from sightline.papers.two_stage import CURVES, FRAME
     from sightline.papers.two_stage import reproduce_two_stage as reproduce
 
     report = reproduce(
@@ -184,6 +192,8 @@ def reproduce_two_stage(
         out,
         figures=figures,
         figure_frame=figure_frame,
+        training_frame=training_frame,
+        run=run,
         engine=engine,
         device=device,
         sample_list=sample_list,
@@ -193,8 +203,8 @@ def reproduce_two_stage(
     has_networks = len(folders) < len(given)
     announce_engine(engine, choose_engine(engine, device) if has_networks else None, device)
     deliver(report, json)
-    if figures is not None and report.rows:
-        say(*(figures / name for name in (*CURVES.values(), FRAME)))
+    if report.figures.paths:
+        say(*report.figures.paths)
 
 
 def reproduce_shift_conv(

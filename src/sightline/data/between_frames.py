@@ -1,4 +1,4 @@
-"""Checks between the frames of a tree: equal files, empty clouds, image sizes of one camera."""
+"""Checks over the frames of a tree: equal files, empty ones, sizes and orientations of images."""
 
 import hashlib
 import math
@@ -11,7 +11,7 @@ from typing import Final
 
 from sightline.data.frame_checks import is_blank, read_or_note
 from sightline.data.image_file import read_rgb
-from sightline.data.image_header import read_image_size
+from sightline.data.image_header import read_image_size, read_orientation
 from sightline.data.kitti_calibration import read_object_matrices
 from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_trees import (
@@ -31,6 +31,7 @@ from sightline.files.problem import Problem
 
 _MAX_BYTES: Final = 2**28  # larger files are refused by their readers
 _COMPARED_BYTES: Final = 4096
+_MAX_BLANK_BYTES: Final = 2  # a line end
 _MAX_LISTED: Final = 5  # groups of equal files listed one by one
 
 
@@ -40,6 +41,7 @@ def check_object_frames(frames: Sequence[ObjectFrame], folder: Path) -> list[Pro
         return []
     return [
         *_check_sensors(frames),
+        *_check_labels(frames),
         *_check_image_sizes(frames),
         *check_label_alignment(frames, _read_object_frame),
     ]
@@ -53,17 +55,39 @@ def check_drive_frames(frames: Sequence[DriveFrame]) -> list[Problem]:
 
 def check_depth_frames(frames: Sequence[DepthFrame]) -> list[Problem]:
     """Check frames of a depth tree against each other."""
-    return check_repeats(frames)
+    return [*check_repeats(frames), *check_orientations(frames)]
 
 
 def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
     """Check frames of a recording against each other; sizes of images are checked by frame."""
-    return [*check_repeats(frames), *check_label_alignment(frames, _read_recording_frame)]
+    return [
+        *check_repeats(frames),
+        *check_orientations(frames),
+        *_check_labels(frames),
+        *check_label_alignment(frames, _read_recording_frame),
+    ]
 
 
 def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:
     clouds = [frame.points for frame in frames if frame.points is not None]
-    return [*check_repeats(frames), *_check_emptiness(clouds)]
+    return [
+        *check_repeats(frames),
+        *check_orientations(frames),
+        *_check_emptiness(
+            clouds,
+            "clouds, all without a point",
+            "check whether the LiDAR delivered points, and how they were converted",
+        ),
+    ]
+
+
+def _check_labels(frames: Sequence[ObjectFrame]) -> list[Problem]:
+    labels = [frame.objects for frame in frames if frame.objects is not None]
+    return _check_emptiness(
+        labels,
+        "label files, all without an object",
+        "check how they were written, or remove the folder if nothing was labelled",
+    )
 
 
 def _read_object_frame(frame: ObjectFrame) -> LabelledSweep | None:
@@ -123,17 +147,37 @@ def _camera(frame: ObjectFrame | DriveFrame | DepthFrame) -> bytes | None:
     return _digest(path) if path is not None and path.suffix in CALIBRATION_SUFFIXES else None
 
 
-def _check_emptiness(clouds: Sequence[Path]) -> list[Problem]:
-    """Find a folder whose clouds are all empty; single empty ones are no problem."""
-    if not clouds or any(_size(path) != 0 for path in clouds):
+def check_orientations(
+    frames: Sequence[ObjectFrame] | Sequence[DriveFrame] | Sequence[DepthFrame],
+) -> list[Problem]:
+    """Find pictures that viewers turn or mirror by their EXIF tag, one problem for all."""
+    pictures = [frame.image for frame in frames if frame.image is not None]
+    turned = [
+        (path, orientation)
+        for path in pictures
+        if (orientation := read_or_note(read_orientation, path, []) or 1) != 1
+    ]
+    if not turned:
         return []
+    first, orientation = turned[0]
     return [
         Problem(
-            path=clouds[0].parent,
-            problem=f"holds {len(clouds)} clouds, all without a point",
-            remedy="check whether the LiDAR delivered points, and how they were converted",
+            path=first,
+            problem=f"has EXIF orientation {orientation}{_more([path for path, _ in turned])}, of "
+            f"{len(pictures)} pictures: pixels are used as stored, but viewers and OpenCV turn "
+            "them",
+            remedy="if the camera was calibrated by turned pictures, turn the pixels; in any case "
+            "remove the tag",
         )
     ]
+
+
+def _check_emptiness(paths: Sequence[Path], described: str, remedy: str) -> list[Problem]:
+    """Find a folder whose files all hold nothing; single empty ones are no problem."""
+    if not paths or any((_size(path) or 0) > _MAX_BLANK_BYTES for path in paths):
+        return []
+    problem = f"holds {len(paths)} {described}"
+    return [Problem(path=paths[0].parent, problem=problem, remedy=remedy)]
 
 
 def _check_image_sizes(frames: Sequence[ObjectFrame]) -> list[Problem]:

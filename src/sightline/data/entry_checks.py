@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeVar
 
-from sightline.data.between_frames import check_repeats
+from sightline.data.between_frames import check_orientations, check_repeats
 from sightline.data.frame_checks import Findings
 from sightline.data.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame, Part
 from sightline.data.unread_files import PartFolder, find_name_clashes, find_unread
@@ -75,6 +75,7 @@ def check_sample_frames(
         *(each for found in findings for each in (*found.implausible, *found.nearly_empty)),
     ]
     doubts += [] if _is_corrupted(root) else check_repeats(selected)
+    doubts += [] if _is_corrupted(root) else check_orientations(selected)
     _warn_of_doubts(doubts, len(selected))
     _warn_of_missing_data(root, selected, findings)
 

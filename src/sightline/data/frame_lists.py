@@ -1,5 +1,6 @@
 """Lists of frames, and folders with one file per frame."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -126,7 +127,7 @@ def describe_left_out(folder: Path) -> str | None:
         kind = f"{named}file{'' if count == 1 else 's'}"
         parts.append(f"{count:,} {kind} (the first is {shortened(first)})")
     if folders:
-        below = sum(1 for each in folders[:_MAX_SEARCHED] for _ in each.glob(f"*{_SUFFIX}"))
+        below = sum(1 for each in _folders_below(folders) for _ in each.glob(f"*{_SUFFIX}"))
         kind = "folder" if len(folders) == 1 else "folders"
         first = shortened(folders[0].name)
         parts.append(
@@ -145,11 +146,18 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
     for below in (folder / place for place in _LABEL_PLACES):
         if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
             return f"they are probably in {below}; name that folder"
-    for below in [each for each in entries if each.is_dir()][:_MAX_SEARCHED]:
+    for below in _folders_below(entries):
         if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
-            return f"they are in {below}, as KITTI's own program writes them; name that folder"
+            writer = ", as KITTI's own program writes them" * (below.name == "data")
+            return f"they are in {below}{writer}; name that folder"
     files = [each for each in entries if each.is_file() and not each.name.startswith(".")]
     others = [each for each in files if each.suffix == _SUFFIX]
+    renamed = _same_frame(others, names)
+    if renamed is not None:
+        return (
+            f"it holds {len(others):,} files with other names, such as "
+            f"{shortened(others[0].name)}; rename them as {renamed}{_SUFFIX}"
+        )
     if others:
         return (
             f"it holds {len(others):,} files of other frames, such as {shortened(others[0].name)}; "
@@ -161,3 +169,34 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
             f"write one NAME{_SUFFIX} for each frame"
         )
     return None
+
+
+def _folders_below(entries: Sequence[Path]) -> list[Path]:
+    """List some folders among the entries of a folder, and some of the folders in those."""
+    folders = [each for each in entries if each.is_dir()][:_MAX_SEARCHED]
+    deeper = [
+        below
+        for each in folders
+        for below in sorted(each.iterdir())[:_MAX_SEARCHED]
+        if below.is_dir()
+    ]
+    return [*folders, *deeper]
+
+
+def _same_frame(files: Sequence[Path], names: Sequence[str]) -> str | None:
+    """Find the frame that the first of all files names in another form; None: it names none.
+
+    Such names have another number of digits (15 for 000015), a prefix or a second suffix. Every
+    file must name a frame of its own.
+    """
+    by_number = {_number(name): name for name in names}
+    if None in by_number or len(by_number) < len(names):
+        return None
+    found = [by_number.get(_number(each.stem)) for each in files]
+    return found[0] if found and None not in found and len(set(found)) == len(found) else None
+
+
+def _number(name: str) -> int | None:
+    """Parse the only number in a name."""
+    numbers = re.findall("[0-9]+", name)
+    return int(numbers[0]) if len(numbers) == 1 else None

@@ -32,7 +32,19 @@ def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
     Raises:
         FileError: The file is no complete PNG or JPEG, or has 16 bits per channel (a depth map).
     """
-    content = read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
+    return decode_rgb(read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY), path)
+
+
+def decode_rgb(content: bytes, path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
+    """Decode the contents of a picture's file; see `read_rgb`.
+
+    Args:
+        content: Contents of the file.
+        path: Name of the file in errors.
+
+    Raises:
+        FileError: As `read_rgb`.
+    """
     header = parse_image_header(content, path)
     if header.bits_per_channel > 8:
         raise FileError(

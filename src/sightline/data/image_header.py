@@ -41,6 +41,8 @@ _JPEG_FRAMES = frozenset({0xC0, 0xC1, 0xC2})
 # Segments allowed before the frame: tables, restart interval, application data and comments.
 # Decoders differ in how they skip anything else, and might find another size.
 _JPEG_TABLES = frozenset({0xC4, 0xDB, 0xDD, *range(0xE0, 0xF0), 0xFE})
+_EXIF_MARKER, _EXIF_START = 0xE1, b"Exif\0\0"
+_ORIENTATION_TAG = 0x0112
 _OTHER_FORMATS = (
     (b"BM", "BMP"),
     (b"II*\0", "TIFF"),
@@ -79,6 +81,48 @@ def read_image_size(path: Path | str) -> tuple[int, int]:
     file_bytes = check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     with Path(path).open("rb") as file:
         return parse_image_header(file.read(_MAX_HEADER_BYTES), path, file_bytes=file_bytes).size
+
+
+def read_orientation(path: Path | str) -> int:
+    """EXIF orientation of a JPEG file: 2 to 8 where viewers turn or mirror it, else 1.
+
+    Readers use pixels as stored; OpenCV's own functions and viewers follow the tag.
+
+    Raises:
+        FileError: The file is no regular file.
+    """
+    check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
+    with Path(path).open("rb") as file:
+        if file.read(len(_JPEG_START)) != _JPEG_START:
+            return 1
+        content = _JPEG_START + file.read(_MAX_HEADER_BYTES)
+    try:
+        return _orientation(content)
+    except (struct.error, IndexError):
+        return 1  # damage is reported where pixels are read
+
+
+def _orientation(content: bytes) -> int:
+    """Orientation in the first EXIF segment of a JPEG, 1 to 8; 1 if there is none.
+
+    The segment holds a TIFF file: byte order, place of a table, and entries of tag, type and value.
+    """
+    position = len(_JPEG_START)
+    while content[position] == 0xFF and content[position + 1] in _JPEG_TABLES:
+        (length,) = struct.unpack_from(">H", content, position + 2)
+        body = content[position + 4 : position + 2 + length]
+        if content[position + 1] == _EXIF_MARKER and body.startswith(_EXIF_START):
+            tiff = body[len(_EXIF_START) :]
+            order = ">" if tiff.startswith(b"MM") else "<"
+            (table,) = struct.unpack_from(f"{order}I", tiff, 4)
+            (num_entries,) = struct.unpack_from(f"{order}H", tiff, table)
+            for entry in range(table + 2, table + 2 + 12 * num_entries, 12):
+                tag, _, _, value = struct.unpack_from(f"{order}HHIH", tiff, entry)
+                if tag == _ORIENTATION_TAG:
+                    return value if 1 <= value <= 8 else 1
+            return 1
+        position += 2 + max(length, 2)
+    return 1
 
 
 def parse_image_header(

@@ -1,5 +1,8 @@
 """Conversion of labels and detections between KITTI's columns and the types of the project."""
 
+import math
+from typing import Final
+
 import numpy as np
 import torch
 from jaxtyping import Float64
@@ -17,9 +20,13 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D, boxes3d_from_kitti, kitti_from_boxes3d
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.image_boxes import kitti_corners, project_boxes
-from sightline.geometry.transforms import wrap_angle
+from sightline.geometry.transforms import transform_points, wrap_angle
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import Detections2D, Detections3D
+
+_UPRIGHT_COSINE: Final = math.cos(math.radians(1.0))
+"""Cosine of the tilt up to which boxes are drawn upright in the camera's frame, as in KITTI's own
+files; its cars' cameras are tilted by up to 0.86 degrees against the LiDAR."""
 
 
 def labels_from_kitti(objects: KittiObjects, calibration: Calibration) -> ObjectLabels:
@@ -80,8 +87,10 @@ def kitti_from_detections(
 
     * 2D detections: boxes are clipped to the image; there is no 3D part and no alpha.
     * 3D detections: the 2D box bounds the 3D box's edges within the image (`project_boxes`), and
-      alpha is rotation_y minus the bearing of the box's centre. rotation_y neglects the small tilt
-      between the sensors, as in labels.
+      alpha is rotation_y minus the bearing of the box's centre. rotation_y neglects the tilt
+      between the sensors, as in labels. The 3D box projected is upright in the camera's frame, as
+      KITTI's labels are, if the camera is tilted by up to 1 degree against the LiDAR; if by more,
+      it is the box in the LiDAR's frame.
 
     Args:
         found: Detections in the LiDAR frame, or in the image.
@@ -92,7 +101,11 @@ def kitti_from_detections(
         return kitti_from_detections2d(found, image_size)
     boxes = Boxes3D(found.boxes.tensor.detach().cpu().double())
     dimensions_hwl, locations, rotation_y = kitti_from_boxes3d(boxes, calibration.camera_from_lidar)
-    corners = kitti_corners(dimensions_hwl, locations, rotation_y)
+    upright = -calibration.camera_from_lidar[1, 2]  # of the LiDAR's z axis along the camera's
+    if float(upright) > _UPRIGHT_COSINE:
+        corners = kitti_corners(dimensions_hwl, locations, rotation_y)
+    else:
+        corners = transform_points(calibration.camera_from_lidar, boxes.corners())
     boxes2d = project_boxes(corners, calibration.image_from_camera, image_size).tensor
     bearing = torch.atan2(locations[:, 0], locations[:, 2])
     return _results(

@@ -1,12 +1,13 @@
 """Plausibility checks of a label file: names, sizes, locations and boxes in the image."""
 
 import difflib
+import itertools
 from collections import Counter
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Shaped
 
 from sightline.data.kitti_labels import (
     CLASS_NAMES,
@@ -15,6 +16,7 @@ from sightline.data.kitti_labels import (
     NO_ROTATION,
     KittiObjects,
 )
+from sightline.data.result_boxes import BOX2D_CONVENTIONS
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 from sightline.geometry.mount import MAX_RANGE_M
@@ -26,6 +28,25 @@ _MAX_SIZE_M = 60.0  # longer than trams
 _LONG_CLASSES = ("Car", "Van", "Truck", "Tram")  # length is their largest size
 _TALL_CLASSES = ("Pedestrian",)  # height is their largest size
 _MIN_SIZE_RATIO = 1.15  # ratio of clearly different sizes
+_SIZE_NAMES: Final = ("height", "width", "length")
+_TYPICAL_HWL_M: Final = {
+    "Car": (1.53, 1.63, 3.88),
+    "Van": (2.21, 1.90, 5.08),
+    "Truck": (3.25, 2.59, 10.1),
+    "Tram": (3.53, 2.54, 16.1),
+    "Pedestrian": (1.76, 0.66, 0.84),
+    "Cyclist": (1.74, 0.60, 1.76),
+}
+"""Mean sizes of KITTI's training labels."""
+_SIZE_SPREAD: Final = 0.3
+"""Difference of the logarithms of three sizes that one object of a class shows by chance."""
+_SCALE_MARGIN: Final = 0.4
+"""Largest difference of the binary logarithms of a size and half or twice the expected one."""
+MIN_LARGEST_M: Final = 0.3
+"""Largest size of an object that is smaller than every road user."""
+_MIN_MISREAD: Final = 3
+_MIN_MISREAD_SHARE: Final = 0.3
+"""Minimum number and share of 2D boxes that no image holds, for a doubt about all of them."""
 _REGION = "DontCare"
 _MAX_LISTED: Final = 5  # faults of one kind listed one by one per file
 
@@ -138,6 +159,11 @@ def is_empty_box2d(
     return np.asarray((boxes2d[:, :2] == boxes2d[:, 2:]).all(axis=1))
 
 
+def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
+    names = np.array(objects.class_names, dtype=object)
+    return np.asarray((objects.locations != NO_LOCATION).any(axis=1) & (names != _REGION))
+
+
 def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
     """Mask of the objects with an angle beyond two pi, which cannot be in radians."""
     angles = np.stack((objects.rotation_y, objects.alpha), axis=1)
@@ -147,13 +173,17 @@ def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
 
 def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
     """Find problems of most objects of a file: another order or unit of their numbers."""
-    has_box3d = (objects.locations != NO_LOCATION).any(axis=1)
+    has_box3d = _has_box3d(objects)
     sizes = objects.dimensions_hwl
     names = np.array(objects.class_names, dtype=object)
     faults = []
     if (sizes[has_box3d] > _MAX_SIZE_M).any():
         largest = sizes[has_box3d].max()
         faults.append((f"has objects of up to {largest:.6g} m in size", "write sizes in metres"))
+    elif has_box3d.any() and 0 < sizes[has_box3d].max() < MIN_LARGEST_M:
+        largest = sizes[has_box3d].max()
+        problem = f"has no object larger than {largest:.4g} m"
+        faults.append((problem, "write sizes, and x, y, z, in metres"))
     else:
         order = order_of_sizes(sizes[has_box3d], names[has_box3d])
         if order is not None:
@@ -179,6 +209,8 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
             "has all 2D boxes within the first pixel: they are probably relative to the image size"
         )
         faults.append((problem, "write x_min, y_min, x_max, y_max in pixels"))
+    elif (misread := _misread_boxes2d(objects, size)) is not None:
+        faults.append((misread, "write x_min, y_min, x_max, y_max in pixels"))
     num_in_degrees = int(np.count_nonzero(in_degrees(objects)))
     if num_in_degrees:
         problem = (
@@ -187,6 +219,48 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
         )
         faults.append((problem, "write radians, from -pi to pi"))
     return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
+
+
+def _misread_boxes2d(objects: KittiObjects, size: tuple[int, int] | None) -> str | None:
+    """Find 2D boxes that fit into the image only if they are read in another convention."""
+    boxes = objects.boxes2d
+    num_faulty = int(np.count_nonzero(_is_no_box2d(boxes, size)))
+    if num_faulty < max(_MIN_MISREAD, _MIN_MISREAD_SHARE * len(boxes)):
+        return None
+    fitting = [
+        name
+        for name, convert in BOX2D_CONVENTIONS.items()
+        if not _is_no_box2d(convert(boxes), size).any()
+    ]
+    if not fitting:
+        return None
+    return (
+        f"has {num_faulty} of {len(boxes)} 2D boxes that end before they begin or lie far outside "
+        f"the image: all are probably {' or '.join(fitting)}"
+    )
+
+
+def _is_no_box2d(
+    boxes: Float64[np.ndarray, "num_boxes 4"], size: tuple[int, int] | None
+) -> Bool[np.ndarray, " num_boxes"]:
+    """Mask of the boxes that are inside out or far outside the image."""
+    return np.asarray(_is_inside_out(boxes) | _is_far_outside(boxes, size))
+
+
+def _is_inside_out(
+    boxes: Float64[np.ndarray, "num_boxes 4"],
+) -> Bool[np.ndarray, " num_boxes"]:
+    return np.asarray((boxes[:, 2:] < boxes[:, :2]).any(axis=1))
+
+
+def _is_far_outside(
+    boxes: Float64[np.ndarray, "num_boxes 4"], size: tuple[int, int] | None
+) -> Bool[np.ndarray, " num_boxes"]:
+    width_height = np.array([np.inf, np.inf] if size is None else [size[1], size[0]])
+    margin = _MAX_OUTSIDE_SHARE * width_height
+    return np.asarray(
+        ((boxes[:, :2] < -margin) | (boxes[:, 2:] > width_height + margin)).any(axis=1)
+    )
 
 
 def order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
@@ -209,22 +283,60 @@ def order_of_sizes(sizes_hwl: np.ndarray, names: np.ndarray) -> str | None:
         return None
     # A person's width and length are alike: only the position of the height is known.
     decisive = is_wrong & is_long if (is_wrong & is_long).any() else is_wrong
-    if 2 * np.count_nonzero(height_first & decisive) >= np.count_nonzero(decisive):
-        return "length, width, height"
-    return "width, length, height"
+    return _likely_orders(sizes_hwl[decisive], names[decisive])
+
+
+def scale_of_sizes(
+    sizes: Float64[np.ndarray, "3"], name: str, typical: Float64[np.ndarray, "3"] | None = None
+) -> str | None:
+    """Find a class whose sizes are all halves or doubles of the expected ones; None: they are not.
+
+    Args:
+        sizes: Median height, width, length [m].
+        name: Class of the objects, as KITTI writes it.
+        typical: Expected sizes. None: those of KITTI's labels.
+
+    Returns:
+        "halves" or "doubles".
+    """
+    if typical is None:
+        typical = np.array(_TYPICAL_HWL_M.get(name, (np.nan, np.nan, np.nan)))
+    ratios = np.log2(np.maximum(sizes, 1e-6) / typical)
+    for scale, word in ((-1, "halves"), (1, "doubles")):
+        if (np.abs(ratios - scale) < _SCALE_MARGIN).all():
+            return word
+    return None
+
+
+def _likely_orders(
+    sizes: Float64[np.ndarray, "num_objects 3"], names: Shaped[np.ndarray, " num_objects"]
+) -> str:
+    """Name the orders, other than the expected one, that fit the classes' typical sizes best."""
+    typical = np.array([_TYPICAL_HWL_M[name] for name in names])
+    ratios = {
+        order: np.log(np.maximum(sizes, 1e-6) / typical[:, order])
+        for order in itertools.permutations(range(3))
+        if order != (0, 1, 2)
+    }
+    misfits = {order: np.abs(np.median(each, axis=0)).sum() for order, each in ratios.items()}
+    likely = sorted(misfits, key=lambda order: misfits[order])
+    margin = _SIZE_SPREAD / np.sqrt(len(sizes))
+    return " or ".join(
+        ", ".join(_SIZE_NAMES[place] for place in order)
+        for order in likely[:2]
+        if misfits[order] <= misfits[likely[0]] + margin
+    )
 
 
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
-    width_height = np.array([np.inf, np.inf] if size is None else [size[1], size[0]])
-    minima, maxima = objects.boxes2d[:, :2], objects.boxes2d[:, 2:]
-    margin = _MAX_OUTSIDE_SHARE * width_height
-    has_box3d = (objects.locations != NO_LOCATION).any(axis=1)
+    is_misread = _misread_boxes2d(objects, size) is not None  # told once for all
+    has_box3d = _has_box3d(objects)
     rotations = np.stack((objects.rotation_y, objects.alpha), axis=1)
     faults = {
-        "has a 2D box with its maximum below its minimum": (maxima < minima).any(axis=1),
-        "has a 2D box far outside the image": (
-            (minima < -margin) | (maxima > width_height + margin)
-        ).any(axis=1),
+        "has a 2D box with its maximum below its minimum": _is_inside_out(objects.boxes2d)
+        & (not is_misread),
+        "has a 2D box far outside the image": _is_far_outside(objects.boxes2d, size)
+        & (not is_misread),
         "has a 3D box of a size that is not positive": has_box3d
         & (objects.dimensions_hwl <= 0).any(axis=1),
         "has an angle outside -pi to pi": has_box3d

@@ -1,5 +1,6 @@
 """Checks that labels, calibration and cloud belong to one frame."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,11 +12,13 @@ from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.kitti_trees import CORRUPTED
 from sightline.data.label_checks import is_empty_box2d
-from sightline.data.result_boxes import image_ious
+from sightline.data.result_boxes import BOX2D_CONVENTIONS, image_ious
 from sightline.files.problem import Problem
 
 _MIN_MEDIAN_IOU: Final = 0.4
 """Lowest median IoU of a sound file; KITTI's, with two objects or more, have 0.49 or more."""
+_MIN_CAUSE_IOU: Final = 0.6
+"""Median IoU from which another convention is named as the cause."""
 _MIN_OBJECTS: Final = 2
 _MAX_OBJECTS: Final = 100  # checked objects per file
 _MAX_FILLED_RANGE_M: Final = 25.0
@@ -101,27 +104,69 @@ def _check_image(
     if size is None:
         right, bottom = np.ceil(objects.boxes2d[:, 2:].max(axis=0)).astype(int) + 1
         size = max(int(bottom), 1), max(int(right), 1)
-    ious = [
-        image_ious(
-            project_box(_corners(objects, index), matrices.image_from_camera, size).box,
-            objects.boxes2d[index],
-        )
-        for index in chosen
-    ]
-    median = float(np.median(ious))
+    boxes2d = objects.boxes2d[chosen]
+    projected = _projections(objects, chosen, matrices, size)
+    median = _median_iou(projected, boxes2d)
     if median >= _MIN_MEDIAN_IOU:
         return []
+    medians = {
+        f"2D boxes are {name}": _median_iou(projected, convert(boxes2d))
+        for name, convert in BOX2D_CONVENTIONS.items()
+    }
+    for name, changed in _other_boxes3d(objects, matrices).items():
+        medians[name] = _median_iou(_projections(changed, chosen, matrices, size), boxes2d)
+    best = max(medians, key=lambda name: medians[name])
+    cause = (
+        f"; if {best}, it is {100 * medians[best]:.0f} %" if medians[best] >= _MIN_CAUSE_IOU else ""
+    )
     return [
         Problem(
             path=path,
             problem=f"has 3D boxes whose projections do not fit its 2D boxes: the median IoU of "
-            f"{len(ious)} objects is {100 * median:.0f} %, expected at least "
-            f"{100 * _MIN_MEDIAN_IOU:.0f} %",
+            f"{len(chosen)} objects is {100 * median:.0f} %, expected at least "
+            f"{100 * _MIN_MEDIAN_IOU:.0f} %{cause}",
             remedy="give labels and calibration of the same camera and image size, the "
             "centre of each box's bottom in the camera's frame (x right, y down, z forward), and "
             "rotation_y about y",
         )
     ]
+
+
+def _median_iou(
+    projected: Float64[np.ndarray, "num_boxes 4"], boxes2d: Float64[np.ndarray, "num_boxes 4"]
+) -> float:
+    return float(np.median(image_ious(projected, boxes2d)))
+
+
+def _projections(
+    objects: KittiObjects, chosen: list[int], matrices: CalibrationMatrices, size: tuple[int, int]
+) -> Float64[np.ndarray, "num_boxes 4"]:
+    return np.stack(
+        [
+            project_box(_corners(objects, index), matrices.image_from_camera, size).box
+            for index in chosen
+        ]
+    )
+
+
+def _other_boxes3d(objects: KittiObjects, matrices: CalibrationMatrices) -> dict[str, KittiObjects]:
+    """Convert 3D boxes of other conventions, by their name, the rest of a clause."""
+    camera_from_lidar = matrices.camera_from_lidar
+    from_lidar = objects.locations @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
+    half_height = np.array((0, 0.5, 0)) * objects.dimensions_hwl[:, :1]
+    turned = -objects.rotation_y - np.pi / 2
+    in_lidar = "x, y, z are in the LiDAR's frame and rotation_y is its yaw, of box"
+    return {
+        "y is the height of box centres": replace(
+            objects, locations=objects.locations + half_height
+        ),
+        f"{in_lidar} centres": replace(
+            objects, locations=from_lidar + half_height, rotation_y=turned
+        ),
+        f"{in_lidar} bottoms": replace(objects, locations=from_lidar, rotation_y=turned),
+        "x, y, z are in the LiDAR's frame": replace(objects, locations=from_lidar),
+        "sizes are halves": replace(objects, dimensions_hwl=2 * objects.dimensions_hwl),
+    }
 
 
 def _check_cloud(

@@ -38,6 +38,7 @@ from sightline.data.recording_checks import (
 )
 from sightline.data.recording_files import (
     list_recording,
+    order_doubt,
     read_times,
     times_doubts,
     unpaired,
@@ -228,6 +229,9 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         )
 
     def _warn_of_unused(self, frames: Sequence[ObjectFrame]) -> None:
+        order = order_doubt(self.folder, frames)
+        if order is not None:
+            warnings.warn(str(order), stacklevel=4)
         for part, unused in unused_files(self.folder, frames):
             if part in self.parts or part == "calibration":
                 warnings.warn(str(unused), stacklevel=4)

@@ -225,7 +225,7 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         if mismatch is not None:
             found.implausible.insert(0, mismatch)  # may be the cause of boxes beyond the image
             return found
-    if not found.is_consistent:
+    if not found.is_consistent or found.nearly_empty:
         return found
     view = view_of_recording(frame)
     if view is not None and view.doubt is not None:

@@ -1,6 +1,7 @@
 """Files of a recording: their list, and the reader and checks of times.txt."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -38,6 +39,7 @@ _UNITS_SINCE_1970: Final = (
     (1e17, "microseconds"),
     (math.inf, "nanoseconds"),
 )
+_MIN_STEP_S: Final = Decimal("0.004")  # between two frames; the fastest LiDARs give 100 a second
 _MAX_STEP_S: Final = 20  # between two frames; 20 ms or more are usual
 _UNITS_OF_STEPS: Final = (
     (1e4, "milliseconds"),
@@ -47,6 +49,7 @@ _UNITS_OF_STEPS: Final = (
 _MIN_STEPS: Final = 2
 _GAP_STEPS: Final = 10  # typical steps that count as a gap
 _MIN_GAP_S: Final = 2
+_ONE_NUMBER: Final = re.compile(r"(\D*)(\d+)(\D*)", re.ASCII)
 _REMEDY: Final = "write lines like `000001 0.1`"
 
 
@@ -124,6 +127,24 @@ def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part
             )
             problems.append((part, problem))
     return problems
+
+
+def order_doubt(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
+    """Problem of names whose only numbers have unequal lengths, so that 10 comes before 2."""
+    names = [frame.sample_id for frame in frames]
+    parts = [match for name in names if (match := _ONE_NUMBER.fullmatch(name))]
+    if len(parts) < len(names) or len({each.group(1, 3) for each in parts}) > 1:
+        return None
+    is_late = [int(one[2]) > int(next_[2]) for one, next_ in pairwise(parts)]
+    if not any(is_late):
+        return None
+    place = is_late.index(True)
+    return Problem(
+        path=folder,
+        problem="has frames that are read in the order of their names as text: "
+        f"{shortened(names[place + 1])} follows {shortened(names[place])}",
+        remedy="write their numbers with leading zeros, if they are of one drive",
+    )
 
 
 def misnamed_files(folder: Path) -> list[Problem]:
@@ -293,6 +314,12 @@ def doubtful_steps(timed: Sequence[tuple[str, Decimal]]) -> tuple[str, str] | No
         return (
             f"has frames that are {float(middle):.6g} s apart, so its times are probably in "
             f"{_unit_of_step(float(middle))}",
+            "give seconds",
+        )
+    if middle < _MIN_STEP_S:
+        return (
+            f"has frames that are {float(middle):.3g} s apart, so its times are probably in "
+            "minutes or another unit",
             "give seconds",
         )
     gaps = [each for each in steps if each[0] >= max(_GAP_STEPS * middle, Decimal(_MIN_GAP_S))]

@@ -9,7 +9,13 @@ from jaxtyping import Float64
 
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, NO_ROTATION, KittiObjects
-from sightline.data.label_checks import in_degrees, is_empty_box2d, order_of_sizes
+from sightline.data.label_checks import (
+    MIN_LARGEST_M,
+    in_degrees,
+    is_empty_box2d,
+    order_of_sizes,
+    scale_of_sizes,
+)
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
     MIN_RESULTS,
@@ -102,6 +108,9 @@ def count_impossible(objects: KittiObjects) -> Counter[str]:
     masks = {
         f"a 3D box with a size of 0 or less: write the sizes, or {NO_LOCATION:g} for x, y and z "
         "where there is no 3D box": has_3d & (sizes <= 0).any(axis=1),
+        f"a 3D box with no size above {MIN_LARGEST_M:g} m": has_3d
+        & (sizes > 0).all(axis=1)
+        & (sizes < MIN_LARGEST_M).all(axis=1),
         f"a 3D box with a size above {_MAX_SIZE_M:g} m": has_3d & (sizes > _MAX_SIZE_M).any(axis=1),
         f"a 3D box more than {_MAX_AWAY_M:g} m away": has_3d
         & (np.abs(objects.locations) > _MAX_AWAY_M).any(axis=1),
@@ -245,6 +254,22 @@ def _remarks_on_sizes(boxes: ScoredBoxes) -> Iterator[str]:
             f"sizes of results are probably in the order {order}: KITTI's files have height, "
             "width, length."
         )
+        return
+    scales: dict[str, list[str]] = {}
+    for name in SCORED_CLASSES:
+        sizes = boxes.sizes_hwl[has_sizes & (boxes.names == name)]
+        if len(sizes) >= MIN_RESULTS:
+            scale = scale_of_sizes(np.median(sizes, axis=0), name)
+            scales.setdefault(scale or "", []).append(name)
+    yield from (remark_on_scale(names, scale) for scale, names in scales.items() if scale)
+
+
+def remark_on_scale(names: Sequence[str], scale: str) -> str:
+    """Sentence on classes whose sizes have another scale; see `scale_of_sizes`."""
+    return (
+        f"sizes of {', '.join(names)} in the results are probably {scale}: KITTI's are whole "
+        "height, width, length in metres."
+    )
 
 
 def _remarks_on_projection(boxes: ScoredBoxes) -> Iterator[str]:

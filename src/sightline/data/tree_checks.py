@@ -60,6 +60,7 @@ from sightline.data.recording_files import (
     check_times,
     is_recording,
     list_recording,
+    order_doubt,
     unpaired,
     unused_files,
 )
@@ -285,7 +286,8 @@ def _recording_tree(folder: Path) -> Tree | None:
     if misnamed is not None:  # instead of all missing files
         tree = replace(tree, gaps=(misnamed,))
     unused = (problem for _, problem in unused_files(folder, frames))
-    tree = replace(tree, gaps=(*tree.gaps, *unused))
+    order = order_doubt(folder, frames)
+    tree = replace(tree, gaps=(*tree.gaps, *unused, *([] if order is None else [order])))
     tree = _with_notes(tree, *describe_recording(frames))
     return _with_unread(tree, recording_folders(folder))
 

@@ -147,7 +147,8 @@ def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
     """Find folders with ignored files or subfolders.
 
     Notes (such as timestamps.txt) beside other files, and files with the same name as a read one
-    are not counted. Hidden files are counted apart, if their suffix is one of the part's.
+    are not counted; beside read files, subfolders count only with files of the part. Hidden files
+    are counted apart, if their suffix is one of the part's.
     """
     found = [
         unread
@@ -261,15 +262,33 @@ def _find_unread_in(place: PartFolder) -> UnreadFiles | None:
             )
         else:
             problem = f"holds {total} files that are not read ({listed})"
-    elif below and not read and any(any(each.iterdir()) for each in below[:_MAX_LISTED]):
-        problem = (
-            f"holds no files, only {len(below)} folders such as {shortened(min(below).name)}, "
-            "which are not searched"
-        )
-        remedy = "move their files up"
     else:
-        return None
+        fault = _describe_subfolders(below, read, place)
+        if fault is None:
+            return None
+        problem, remedy = fault
     described = Problem(
         path=place.folder, problem=f"{problem}, {expected}", remedy=f"{remedy} or move them away"
     )
     return UnreadFiles(problem=described, part=place.part, all_unread=not read)
+
+
+def _describe_subfolders(
+    below: Sequence[Path], read: Collection[str], place: PartFolder
+) -> tuple[str, str] | None:
+    """Describe subfolders with files, which are not searched, and their remedy; None: none."""
+    if not read and any(any(each.iterdir()) for each in below[:_MAX_LISTED]):
+        return (
+            f"holds no files, only {len(below)} folders such as {shortened(min(below).name)}, "
+            "which are not searched",
+            "move their files up",
+        )
+    num_files = {each: len(list_files(each, place.suffixes)) for each in below if read}
+    full = [each for each, number in num_files.items() if number]
+    if not full:
+        return None
+    return (
+        f"holds {sum(num_files.values())} files in folders such as {shortened(min(full).name)}, "
+        f"which are not searched, beside {len(read)} that are read",
+        "move their files up if they belong to frames,",
+    )

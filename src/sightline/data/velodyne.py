@@ -122,10 +122,11 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
     if fault is None:
         return None
     problem, remedy = fault
-    if "intensities" in problem:
+    _, setting, scale = remedy.partition("of a reflectance of 1, probably ")
+    if setting:  # KITTI's trees have no such setting
         remedy = (
-            "scale reflectances to 0 to 1: divide them by their full scale, often 255, or make "
-            "the data a recording with max_intensity (docs/recordings.md)"
+            f"scale reflectances to 0 to 1: divide them by their full scale, probably {scale}, or "
+            "make the data a recording with max_intensity (docs/recordings.md)"
         )
     return Problem(path=Path(path), problem=f"holds {problem}", remedy=remedy)
 

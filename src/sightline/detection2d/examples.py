@@ -243,6 +243,10 @@ class DetectionExamples(SamplePreparation):
         only = replace(cases, probabilities={case.name: 1.0}, per="image")
         return DetectionExamples(replace(self.settings, cases=only), self.faults)
 
+    def learned_classes(self) -> tuple[str, ...]:
+        """Names the classes to detect."""
+        return CLASSES
+
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DetectionBatch:

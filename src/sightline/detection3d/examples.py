@@ -190,6 +190,10 @@ class Detection3DExamples(SamplePreparation):
         """Classes to detect: by default those of the default network."""
         return self.settings.class_names or _names(Detection3DConfig())
 
+    def learned_classes(self) -> tuple[str, ...]:
+        """Names the classes to detect."""
+        return self.class_names
+
     def for_network(self, config: NetworkConfig) -> "Detection3DExamples":
         """Take the input and the classes of the network."""
         assert isinstance(config, Detection3DConfig), "it is the network of this task"

@@ -121,7 +121,7 @@ def training_picture(
     view, objects = BirdsEyeView(), Boxes3D(truths)
     above = draw_birds_eye(points, objects, ("",) * len(truths), view=view, color=LABELLED)
     height, width = above.shape[1] // 2, above.shape[1]
-    behind = _behind_and_above(height, width)
+    behind = behind_and_above(height, width)
     scene = draw_points(np.zeros((height, width, 3), np.uint8), points, behind)
     groups = [(objects, LABELLED)]
     drawn = found.boxes.tensor[found.scores >= DRAWN_SCORE]
@@ -138,16 +138,40 @@ def training_picture(
     return np.concatenate((with_title(above, f"from above: {legend}"), with_title(scene, "in 3D")))
 
 
-def _behind_and_above(height: int, width: int) -> Calibration:
+def behind_and_above(height: int, width: int) -> Calibration:
     """Camera 12 m behind the LiDAR and 8 m above it, looking 13 degrees down."""
     down = math.radians(13)
-    camera_from_lidar = torch.eye(4, dtype=torch.float64)
-    camera_from_lidar[:3, :3] = torch.tensor(
-        [[0, -1, 0], [-math.sin(down), 0, -math.cos(down)], [math.cos(down), 0, -math.sin(down)]]
+    return camera_at(
+        (-12.0, 0.0, 8.0),
+        (math.cos(down), 0.0, -math.sin(down)),
+        focal_px=1.0 * width,
+        size=(height, width),
     )
-    place = torch.tensor([-12.0, 0.0, 8.0], dtype=torch.float64)
+
+
+def camera_at(
+    place_m: tuple[float, float, float],
+    ahead: tuple[float, float, float],
+    *,
+    focal_px: float,
+    size: tuple[int, int],
+) -> Calibration:
+    """Calibration of an imagined upright camera for drawing.
+
+    Args:
+        place_m: Its centre x, y, z (LiDAR frame).
+        ahead: Unit vector of its optical axis (LiDAR frame), not vertical.
+        focal_px: Focal length.
+        size: Height, width [px] of the picture; the optical axis is at its centre.
+    """
+    height, width = size
+    forward = torch.tensor(ahead, dtype=torch.float64)
+    right = torch.linalg.cross(forward, forward.new_tensor([0, 0, 1]))
+    right = right / right.norm()
+    camera_from_lidar = torch.eye(4, dtype=torch.float64)
+    camera_from_lidar[:3, :3] = torch.stack((right, torch.linalg.cross(forward, right), forward))
+    place = torch.tensor(place_m, dtype=torch.float64)
     camera_from_lidar[:3, 3] = -camera_from_lidar[:3, :3] @ place
-    focal_px = 1.0 * width
     image_from_camera = torch.tensor(
         [[focal_px, 0, width / 2, 0], [0, focal_px, height / 2, 0], [0, 0, 1, 0]],
         dtype=torch.float64,

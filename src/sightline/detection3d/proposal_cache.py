@@ -38,7 +38,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 from sightline.files.settings import config_to_dict
 from sightline.inference.network import load_network
-from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
+from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, finished_names
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
@@ -176,7 +176,7 @@ def cache_proposals(
         "sightline": version("sightline"),
     }
     acquire_output_dir(out, settings, results=(f"*{SUFFIX}",))
-    there = set() if overwrite else {path.stem for path in out.glob(f"*{SUFFIX}")}
+    there = frozenset() if overwrite else finished_names(out, SUFFIX)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     done = [index for index in indices if dataset.sample_ids[index] in there]
     if done:

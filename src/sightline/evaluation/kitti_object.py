@@ -46,7 +46,8 @@ def evaluate_objects(
 ) -> ObjectReport:
     r"""Evaluate result files against label files like KITTI's official program.
 
-    Frames are read and dropped one after the other; memory grows only with the number of scores.
+    3D entries also have nuScenes' scores by the distance of centres: see `CentreScores`. Frames are
+    read and dropped one after the other; memory grows only with the number of scores.
 
     Examples:
         >>> import sightline, tempfile
@@ -65,8 +66,8 @@ def evaluate_objects(
         labels_dir: One file per frame, 15 fields per line.
         sample_list: Frames to evaluate; see `read_sample_list`. None: all with labels.
         overlaps: Overlaps that a match must exceed, by class and metric.
-        bootstrap: Resamples of the frames for the interval of `AP_all_points`, up to 100,000; 0: no
-            interval. Fewer than 10 frames have none.
+        bootstrap: Resamples of the frames for the intervals of `AP_all_points` and of AP by centre
+            distance, up to 100,000; 0: no interval. Fewer than 10 frames have none.
         seed: Seed of the resamples.
         by_distance: Edges of distance bands [m] that are scored separately, too; ascending.
         missing_as_empty: Whether a frame without a result file counts as one without detections.

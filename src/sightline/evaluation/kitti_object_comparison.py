@@ -1,5 +1,6 @@
 """Comparison of two submissions on the same frames: AP differences with paired intervals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from sightline.evaluation.bootstrap import (
     draw_frames,
     note_without_interval,
 )
+from sightline.evaluation.centre_distance import CentreCurves, CentreTask, select_centres
 from sightline.evaluation.kitti_object_matching import MatchingTask, index_pairs, select
 from sightline.evaluation.kitti_object_pairs import MatchingData
 from sightline.evaluation.kitti_object_resampling import ResampledCurve
@@ -67,6 +69,20 @@ class ComparedEntry:
     """AP at KITTI's 40 recall positions; None if no object counts."""
     all_points: PairedDifference | None
     """AP over all points of the curve; None if no object counts."""
+    centre: PairedDifference | None = None
+    """nuScenes' AP by the distance of centres, mean of 0.5, 1, 2 and 4 m; None except for 3d, or if
+    no object counts."""
+    centre_2m: PairedDifference | None = None
+    """The same for 2 m alone."""
+
+    def named_pairs(self) -> tuple[tuple[str, PairedDifference | None], ...]:
+        """All differences by their name in the file."""
+        return (
+            ("AP_R40", self.r40),
+            ("AP_all_points", self.all_points),
+            ("AP_centre", self.centre),
+            ("AP_centre_2m", self.centre_2m),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -102,10 +118,10 @@ class ObjectComparison:
                     "metric": entry.metric,
                     "difficulty": entry.difficulty,
                     "n_gt": entry.n_gt,
-                    "AP_R40": None if entry.r40 is None else entry.r40.to_json(),
-                    "AP_all_points": (
-                        None if entry.all_points is None else entry.all_points.to_json()
-                    ),
+                    **{
+                        name: None if pair is None else pair.to_json()
+                        for name, pair in entry.named_pairs()
+                    },
                 }
                 for entry in self.entries
             ],
@@ -119,20 +135,26 @@ class ObjectComparison:
         add_notes(table, self.notes())
         for start in range(0, len(self.entries), len(DIFFICULTIES)):
             levels = self.entries[start : start + len(DIFFICULTIES)]
-            rows: list[tuple[str, list[str]]] = []
-            for name, pairs in (
-                ("R40", [level.r40 for level in levels]),
-                ("all points", [level.all_points for level in levels]),
-            ):
-                rows += [
-                    (f"{name}, both", [_both(pair) for pair in pairs]),
-                    (f"{name}, difference", [_difference(pair) for pair in pairs]),
-                ]
-                if self.has_intervals:
-                    rows.append(("95 % interval", [_interval(pair) for pair in pairs]))
+            rows = self._rows("R40", [level.r40 for level in levels])
+            rows += self._rows("all points", [level.all_points for level in levels])
             rows.append(("objects", [f"{level.n_gt:,}" for level in levels]))
             add_section(table, (levels[0].class_name, levels[0].metric), rows)
+            if any(level.centre for level in levels):
+                rows = self._rows("0.5-4 m", [level.centre for level in levels])
+                rows += self._rows("2 m", [level.centre_2m for level in levels])
+                add_section(table, (levels[0].class_name, "centre"), rows)
         return table
+
+    def _rows(
+        self, name: str, pairs: Sequence[PairedDifference | None]
+    ) -> list[tuple[str, list[str]]]:
+        rows = [
+            (f"{name}, both", [_both(pair) for pair in pairs]),
+            (f"{name}, difference", [_difference(pair) for pair in pairs]),
+        ]
+        if self.has_intervals:
+            rows.append(("95 % interval", [_interval(pair) for pair in pairs]))
+        return rows
 
     def notes(self) -> list[str]:
         """List notes on the interpretation of the scores."""
@@ -182,7 +204,13 @@ def compare_submissions(
                 )
                 for data, index in zip((first, second), indices, strict=True)
             ]
-            r40, all_points = _paired(*tasks, num_resamples=num_resamples, seed=seed)
+            near = [
+                select_centres(data, index, code=code, difficulty=level)
+                for data, index in zip((first, second), indices, strict=True)
+                if METRICS[metric] == "3d"
+            ]
+            r40, all_points, *centres = _paired(tasks, near, num_resamples=num_resamples, seed=seed)
+            centre, centre_2m = centres or (None, None)
             entries.append(
                 ComparedEntry(
                     class_name=CLASSES[code],
@@ -191,30 +219,43 @@ def compare_submissions(
                     n_gt=tasks[0].n_gt,
                     r40=r40,
                     all_points=all_points,
+                    centre=centre,
+                    centre_2m=centre_2m,
                 )
             )
     return tuple(entries)
 
 
 def _paired(
-    first: MatchingTask, second: MatchingTask, *, num_resamples: int, seed: int
-) -> tuple[PairedDifference | None, PairedDifference | None]:
-    """Compute the differences of AP R40 and of AP over all points."""
-    if first.n_gt == 0:
-        return None, None
-    curves = ResampledCurve.of(first), ResampledCurve.of(second)
+    tasks: Sequence[MatchingTask], near: Sequence[CentreTask], *, num_resamples: int, seed: int
+) -> list[PairedDifference | None]:
+    """Compute the differences of AP R40 and of AP over all points; with `near` of the centres' two.
+
+    Args:
+        tasks: Matching input of both submissions.
+        near: Input of their matching by centres; empty: without.
+        num_resamples: Number of resamples.
+        seed: Seed of the draws.
+    """
+    num_scores = 4 if near else 2
+    if tasks[0].n_gt == 0:
+        return [None] * num_scores
+    curves = [ResampledCurve.of(task) for task in tasks]
+    centres = [CentreCurves.of(task) for task in near]
 
     def scores(weights: Int64[np.ndarray, " num_frames"]) -> list[list[float]]:
-        return [[each.ap_r40(weights), each.ap_all_points(weights)] for each in curves]
+        rows = [[each.ap_r40(weights), each.ap_all_points(weights)] for each in curves]
+        more = [each.ap_and_2m(weights) for each in centres] or [[], []]
+        return [[*row, *added] for row, added in zip(rows, more, strict=True)]
 
     once = np.array(scores(np.ones(curves[0].num_frames, dtype=np.int64)))
-    drawn = draw_frames(first.valid_per_frame, num_resamples, seed)
-    resampled = np.array([scores(weights) for weights in drawn]).reshape(-1, 2, 2)
-    low, high = [None, None], [None, None]
+    drawn = draw_frames(tasks[0].valid_per_frame, num_resamples, seed)
+    resampled = np.array([scores(weights) for weights in drawn]).reshape(-1, 2, num_scores)
+    low, high = [None] * num_scores, [None] * num_scores
     if len(resampled):
         differences = resampled[:, 0] - resampled[:, 1]
         low, high = np.percentile(differences, PERCENTILES, axis=0).tolist()
-    r40, all_points = (
+    return [
         PairedDifference(
             first=float(once[0, score]),
             second=float(once[1, score]),
@@ -222,9 +263,8 @@ def _paired(
             low=low[score],
             high=high[score],
         )
-        for score in range(2)
-    )
-    return r40, all_points
+        for score in range(num_scores)
+    ]
 
 
 def _both(pair: PairedDifference | None) -> str:

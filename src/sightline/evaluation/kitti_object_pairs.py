@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
+from sightline.evaluation.centre_pairs import find_centre_pairs
 from sightline.evaluation.kitti_object_overlaps import (
     ground_and_space_cover,
     ground_and_space_overlap,
@@ -65,6 +66,12 @@ class MatchingData:
     """Overlap by metric."""
     pair_similarity: Float64[np.ndarray, " num_pairs"]
     """Similarity of the headings: (1 + cos(difference of alpha)) / 2."""
+    centres_per_detection: Int32[np.ndarray, " num_detections"]
+    """Number of truths of the class whose centres are near, whether they overlap or not."""
+    centre_truth: Int32[np.ndarray, " num_centre_pairs"]
+    """Index of such a truth among those of its frame."""
+    centre_errors: Float64[np.ndarray, "num_centre_pairs 3"]
+    """Distance of the centres [m], scale error, heading error [rad]; see `find_centre_pairs`."""
     is_evaluated: Bool[np.ndarray, "3 3"]
     """Whether some detection has the metric's values, by class and metric."""
     has_headings: Bool[np.ndarray, "1"]
@@ -122,6 +129,9 @@ def find_pairs(
     num_pairs = _fill_pairs(
         truths, found, overlaps, pairs_per_truth, pair_detection, pair_overlap, pair_similarity
     )
+    centres = find_centre_pairs(
+        found.boxes, found.code, found.offsets, truths.boxes, truths.code, truths.offsets
+    )
     regions, region_offsets = _select_regions(labels)
     forgiven = _find_forgiven(found, regions, region_offsets, overlaps)
     return MatchingData(
@@ -139,6 +149,9 @@ def find_pairs(
         pair_detection=pair_detection[:num_pairs].copy(),
         pair_overlap=pair_overlap[:num_pairs].copy(),
         pair_similarity=pair_similarity[:num_pairs].copy(),
+        centres_per_detection=centres[0],
+        centre_truth=centres[1],
+        centre_errors=centres[2],
         is_evaluated=find_evaluated(boxes, codes),
         has_headings=np.array([all((each.alpha != NO_ALPHA).all() for each in detections)]),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from sightline.evaluation.bootstrap import PERCENTILES, draw_frames
+from sightline.evaluation.centre_distance import score_centres, select_centres
 from sightline.evaluation.kitti_object_matching import (
     MatchingTask,
     count_at,
@@ -41,7 +42,8 @@ def score_objects(
     Args:
         data: All frames, their pairs found with the same overlaps.
         overlaps: Overlaps that a match must exceed.
-        bootstrap: Resamples of the frames for the interval of AP over all scores; 0: without.
+        bootstrap: Resamples of the frames for the intervals of AP over all scores and of AP by
+            centre distance; 0: without.
         seed: Seed of the resamples, which are the same for all entries.
     """
     index = index_pairs(data)
@@ -60,16 +62,19 @@ def score_objects(
                     difficulty=level,
                     min_overlap=float(minima[code, metric_index]),
                 )
-                entries.append(
-                    _score(
-                        task,
-                        class_name,
-                        metric,
-                        difficulty,
-                        with_headings=bool(data.has_headings.all()),
-                        all_points=_bootstrap(task, bootstrap, seed),
-                    )
+                entry = _score(
+                    task,
+                    class_name,
+                    metric,
+                    difficulty,
+                    with_headings=bool(data.has_headings.all()),
+                    all_points=_bootstrap(task, bootstrap, seed),
                 )
+                if metric == "3d":
+                    near = select_centres(data, index, code=code, difficulty=level)
+                    scores = score_centres(near, bootstrap=bootstrap, seed=seed)
+                    entry = replace(entry, centres=scores)
+                entries.append(entry)
     return ObjectReport(frames=data.num_frames, entries=tuple(entries), num_resamples=bootstrap)
 
 

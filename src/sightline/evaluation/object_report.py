@@ -12,6 +12,13 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from sightline.evaluation.bootstrap import MIN_FRAMES, note_without_interval
+from sightline.evaluation.centre_scores import (
+    CENTRE_COLUMNS,
+    CENTRE_INTERVAL,
+    CentreScores,
+    centre_cells,
+    centre_rows,
+)
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty, Metric
 from sightline.evaluation.object_tables import (
     add_notes,
@@ -78,6 +85,8 @@ class ObjectEntry:
     1; None if there are none, or a detection has no alpha. Not one of KITTI's scores."""
     all_points: BootstrapAP | None = None
     """AP over all scores; None if nothing counts."""
+    centres: CentreScores | None = None
+    """nuScenes' scores by the distance of centres; None except for 3d, or if nothing counts."""
 
     def curve(self) -> PrecisionRecall:
         """Precision-recall curve for drawing."""
@@ -116,6 +125,7 @@ class ObjectEntry:
         entry["AP_all_points"] = points.ap if points else None
         has_interval = points is not None and points.low is not None
         entry["AP_all_points_95"] = [points.low, points.high] if points and has_interval else None
+        entry["centre_distance"] = None if self.centres is None else self.centres.to_json()
         return entry
 
 
@@ -149,8 +159,8 @@ class ObjectReport:
     entries: tuple[ObjectEntry, ...]
     """Entries by class, then metric, then difficulty."""
     num_resamples: int = 0
-    """Number of bootstrap resamples for the intervals of `all_points`, which need `MIN_FRAMES`
-    frames; 0: there are none."""
+    """Number of bootstrap resamples for the intervals of `all_points` and `centres`, which need
+    `MIN_FRAMES` frames; 0: there are none."""
     frames_without_results: int = 0
     """Number of frames without a result file, which count as empty."""
     bands: tuple[DistanceBand, ...] = ()
@@ -189,9 +199,7 @@ class ObjectReport:
         return Group(self._scores_table(), self._distance_table())
 
     def _distance_table(self) -> "Table":
-        table = score_table(
-            "By distance from the camera: AP R40 in percent, and objects", "distance"
-        )
+        table = score_table("By distance from the camera: AP in percent, and objects", "distance")
         for start in range(0, len(self.entries), len(DIFFICULTIES)):
             for band in self.bands:
                 levels = band.entries[start : start + len(DIFFICULTIES)]
@@ -199,6 +207,9 @@ class ObjectReport:
                     ("AP R40", [percentage(level.ap_r40) for level in levels]),
                     ("objects", [f"{level.n_gt:,}" for level in levels]),
                 ]
+                centres = [level.centres for level in levels]
+                if any(centres):
+                    rows[1:1] = centre_rows(centres, with_interval=False)[:1]
                 first = levels[0]
                 add_section(table, (first.class_name, first.metric, band.title), rows)
         add_notes(table, _slots_notes([entry for band in self.bands for entry in band.entries]))
@@ -231,6 +242,14 @@ class ObjectReport:
                 )
             rows.append(("objects", [f"{level.n_gt:,}" for level in levels]))
             add_section(table, (levels[0].class_name, levels[0].metric), rows)
+            centres = [level.centres for level in levels]
+            if any(centres):
+                with_interval = self.num_resamples > 0 and self.frames >= MIN_FRAMES
+                add_section(
+                    table,
+                    (levels[0].class_name, "centre"),
+                    centre_rows(centres, with_interval=with_interval),
+                )
         return table
 
     def notes(self) -> list[str]:
@@ -281,8 +300,9 @@ def object_rows(report: ObjectReport) -> tuple[tuple[str, ...], list[list[Cell]]
 
     AP, AOS and their interval are percentages, recall and shares are from 0 to 1, as in JSON.
     """
-    interval = _INTERVAL if report.num_resamples else ()
+    interval, centre_interval = (_INTERVAL, CENTRE_INTERVAL) if report.num_resamples else ((), ())
     names = (*_ROW_NAMES, "objects", *_ROW_SCORES, _ALL_POINTS, *interval)
+    names = (*names, *CENTRE_COLUMNS, *centre_interval)
     parts = [("all", report.entries), *((band.title, band.entries) for band in report.bands)]
     return names, [
         list(_row(entry, distance, with_interval=report.num_resamples > 0))
@@ -298,6 +318,7 @@ def _row(entry: ObjectEntry, distance: str, *, with_interval: bool) -> Iterator[
     if with_interval:
         points = entry.all_points
         yield from (None, None) if points is None else (points.low, points.high)
+    yield from centre_cells(entry.centres, with_interval=with_interval)
 
 
 def _as_csv(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:

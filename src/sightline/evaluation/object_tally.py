@@ -94,6 +94,7 @@ class ObjectTally:
                 f"{self.results_in_degrees:,} of {total:,} results have angles beyond two pi, "
                 "probably degrees: they were taken for radians, as KITTI's files have them."
             )
+        self.conventions.in_degrees = self.results_in_degrees > 0
         return (*remarks, *self.conventions.remarks())
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from sightline.data.kitti_labels import KittiObjects
+from sightline.data.label_checks import scale_of_sizes
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
     MATCH_IOU,
@@ -28,6 +29,7 @@ from sightline.data.result_boxes import (
 )
 from sightline.data.result_checks import (
     count_impossible,
+    remark_on_scale,
     remarks_on_alphas,
     remarks_on_boxes2d,
     remarks_on_depths,
@@ -77,6 +79,8 @@ class ResultConventions:
     labels: list[ScoredBoxes] = field(default_factory=list)
     impossible: list[Counter[str]] = field(default_factory=list)
     """Counts of impossible values of each frame's results."""
+    in_degrees: bool = False
+    """Whether angles of results are in degrees, which another remark says."""
     counts_repeats: bool = True
     """Whether a remark counts the results that occur twice in their frame."""
 
@@ -106,8 +110,9 @@ class ResultConventions:
         scores = (*remarks_on_scores(self.results),)
         yield from scores or compared.remarks_on_order()
         yield from in_space
-        rotations = () if in_space else (*compared.remarks_on_rotations(),)
-        yield from rotations or (() if in_space else remarks_on_alphas(results))
+        if not self.in_degrees:
+            rotations = () if in_space else (*compared.remarks_on_rotations(),)
+            yield from rotations or (() if in_space else remarks_on_alphas(results))
         if not in_image and not in_space and compared.frames:
             yield from compared.remarks_on_parts()
 
@@ -140,6 +145,8 @@ def _remarks_on_sizes(results: ScoredBoxes, labels: ScoredBoxes) -> Iterator[str
                 f"sizes of {name} in the results are probably in the order {order}: "
                 "they were taken for height, width, length, as KITTI's files have them."
             )
+        elif (scale := scale_of_sizes(written, name, expected)) is not None:
+            yield remark_on_scale([name], scale)
 
 
 def _median(values: Float64[np.ndarray, "num 3"]) -> Float64[np.ndarray, "3"] | None:

@@ -18,6 +18,10 @@ _MAX_VALUES: Final = 2**16
 """Largest number of values, with aliases expanded."""
 
 
+_WRONG_TAGS: Final = (ValueError, OverflowError, LookupError, AttributeError, TypeError)
+"""Errors of YAML's constructors where a value does not fit its tag, as in `!!bool x`."""
+
+
 class _RefusedError(ValueError):
     """Feature of YAML that files of plain values do not need."""
 
@@ -106,7 +110,7 @@ def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> 
         content: object = yaml.load(text.expandtabs(), Loader=_PlainLoader)  # noqa: S506 - a safe one
     except _RefusedError as error:
         raise FileError(path, str(error), remedy) from error
-    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
+    except (yaml.YAMLError, RecursionError, *_WRONG_TAGS) as error:
         problem = "is neither YAML nor JSON"
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f": line {mark.line + 1}, column {mark.column + 1}"

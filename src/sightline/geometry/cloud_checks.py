@@ -34,6 +34,10 @@ _MIN_POINTS: Final = 20
 """Smallest number of points to work with; the sparsest automotive radars have hundreds."""
 _DISTINCT_SHARE: Final = 0.1
 """Smallest share of distinct positions; 0.9 or more on 213 real sweeps of three sensors."""
+_MIN_REACH_M: Final = 1.0
+"""Smallest reach of a cloud in metres; every LiDAR on a road sees farther."""
+_USUAL_SCALES: Final = (1.0, 100.0, 255.0, 65535.0)
+"""Usual intensities of a reflectance of 1."""
 _MAX_MEDIAN_CM: Final = 4000.0
 """Largest median range in centimetres; that of real sweeps is 6 to 18 m."""
 _MAX_MEDIAN_MM: Final = 100_000.0
@@ -177,7 +181,9 @@ def scale_doubt(
 
 
 def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, str] | None:
-    """Find a cloud with few points or few distinct positions; an empty cloud is no problem.
+    """Find a cloud of few points, few distinct positions, without height or within a metre.
+
+    An empty cloud is no problem.
 
     Args:
         points: x, y, z first.
@@ -196,12 +202,42 @@ def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, s
     places = points[:, :3].astype(np.float64) @ (1.0, math.pi * 1e3, math.e * 1e6)
     num_places = len(np.unique(places))
     if num_places >= _DISTINCT_SHARE * len(points):
-        return None
+        return shape_doubt(points[:, :3])
     place_count = "one place" if num_places == 1 else f"{num_places} places"
     return (
         f"holds {len(points)} points at only {place_count}",
         "check its conversion: points of a LiDAR have distinct positions",
     )
+
+
+def shape_doubt(places: Float[np.ndarray, "num_points 3"]) -> tuple[str, str] | None:
+    """Find a cloud that is flat along an axis, or that reaches no metre from the LiDAR.
+
+    Args:
+        places: x, y, z of points.
+
+    Returns:
+        The problem, as the rest of a sentence, and the remedy; None if there is none, or fewer than
+        a hundred points.
+    """
+    if len(places) < _MIN_POINTS_TO_WARN:
+        return None
+    low, high = places.min(axis=0), places.max(axis=0)
+    flat = np.flatnonzero(low == high)
+    if len(flat):
+        axis, value = "xyz"[flat[0]], low[flat[0]] + 0.0  # -0 becomes 0
+        return (
+            f"holds {len(places)} points with {axis} = {value:.4g}: the cloud is flat",
+            f"write the measured {axis}; a scan of a single plane shows no road and no objects",
+        )
+    reach_m = float(np.abs(places).max())
+    if reach_m < _MIN_REACH_M:
+        return (
+            f"holds {len(places)} points within {reach_m:.4g} m of the LiDAR: they are probably in "
+            "kilometres, or scaled to 1",
+            "write x, y, z in metres",
+        )
+    return None
 
 
 def warn_of_losses(
@@ -255,7 +291,9 @@ def cloud_fault(
             f"{max_intensity:.6g}"
         )
         if intensities.min() < 0:
-            return problem, "write intensities from 0 on, or omit them"
+            return problem, (
+                "write intensities from 0 on, or zeros, and columns in the order x, y, z, intensity"
+            )
         if _are_evenly_spread(intensities):
             return (
                 f"whole numbers from {intensities.min():.0f} to {intensities.max():.0f} "
@@ -264,9 +302,18 @@ def cloud_fault(
             )
         return problem, (
             "set max_intensity (import: --max-intensity) to the intensity of a reflectance of 1, "
-            "often 255"
+            f"probably {_likely_scale(intensities):.6g}"
         )
     return None
+
+
+def _likely_scale(intensities: Float[np.ndarray, " num_points"]) -> float:
+    """Choose the smallest usual scale that a hundredth of the points exceed at most, or one above.
+
+    Raw counts beyond all usual scales suggest the level that a hundredth of the points exceed.
+    """
+    bright = float(np.quantile(intensities, 1 - _BRIGHTER_SHARE))
+    return next((scale for scale in _USUAL_SCALES if bright <= scale), float(math.ceil(bright)))
 
 
 def _are_evenly_spread(numbers: Float[np.ndarray, " num_points"]) -> bool:

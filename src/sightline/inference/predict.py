@@ -9,7 +9,13 @@ from typing import Any
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.predictor import Output, PredictingTask, Predictor
-from sightline.jobs.output_dirs import Claim, check_outside_dataset, claim_folders, data_name
+from sightline.jobs.output_dirs import (
+    Claim,
+    check_outside_dataset,
+    claim_folders,
+    data_name,
+    finished_names,
+)
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
@@ -180,5 +186,5 @@ def write_prediction(places: Places, sample: CameraLidarSample, prediction: obje
 def predicted_samples(places: Places) -> set[str]:
     """Names of the samples with all files."""
     return set.intersection(
-        *({path.stem for path in folder.glob(f"*{output.suffix}")} for output, folder in places)
+        *(set(finished_names(folder, output.suffix)) for output, folder in places)
     )

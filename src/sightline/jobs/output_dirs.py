@@ -24,6 +24,7 @@ RESULT_SUFFIXES: Final = (".txt", ".png")
 
 _WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md", ".yaml", ".yml")
 # of files that commands write to folders; others, such as weights, are never replaced
+_EMPTY_SUFFIXES = (".txt", ".bin")
 _MAX_MANIFEST_BYTES = 2**22
 _MAX_DIFFERENCES = 12  # settings in an error message
 _MAX_VALUE_LENGTH = 60  # characters of a setting in an error message
@@ -214,6 +215,20 @@ def data_change_error(data: Path, output: Path) -> ValueError:
         f"{output} cannot be written to, as that would change the {kind} {data}, which is an "
         "input; name a place beside it"
     )
+
+
+def finished_names(folder: Path, suffix: str) -> frozenset[str]:
+    """List the names of an output folder's finished files, without the suffix."""
+    return frozenset(path.stem for path in folder.glob(f"*{suffix}") if is_finished(path))
+
+
+def is_finished(path: Path) -> bool:
+    """Whether an output file exists; files are written atomically, so an existing one is complete.
+
+    Folders do not count, nor empty files, such as those that a copy on a full disk leaves behind;
+    only texts without an object and sweeps without a point are empty.
+    """
+    return path.is_file() and (path.suffix in _EMPTY_SUFFIXES or path.stat().st_size > 0)
 
 
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:

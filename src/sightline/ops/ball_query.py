@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
-from torch import Tensor, library
+from torch import Tensor
 
 from sightline.ops.ball_query_kernel import query_ball
 from sightline.ops.each_sweep import for_each_sweep
+from sightline.ops.operator import operator
 from sightline.ops.point_checks import checked_points, require_points, require_same_batch
 
 
@@ -49,7 +50,7 @@ def ball_query(
     return BallQuery(index, num_found)
 
 
-@library.custom_op("sightline::ball_query", mutates_args=())
+@operator("ball_query")
 def _ball_query(
     points: Tensor, centers: Tensor, radius_m: float, count: int
 ) -> tuple[Tensor, Tensor]:

@@ -2,10 +2,11 @@
 
 import torch
 from jaxtyping import Float, Int64
-from torch import Tensor, library
+from torch import Tensor
 
 from sightline.ops.each_sweep import for_each_sweep
 from sightline.ops.farthest_points_kernel import sample_farthest
+from sightline.ops.operator import operator
 from sightline.ops.point_checks import checked_points, require_points
 
 
@@ -35,7 +36,7 @@ def farthest_points(
     return taken
 
 
-@library.custom_op("sightline::farthest_points", mutates_args=())
+@operator("farthest_points")
 def _farthest_points(points: Tensor, count: int) -> Tensor:
     clouds = checked_points(points, "points").cpu().numpy()
     taken = torch.zeros((points.shape[0], count), dtype=torch.int64)

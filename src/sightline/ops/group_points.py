@@ -4,10 +4,11 @@ import math
 
 import torch
 from jaxtyping import Float, Int64
-from torch import Tensor, library
+from torch import Tensor
 from torch.autograd.function import BackwardCFunction
 
 from sightline.ops.gather_kernel import add_to_rows
+from sightline.ops.operator import operator
 from sightline.ops.point_checks import require_features
 from sightline.ops.spare_memory import rows_to_fill
 
@@ -34,7 +35,7 @@ def group_points(
     return grouped
 
 
-@library.custom_op("sightline::group_points", mutates_args=())
+@operator("group_points")
 def _group_points(features: Tensor, index: Tensor) -> Tensor:
     rows = flat_rows(index, features.shape[1])
     shape = (*index.shape, features.shape[2])
@@ -50,7 +51,7 @@ def _(features: Tensor, index: Tensor) -> Tensor:
     return features.new_empty((*index.shape, features.shape[2]))
 
 
-@library.custom_op("sightline::group_points_backward", mutates_args=())
+@operator("group_points_backward")
 def _group_points_backward(by_grouped: Tensor, index: Tensor, num_points: int) -> Tensor:
     channels = by_grouped.shape[-1]
     rows, flat = flat_rows(index, num_points), by_grouped.flatten(0, -2)

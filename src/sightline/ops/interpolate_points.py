@@ -2,11 +2,12 @@
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, library
+from torch import Tensor
 from torch.autograd.function import BackwardCFunction
 
 from sightline.ops.gather_kernel import add_weighted_to_rows, weighted_sums
 from sightline.ops.group_points import KERNEL_DTYPES, flat_rows, gather_rows
+from sightline.ops.operator import operator
 from sightline.ops.point_checks import require_features
 from sightline.ops.three_nearest import ThreeNearest
 
@@ -40,7 +41,7 @@ def interpolate_points(
     return interpolated
 
 
-@library.custom_op("sightline::interpolate_points", mutates_args=())
+@operator("interpolate_points")
 def _interpolate_points(features: Tensor, index: Tensor, weights: Tensor) -> Tensor:
     batch, num_queries, _ = index.shape
     rows = flat_rows(index, features.shape[1]).reshape(-1, 3)
@@ -64,7 +65,7 @@ def _(features: Tensor, index: Tensor, weights: Tensor) -> Tensor:
     return features.new_empty((*index.shape[:2], features.shape[2]))
 
 
-@library.custom_op("sightline::interpolate_points_backward", mutates_args=())
+@operator("interpolate_points_backward")
 def _interpolate_points_backward(
     by_sums: Tensor, index: Tensor, weights: Tensor, num_points: int
 ) -> Tensor:

@@ -17,6 +17,7 @@ from torch import Tensor, library
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.ops import nms_kernel, rotated_iou_torch
 from sightline.ops.box_rows import checked_box_rows
+from sightline.ops.operator import operator
 from sightline.ops.rotated_iou_kernel import LARGEST
 
 
@@ -86,7 +87,7 @@ def _require_settings(
         raise ValueError(f"max_detections must not be negative, got {max_detections}")
 
 
-@library.custom_op("sightline::nms", mutates_args=())
+@operator("nms")
 def _nms(
     boxes: Tensor,
     scores: Tensor,

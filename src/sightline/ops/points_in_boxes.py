@@ -2,8 +2,9 @@
 
 import torch
 from jaxtyping import Bool, Float, Float64, Int64
-from torch import Tensor, library
+from torch import Tensor
 
+from sightline.ops.operator import operator
 from sightline.ops.point_checks import (
     checked_batch_boxes,
     checked_columns,
@@ -31,7 +32,7 @@ def first_box_of_points(
     return first
 
 
-@library.custom_op("sightline::first_box_of_points", mutates_args=())
+@operator("first_box_of_points")
 def _first_box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
     columns, rows = checked_columns(points, "points"), checked_batch_boxes(boxes, "boxes")
     first = points.new_full(points.shape[:2], -1, dtype=torch.int64)

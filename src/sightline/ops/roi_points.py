@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Float, Float64, Int64
-from torch import Tensor, library
+from torch import Tensor
 
+from sightline.ops.operator import operator
 from sightline.ops.point_checks import (
     checked_batch_boxes,
     checked_columns,
@@ -62,7 +63,7 @@ def roi_points(
     return RoiPoints(index, num_inside)
 
 
-@library.custom_op("sightline::roi_points", mutates_args=())
+@operator("roi_points")
 def _roi_points(
     points: Tensor, boxes: Tensor, margin_m: float, count: int, seed: int
 ) -> tuple[Tensor, Tensor]:

@@ -19,11 +19,12 @@ For all three functions:
 
 import torch
 from jaxtyping import Float, Float64
-from torch import Tensor, library
+from torch import Tensor
 from torch.autograd.function import BackwardCFunction
 
 from sightline.ops import rotated_iou_kernel, rotated_iou_torch
 from sightline.ops.box_rows import box_rows, checked_box_rows, checked_numpy_rows
+from sightline.ops.operator import operator
 
 _BEV_COLUMNS = [0, 1, 3, 4, 6]  # columns of a 3D box
 
@@ -69,7 +70,7 @@ def _require_columns(boxes_a: Tensor, boxes_b: Tensor, *, columns: int) -> None:
             )
 
 
-@library.custom_op("sightline::pairwise_iou", mutates_args=())
+@operator("pairwise_iou")
 def _pairwise_iou(boxes_a: Tensor, boxes_b: Tensor) -> Tensor:
     if boxes_a.is_cpu:
         rows_a = checked_numpy_rows(boxes_a, "boxes_a")
@@ -81,7 +82,7 @@ def _pairwise_iou(boxes_a: Tensor, boxes_b: Tensor) -> Tensor:
     return iou.to(torch.promote_types(boxes_a.dtype, boxes_b.dtype))
 
 
-@library.custom_op("sightline::aligned_iou", mutates_args=())
+@operator("aligned_iou")
 def _aligned_iou(boxes_a: Tensor, boxes_b: Tensor) -> Tensor:
     if boxes_a.is_cpu:
         rows_a = checked_numpy_rows(boxes_a, "boxes_a")

@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 import torch
 from jaxtyping import Float, Float32, Int64
-from torch import Tensor, library
+from torch import Tensor
 
 from sightline.ops.each_sweep import for_each_sweep
+from sightline.ops.operator import operator
 from sightline.ops.point_checks import checked_points, require_points, require_same_batch
 from sightline.ops.three_nearest_kernel import find_three_nearest
 
@@ -41,7 +42,7 @@ def three_nearest(
     return ThreeNearest(index, squared_distance)
 
 
-@library.custom_op("sightline::three_nearest", mutates_args=())
+@operator("three_nearest")
 def _three_nearest(points: Tensor, queries: Tensor) -> tuple[Tensor, Tensor]:
     clouds = checked_points(points, "points").cpu().numpy()
     places = checked_points(queries, "queries").cpu().numpy()

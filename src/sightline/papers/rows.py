@@ -16,7 +16,7 @@ from sightline.evaluation.kitti_object_rules import (
     Metric,
     MinimumOverlaps,
 )
-from sightline.evaluation.object_report import ObjectEntry
+from sightline.evaluation.object_report import ObjectEntry, ObjectReport
 from sightline.files.plain_text import shortened
 from sightline.inference.network import LoadedNetwork
 from sightline.simulation.generate import MANIFEST_NAME as SIMULATION_MANIFEST
@@ -183,6 +183,13 @@ def class_entries(
         overlaps=overlaps,
         bootstrap=bootstrap,
     )
+    return select_entries(report, class_name, metric)
+
+
+def select_entries(
+    report: ObjectReport, class_name: ClassName, metric: Metric
+) -> dict[str, ObjectEntry]:
+    """Select the entries of a class and metric by difficulty; none if nothing was found."""
     return {
         entry.difficulty: entry
         for entry in report.entries
@@ -268,6 +275,6 @@ def networks_note(networks: Sequence[GivenNetwork]) -> str:
     return f"Not the paper's network: {'; '.join(others)}." if others else ""
 
 
-def missing_note(missing: Sequence[str]) -> str:
-    """List the missing measurements in one line; empty: none."""
-    return f"Not measured: {'; '.join(missing)}." if missing else ""
+def missing_note(missing: Sequence[str], done: str = "measured") -> str:
+    """List what was not measured, or not drawn, in one line; empty: nothing."""
+    return f"Not {done}: {'; '.join(missing)}." if missing else ""

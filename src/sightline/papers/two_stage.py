@@ -11,22 +11,17 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
-import numpy as np
-
-from sightline.data.image_file import write_rgb
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_trees import Velodyne
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.detector import Detector3D
-from sightline.detection3d.files import read_detections
 from sightline.detection3d.network_task import NETWORK_TASK
-from sightline.detection3d.pictures import prediction_picture
 from sightline.detection3d.points.config import ProposalNetworkConfig, RefinementConfig
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.registration import TASK
 from sightline.detection3d.suppression import SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
-from sightline.evaluation.kitti_object_rules import DIFFICULTIES, STRICT
+from sightline.evaluation.kitti_object_rules import DIFFICULTIES, STRICT, MinimumOverlaps
 from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineChoice
 from sightline.files.weights import fill_network
@@ -49,7 +44,13 @@ from sightline.papers.rows import (
     new_table,
     open_labelled,
 )
-from sightline.visualization.precision_recall import draw_precision_recall
+from sightline.papers.two_stage_figures import (
+    DrawnFigures,
+    draw_inputs,
+    draw_results,
+    draw_training,
+)
+from sightline.structures.sample import CameraLidarSample
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -62,10 +63,6 @@ IOUS: Final = (0.5, 0.7)
 """3D IoU that a match must exceed: the course's, and the benchmark's."""
 PUBLISHED: Final[Levels] = (81.34, 72.35, 71.11)
 """Expected result of the baseline at the first of `IOUS`, on the course's test frames."""
-FRAME: Final = "two_stage_frame.png"
-"""File name of the picture of a frame."""
-CURVES: Final = {iou: f"two_stage_iou_{iou:g}.png" for iou in IOUS}
-"""File names of the pictures of precision over recall."""
 
 COURSE: Final = Detection3DConfig(
     input=SweepConfig(num_points=16_384, lowest_m=(0.0, -40.0, -3.0), highest_m=(70.4, 40.0, 1.0)),
@@ -77,17 +74,20 @@ COURSE: Final = Detection3DConfig(
 )
 """Settings of the course's baseline with the first stage that its features come from."""
 
-_NAMES: Final[dict[Row, str]] = {
+NAMES: Final[dict[Row, str]] = {
     "first": "first stage alone",
     "baseline": "baseline (problem 1)",
     "improved": "improved (problem 2)",
 }
+"""Names of the rows in tables."""
 _BESIDES: Final[dict[Row, tuple[str, ...]]] = {
     "first": ("refinement", "pooling", "suppression", "regions", "axes"),
     "baseline": (),
     "improved": ("refinement", "pooling", "suppression", "regions", "axes"),
 }
 """Settings in which a row's network is free; of the improved one the whole second stage is."""
+_PROPOSERS: Final[tuple[Row, ...]] = ("baseline", "first", "improved")
+"""Rows whose first stage may propose for the pictures, in order of preference."""
 _UNUSED = ("training_proposals", "centers")
 
 
@@ -118,6 +118,7 @@ class TwoStageReport:
     """Whether the frames are KITTI's val split, of which the course's test frames are not known to
     be a part."""
     rows: Mapping[Row, StageScores] = field(default_factory=dict)
+    figures: DrawnFigures = field(default_factory=DrawnFigures)
 
     def to_json(self) -> dict[str, object]:
         """Convert to the contents of the report file; None where nothing was measured."""
@@ -128,8 +129,10 @@ class TwoStageReport:
             "class": "Car",
             "difficulties": list(DIFFICULTIES),
             "published": {"baseline": {f"{IOUS[0]:g}": {"ap_r11": list(PUBLISHED)}}},
-            "ours": {row: self.rows[row].to_json() if row in self.rows else None for row in _NAMES},
+            "ours": {row: self.rows[row].to_json() if row in self.rows else None for row in NAMES},
+            "regions": [asdict(each) for each in self.figures.regions],
             "not_measured": self._missing(),
+            "not_drawn": list(self.figures.missing),
         }
 
     def table(self) -> "Group":
@@ -137,7 +140,11 @@ class TwoStageReport:
         from rich.console import Group
 
         networks = [each.network for each in self.rows.values()]
-        notes = (networks_note(networks), missing_note(self._missing()))
+        notes = (
+            networks_note(networks),
+            missing_note(self._missing()),
+            missing_note(self.figures.missing, "drawn"),
+        )
         return Group(self._scores_table(), *filter(None, notes))
 
     def _scores_table(self) -> "Table":
@@ -149,8 +156,8 @@ class TwoStageReport:
             ("detector", "network", *(f"3D IoU {iou:g}" for iou in IOUS)),
             texts=2,
         )
-        table.add_row(f"{_NAMES['baseline']}, published", "", levels_text(PUBLISHED), "-")
-        for row, name in _NAMES.items():
+        table.add_row(f"{NAMES['baseline']}, published", "", levels_text(PUBLISHED), "-")
+        for row, name in NAMES.items():
             scores = self.rows.get(row)
             network = None if scores is None else scores.network
             by_iou = () if scores is None else scores.entries.values()
@@ -162,7 +169,7 @@ class TwoStageReport:
         if self.data is None:
             return ["ours, without --data KITTI and weights"]
         measured = [row for row, each in self.rows.items() if each.network.is_papers]
-        absent = " ".join(f"--{row}" for row in _NAMES if row not in measured)
+        absent = " ".join(f"--{row}" for row in NAMES if row not in measured)
         recipes = "recipes detection3d-rpn-kitti, detection3d-baseline-kitti"
         return [f"the course's networks ({recipes}), without {absent}"] if absent else []
 
@@ -174,6 +181,8 @@ def reproduce_two_stage(
     *,
     figures: Path | None = None,
     figure_frame: str | None = None,
+    training_frame: str | None = None,
+    run: Path | None = None,
     engine: EngineChoice = "torch",
     device: str = "cpu",
     sample_list: str | Path | Sequence[str] | None = None,
@@ -187,8 +196,11 @@ def reproduce_two_stage(
         given: Weights of a row's network, see `load_network`, or a folder of its result files. Of
             weights for `first` only the first stage is used, with the network's suppression.
         out: Folder for the detections of weights, with a folder for each row; see `predict`.
-        figures: Folder for the pictures `FRAME` and `CURVES`. None: none are drawn.
-        figure_frame: Name of the frame that is drawn. None: the first.
+        figures: Folder for the pictures; see `two_stage_figures`. None: none are drawn.
+        figure_frame: Name of the frame whose boxes are drawn. None: the first.
+        training_frame: Name of the frame of `data` that is drawn with all proposals. None: the
+            first one that is not scored, or the first.
+        run: Run folder of a training whose curves and scenes are drawn. None: none.
         engine: Inference engine.
         device: Device of the networks.
         sample_list: Which frames; see `read_sample_list`. None: all.
@@ -197,7 +209,8 @@ def reproduce_two_stage(
 
     Raises:
         ValueError: The data cannot be read or have no labels, networks or figures are given without
-            data, a network has no second stage, or as `predict` and `evaluate_objects`.
+            data, a run or a frame without figures, a network has no second stage, or as `predict`
+            and `evaluate_objects`.
     """
     given = given or {}
     if data is None:
@@ -206,10 +219,15 @@ def reproduce_two_stage(
                 "networks, results and figures need data; name KITTI's object tree with --data"
             )
         return TwoStageReport()
+    if figures is None and (run is not None or training_frame is not None):
+        raise ValueError("a run and a training frame are drawn; name a folder with --figures")
     folders = {row: Path(each) for row, each in given.items() if Path(each).is_dir()}
     loaded = {row: _load(row, given[row]) for row in given if row not in folders}
     dataset = open_labelled(data, sample_list, velodyne)
     frame_index = find_frame(dataset, figure_frame)
+    training = None
+    if figures is not None:
+        training = _training_sample(data, dataset, training_frame, velodyne)
     rows: dict[Row, StageScores] = {}
     for row in (each for each in get_args(Row) if each in given):
         folder = folders.get(row)
@@ -227,14 +245,32 @@ def reproduce_two_stage(
                 workers=workers,
             )
         rows[row] = _score(network, folder, dataset)
-    if figures is not None and rows:
-        _draw(figures, rows, dataset, frame_index)
+    drawn = DrawnFigures()
+    if figures is not None and training is not None:
+        drawn += draw_training(figures, run)
+        proposer = next((loaded[row] for row in _PROPOSERS if row in loaded), None)
+        drawn += draw_inputs(figures, proposer, dataset, training, device=device)
+        if rows:
+            drawn += draw_results(figures, rows, dataset, frame_index)
     return TwoStageReport(
         data=str(data),
         frames=len(dataset),
         is_val_split=is_published_split(dataset),
         rows=rows,
+        figures=drawn,
     )
+
+
+def _training_sample(
+    data: Path, scored: KittiObjectDataset, name: str | None, velodyne: Velodyne | None
+) -> CameraLidarSample:
+    """Read the frame to draw with all proposals: by default the first one that is not scored."""
+    everything = open_labelled(data, None, velodyne)
+    if name is None:
+        taken = set(scored.sample_ids)
+        others = (each for each in everything.sample_ids if each not in taken)
+        name = next(others, everything.sample_ids[0])
+    return everything[find_frame(everything, name)]
 
 
 def _load(row: Row, weights: str | Path) -> LoadedNetwork[Detector3D]:
@@ -278,35 +314,11 @@ def _describe_results(row: Row, folder: Path) -> GivenNetwork:
     )
 
 
+def car_overlaps(iou: float) -> MinimumOverlaps:
+    """KITTI's overlaps with another 3D IoU for cars."""
+    return replace(STRICT, car=replace(STRICT.car, box3d=iou))
+
+
 def _score(network: GivenNetwork, folder: Path, dataset: KittiObjectDataset) -> StageScores:
-    entries = {
-        iou: class_entries(
-            folder, dataset, "Car", "3d", replace(STRICT, car=replace(STRICT.car, box3d=iou))
-        )
-        for iou in IOUS
-    }
+    entries = {iou: class_entries(folder, dataset, "Car", "3d", car_overlaps(iou)) for iou in IOUS}
     return StageScores(network=network, folder=folder, entries=entries)
-
-
-def _draw(
-    folder: Path, rows: Mapping[Row, StageScores], dataset: KittiObjectDataset, frame_index: int
-) -> None:
-    """Draw precision over recall of moderate cars at both IoUs, and one frame's boxes."""
-    for iou, name in CURVES.items():
-        curves = {
-            f"--{row}": each.entries[iou]["moderate"].curve()
-            for row, each in rows.items()
-            if each.entries[iou]
-        }
-        title = f"Cars, 3D IoU {iou:g}, moderate"
-        write_rgb(folder / name, draw_precision_recall(title, curves))
-    sample = dataset[frame_index]
-    detections = {
-        row: read_detections(each.folder / f"{sample.sample_id}.txt", sample)
-        for row, each in rows.items()
-    }
-    pictures = [
-        prediction_picture(rows[row].network.name, sample, detections.get("first", found), found)
-        for row, found in detections.items()
-    ]
-    write_rgb(folder / FRAME, np.concatenate(pictures))

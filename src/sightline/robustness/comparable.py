@@ -1,6 +1,7 @@
 """Checks that runs can be compared, before any work is done."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Final
 
 from sightline.corruptions.suites import CLEAN
@@ -37,8 +38,8 @@ def check_baseline(
         if baseline.cases[name] != case:
             raise ValueError(
                 f"{title} was scored with another case {name}, of "
-                f"{shortened(str(baseline.cases[name].parameters), _MAX_PARAMETERS)} instead of "
-                f"{case.parameters}; run it again with this version"
+                f"{_differing(baseline.cases[name], case)} instead of "
+                f"{_differing(case, baseline.cases[name])}; run it again with this version"
             )
 
 
@@ -85,6 +86,13 @@ def _check(title: str, actual: Mapping[str, object], required: Mapping[str, obje
                 f"{title} is of {found}{expected}, so scores cannot be compared; give one of the "
                 "same task, data, frames, suite and seed"
             )
+
+
+def _differing(case: CaseInfo, other: CaseInfo) -> str:
+    """Describe the fields of a case that another version of it has otherwise."""
+    others = asdict(other)
+    fields = {name: value for name, value in asdict(case).items() if value != others[name]}
+    return shortened(str(fields.pop("parameters", fields)), _MAX_PARAMETERS)
 
 
 def _short(value: object) -> str:

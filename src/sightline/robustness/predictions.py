@@ -7,6 +7,7 @@ from pathlib import Path
 from sightline.corruptions.suites import Case
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
+from sightline.jobs.output_dirs import finished_names
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
@@ -57,7 +58,7 @@ def predict_in_cases(
     """
     check_numbers(seed, workers)
     present = {
-        (each.folder, case.name): _present(each.folder / case.name, writer.suffix)
+        (each.folder, case.name): finished_names(each.folder / case.name, writer.suffix)
         for each in runs
         for case in each.cases
     }
@@ -89,11 +90,6 @@ def check_numbers(seed: int, workers: int) -> None:
     check_workers(workers)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
-
-
-def _present(folder: Path, suffix: str) -> frozenset[str]:
-    """List the names of finished frames."""
-    return frozenset(path.stem for path in folder.glob(f"*{suffix}"))
 
 
 @dataclass(frozen=True, slots=True)

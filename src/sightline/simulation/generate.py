@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_calibration import (
     CalibrationMatrices,
+    check_intrinsics,
     object_calibration_text,
     raw_calibration_texts,
 )
@@ -23,8 +24,9 @@ from sightline.data.pixels import crop_to_view, sparse_depth_map
 from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import FileError
-from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.output_dirs import acquire_output_dir, is_finished
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
+from sightline.simulation.rig_sensors import Sensors
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import (
     FRAME_S,
@@ -42,6 +44,7 @@ MAX_DRIVES = 10**4  # maximum number of drives: names have four digits
 # Maximum number of parts of a job: the last part begins with the frame, or drive, of its number,
 # and leaves as many between two. Files beyond this were not begun by a job.
 _MAX_SHARDS = 1000
+_LATER: Final = ("rig", "varied")
 _DIGIT = "[0-9]"  # for patterns: other files in an output folder are not frames
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 
@@ -60,10 +63,10 @@ class FrameFiles:
     """Calibration file; None if the day's calibration applies to all frames."""
 
     def are_there(self) -> bool:
-        """Whether all files exist; an existing file is complete."""
+        """Whether all files are finished."""
         paths = [self.image, self.points, self.objects, self.depth, self.sparse_depth]
         paths += [self.instances, self.calibration]
-        return all(path is None or path.is_file() for path in paths)
+        return all(path is None or is_finished(path) for path in paths)
 
     def write(self, frame: SimulatedFrame, velodyne: Velodyne) -> None:
         """Write all files atomically."""
@@ -295,15 +298,14 @@ def simulate(
             "drives have images, whole sweeps and no validation_frames; keep to that, or make "
             "single frames with a sequence_length of 1"
         )
+    _check_readable(sensors_of(config, 0))
     settings = {  # all that affects the bytes, except the number of frames
         "revision": SIMULATOR_REVISION,
         "streets": f"{streets.__module__}.{streets.__qualname__}",
         "velodyne": velodyne,
         "validation_frames": validation_frames,
-        **asdict(config),
+        **_recorded(config),
     }
-    if config.rig is None:  # as before there were rigs, so that older folders can be resumed
-        del settings["rig"]
     acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
     works: list[_Work] = []
     layout: Layout
@@ -330,6 +332,25 @@ def simulate(
     if isinstance(layout, ObjectLayout):
         layout.write_lists(frames, validation_frames)
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+
+
+def _check_readable(sensors: Sensors) -> None:
+    """Refuse a camera whose calibration no command would read."""
+    size, projection = sensors.image_size, sensors.calibration.image_from_camera
+    for fault in check_intrinsics(projection[:, :3], size, Path(), usual=False):
+        raise ValueError(
+            f"the camera {fault.problem}, so no command would read the data; choose a larger image "
+            "or another focal length"
+        )
+
+
+def _recorded(config: SimulationConfig) -> dict[str, Any]:
+    """Select the settings that a folder records.
+
+    Later ones are recorded only where set, so that folders made before can be resumed.
+    """
+    settings = asdict(config)
+    return {name: settings[name] for name in settings if name not in _LATER or settings[name]}
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,12 @@ from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects, objects_from_rows
 from sightline.data.pixels import wrap_angle
-from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES, View, camera_view
+from sightline.simulation.camera.samples import (
+    LEVEL_CAMERA_AXES,
+    RollingView,
+    View,
+    camera_view,
+)
 from sightline.simulation.rays.raycast import EmbreeScene
 from sightline.simulation.scene import Actor, Scene, world_from_footprint
 from sightline.simulation.settings import KITTI_FOCAL_PX
@@ -109,6 +114,7 @@ def label_frame(
     owners: Int32[np.ndarray, "height width"],
     calibration: CalibrationMatrices,
     lidar_height_m: float,
+    view: View | RollingView | None = None,
 ) -> FrameLabels:
     """Label the objects in view as KITTI's annotators would, in the order of the actors.
 
@@ -123,13 +129,14 @@ def label_frame(
     compute the box's true middle, half of its height along the camera's y axis.
 
     `owners` are the indices of the actors at each pixel, negative for none; the LiDAR, the
-    calibration's reference frame, is `lidar_height_m` above the ego's footprint.
+    calibration's reference frame, is `lidar_height_m` above the ego's footprint. `view` is the one
+    that the owners were seen from; None: the calibration's.
     """
     lidar_from_world = np.linalg.inv(world_from_footprint(scene.ego, lidar_height_m))
     observer = _Observer(
         scene=scene,
         owners=owners,
-        view=camera_view(calibration, scene.ego, lidar_height_m),
+        view=view or camera_view(calibration, scene.ego, lidar_height_m),
         camera_from_level=calibration.camera_from_lidar[:3, :3] @ LEVEL_CAMERA_AXES.T,
         camera_from_world=calibration.camera_from_lidar @ lidar_from_world,
         image_from_camera=calibration.image_from_camera,
@@ -162,7 +169,7 @@ class _Observer:
 
     scene: Scene
     owners: Int32[np.ndarray, "height width"]
-    view: View
+    view: View | RollingView
     camera_from_world: Float64[np.ndarray, "4 4"]
     camera_from_level: Float64[np.ndarray, "3 3"]
     """Rotation from a camera at the same place that is level like the car."""

@@ -1,12 +1,12 @@
 """Spinning LiDARs: laser models, and the sweep of a scene."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated, Any, Final, NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.ranges import Within, check_ranges
@@ -22,8 +22,8 @@ from sightline.simulation.rays.surfaces import (
     face_normal,
     mesh_tables,
 )
-from sightline.simulation.rigs import LidarModel, Rosette
-from sightline.simulation.scene import SURFACES, Material, Motion, Scene, world_from_footprint
+from sightline.simulation.rigs import LidarModel, PointOrder, Rosette
+from sightline.simulation.scene import SURFACES, Material, Mesh, Motion, Scene, world_from_footprint
 from sightline.simulation.tables import read_table
 
 _MID_GREY = 0.25  # linear albedo of the sample for `Surface.lidar_reflectance`
@@ -114,6 +114,8 @@ class LidarConfig:
     detectable_echo: float = 0.006
     """Echo (reflectance * cosine / (range / 40 m)^2) with detection probability 1 - 1/e."""
     reading_scale: Annotated[float, Within(0)] = 1.0  # factor on the reflectance readings
+    order: PointOrder = "rings"
+    """Order of the points in a sweep."""
     rolling_shutter: bool = False
     """Whether the sensor moves during its turn, which distorts the sweep as in reality."""
 
@@ -192,15 +194,18 @@ def take_sweep(
     config: LidarConfig,
     ego: Motion | None = None,
     time_s: float = 0.0,
+    own_car: Mesh | None = None,
 ) -> Float32[np.ndarray, "num_points 4"]:
     """Simulate one turn of the LiDAR: x, y, z [m] in its frame, reflectance in [0, 0.99].
 
-    Points are in the order of KITTI's files: ring by ring from the top, each from straight ahead
-    counter-clockwise. An echo grows with the reflectance of the surface and the cosine of incidence
-    and falls with the square of the range. Weak echoes are lost, most of all from shiny surfaces,
-    and slightly stronger ones are found but read as 0. Glass lets most of the light through: the
-    surface behind it returns a weaker echo or none. The scene stands still during the turn, which
-    starts at `time_s`; `raycaster` is over its mesh, and `ego` is the motion of the sensor.
+    Points are in the order of KITTI's files, ring by ring from the top, each from straight ahead
+    counter-clockwise, unless `config.order` is another. An echo grows with the reflectance of the
+    surface and the cosine of incidence and falls with the square of the range. Weak echoes are
+    lost, most of all from shiny surfaces, and slightly stronger ones are found but read as 0. Glass
+    lets most of the light through: the surface behind it returns a weaker echo or none. The scene
+    stands still during the turn, which starts at `time_s`; `raycaster` is over its mesh, and `ego`
+    is the motion of the sensor. The body of the car below the sensor, `own_car` in the frame of its
+    footprint, hides the scene and returns points itself.
 
     Raises:
         ValueError: The LiDAR has a rolling shutter, but no motion is given.
@@ -216,6 +221,8 @@ def take_sweep(
         world_from_lidar = mounted(world_from_footprint(scene.ego, config.height_m), config)[None]
     origins, directions = _in_world(firings, world_from_lidar)
     hits, behind_glass = _cast_through_glass(scene, raycaster, origins, directions, rng)
+    if own_car is not None:
+        scene = _hit_own_car(scene, own_car.placed(scene.ego), firings, config, hits, behind_glass)
     hit_rows = np.flatnonzero((hits.faces >= 0) & (hits.distances < config.max_range_m))
     ranges = hits.distances[hit_rows].astype(np.float64)
     reflectance, cosine = _surface_response(scene, hits.faces[hit_rows], directions[hit_rows])
@@ -234,7 +241,11 @@ def take_sweep(
     places[:, 2] += firings.offsets_m[hit_rows]
     # KITTI's files store whole millimetres and hundredths.
     points = np.column_stack((places.round(3), readings.clip(0, 0.99).round(2))).astype(np.float32)
-    return np.asarray(points[kept])
+    if config.order == "rings":
+        return np.asarray(points[kept])
+    sequence = firings.sequence[hit_rows[kept]]
+    order = np.argsort(sequence) if config.order == "firings" else rng.permutation(len(sequence))
+    return np.asarray(points[kept][order])
 
 
 class _Firings(NamedTuple):
@@ -245,6 +256,8 @@ class _Firings(NamedTuple):
     azimuths: Float64[np.ndarray, " num_rays"]  # azimuths in [0, 2 pi)
     range_biases_m: Float64[np.ndarray, " num_rays"]
     reading_biases: Float64[np.ndarray, " num_rays"]
+    sequence: Int64[np.ndarray, " num_rays"]
+    """Rank of each in the order of time."""
 
 
 @lru_cache(maxsize=1)  # the same for all frames; never written to
@@ -267,7 +280,23 @@ def _firings(config: LidarConfig) -> _Firings:
         azimuths=azimuth,
         range_biases_m=np.array([one.range_bias_m for one in config.lasers])[laser],
         reading_biases=np.array([one.reading_bias for one in config.lasers])[laser],
+        sequence=_sequence(azimuth, laser, len(config.lasers)),
     )
+
+
+def _sequence(
+    azimuth: Values, laser: Int64[np.ndarray, " count"], num_lasers: int
+) -> Int64[np.ndarray, " count"]:
+    """Rank firings by time: a turn starts behind, and the lasers of both halves take turns.
+
+    So the lasers' numbers do not follow from the order, as little as in most sensors' packets.
+    """
+    half = -(-num_lasers // 2)
+    turn = np.mod(azimuth + np.pi, 2 * np.pi)
+    order = np.lexsort((2 * (laser % half) + laser // half, turn))
+    ranks = np.empty(len(order), np.int64)
+    ranks[order] = np.arange(len(order))
+    return ranks
 
 
 def _rosette_firings(config: LidarConfig, rosette: Rosette) -> _Firings:
@@ -291,6 +320,7 @@ def _rosette_firings(config: LidarConfig, rosette: Rosette) -> _Firings:
         azimuths=azimuth,
         range_biases_m=none,
         reading_biases=none,
+        sequence=np.arange(len(elevation)),
     )
 
 
@@ -369,6 +399,28 @@ def _cast_through_glass(
     behind_glass = np.zeros(len(faces), dtype=bool)
     behind_glass[passed] = True
     return Hits(faces, distances.astype(np.float32), barycentric), behind_glass
+
+
+def _hit_own_car(
+    scene: Scene,
+    car: Mesh,
+    firings: _Firings,
+    config: LidarConfig,
+    hits: Hits,
+    behind_glass: Bool[np.ndarray, " num_rays"],
+) -> Scene:
+    """Replace, in place, the hits of rays that meet the own car first; add its mesh to the scene.
+
+    The car moves with the sensor, so one pose is enough for all rays.
+    """
+    pose = mounted(world_from_footprint(scene.ego, config.height_m), config)[None]
+    own = Raycaster(car).cast(*_in_world(firings, pose), coherent=True)
+    met = (own.faces >= 0) & (own.distances < hits.distances)
+    hits.faces[met] = own.faces[met] + len(scene.mesh.faces)
+    hits.distances[met], hits.barycentric[met] = own.distances[met], own.barycentric[met]
+    behind_glass[met] = False
+    owners = np.concatenate((scene.owners, np.full(len(car.faces), -1, np.int32)))
+    return replace(scene, mesh=Mesh.joined([scene.mesh, car]), owners=owners)
 
 
 def _passes(

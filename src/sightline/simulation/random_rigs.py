@@ -1,11 +1,11 @@
 """Random rigs, for networks that meet other cameras and LiDARs than KITTI's."""
 
 import math
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 
-from sightline.simulation.rigs import CameraRig, LidarRig, Rig, Rosette
+from sightline.simulation.rigs import CameraRig, LidarRig, PointOrder, Rig, Rosette
 
 _RINGS: Final = (16, 32, 40, 64, 128)
 _FOCAL_PX: Final = (500.0, 2500.0)
@@ -21,6 +21,12 @@ _BONNET: Final = (0.72, 0.98)  # limits of the bonnet's upper edge, as a share o
 _BONNET_AWAY_M: Final = 1.3  # about the distance of this edge
 _BONNET_HEIGHT_M: Final = (0.75, 1.6)
 _MIN_BONNET_GAP_M: Final = 0.12
+_DIRTY_SHARE, _ROLLING_SHARE, _ROOF_SHARE = 0.35, 0.5, 0.5
+_DIRT: Final = (0.1, 0.8)
+_READOUT_MS: Final = (5.0, 35.0)
+_ORDER_SHARES: Final = {"rings": 0.45, "firings": 0.4, "none": 0.15}
+_ROOF_M: Final = (1.3, 2.2)
+_ABOVE_ROOF_M: Final = (0.12, 0.6)
 
 
 def random_rig(rng: np.random.Generator) -> Rig:
@@ -68,6 +74,10 @@ def _random_camera(rng: np.random.Generator, lidar_height_m: float) -> CameraRig
         white_balance=(round(gain, 3), 1.0, round(float(1 / gain * rng.uniform(0.93, 1.07)), 3)),
         jpeg_quality=int(rng.integers(60, 100)) if rng.random() < 0.7 else 100,
         bonnet_m=round(float(bonnet_m), 2) if has_bonnet else 0.0,
+        dirt=round(float(rng.uniform(*_DIRT)), 2) if rng.random() < _DIRTY_SHARE else 0.0,
+        readout_ms=round(float(rng.uniform(*_READOUT_MS)), 1)
+        if rng.random() < _ROLLING_SHARE
+        else 0.0,
     )
 
 
@@ -79,6 +89,10 @@ def _random_lidar(rng: np.random.Generator, height_m: float) -> LidarRig:
     pitch_deg, roll_deg = (0.0 if is_level else _peaked(rng, 3.0) for _ in range(2))
     dense = len(elevations) > 64
     hides_rear = rng.random() < 0.5
+    roof_m = round(height_m - float(rng.uniform(*_ABOVE_ROOF_M)), 2)
+    has_roof = rng.random() < _ROOF_SHARE and _ROOF_M[0] <= roof_m <= _ROOF_M[1]
+    orders = get_args(PointOrder)
+    order = orders[int(rng.choice(len(orders), p=[_ORDER_SHARES[each] for each in orders]))]
     return LidarRig(
         elevations_deg=elevations,
         rosette=rosette,
@@ -92,6 +106,8 @@ def _random_lidar(rng: np.random.Generator, height_m: float) -> LidarRig:
         reflectance=0.0
         if rng.random() < _NO_REFLECTANCE_SHARE
         else round(float(rng.uniform(0.3, 1.5)), 2),
+        order=order,
+        roof_m=roof_m if has_roof else 0.0,
     )
 
 

@@ -15,6 +15,8 @@ from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig
 from sightline.simulation.rigs import CameraRig, LidarRig, Rig
 
 _REACH_SHARE: Final = 0.9  # of the largest range
+_OWN_CAR_RANGE_M: Final = 0.4
+"""Smallest range of a LiDAR that returns points of its own car."""
 _KITTI: Final = LidarConfig(lasers=(Laser(elevation_deg=0.0),))
 
 
@@ -29,6 +31,8 @@ class Sensors:
     lidar: LidarConfig
     camera: CameraRig | None = None
     """Camera of the rig; None: KITTI's."""
+    roof_m: float = 0.0
+    """Height of the own car's roof in the LiDAR's view; 0: none."""
 
     @property
     def calibration(self) -> CalibrationMatrices:
@@ -63,6 +67,7 @@ def mount(rig: Rig) -> Sensors:
         ),
         lidar=lidar_config(rig.lidar),
         camera=camera,
+        roof_m=rig.lidar.roof_m,
     )
 
 
@@ -98,4 +103,6 @@ def lidar_config(rig: LidarRig) -> LidarConfig:
         # The weakest echo falls with the square of the reach.
         detectable_echo=_KITTI.detectable_echo * (_KITTI.reach_m / reach_m) ** 2,
         reading_scale=rig.reflectance,
+        order=rig.order,
+        min_range_m=_OWN_CAR_RANGE_M if rig.roof_m else _KITTI.min_range_m,
     )

@@ -22,6 +22,10 @@ LidarModel = Literal["hdl-64e", "hdl-32e", "vlp-16"]
 Drawn = Literal["random", "named"]
 """Rigs of many frames: another random one for each, or the named ones in turn."""
 DRAWN: Final = get_args(Drawn)
+PointOrder = Literal["rings", "firings", "none"]
+"""Orders of a sweep's points."""
+MIN_ROOF_GAP_M: Final = 0.1
+"""Smallest height of a LiDAR above the own car's roof."""
 MIN_SIDE_PX: Final = 32
 MAX_SIDE_PX: Final = 8192
 """Together the limits of `data.image_header` for an image."""
@@ -56,6 +60,11 @@ class CameraRig:
     """Quality of a compression before the image is stored; 100: none."""
     bonnet_m: Annotated[float, Within(0, 2)] = 0.0
     """Height of the own car's bonnet, which the camera sees ahead of it; 0: no bonnet."""
+    dirt: Annotated[float, Within(0, 1)] = 0.0
+    """Dirt on the windscreen: 0 clean, 1 as dirty as one can drive with."""
+    readout_ms: Annotated[float, Within(0, 100)] = 0.0
+    """Time from the first row's exposure to the last one's, while the car moves; the middle row
+    has the frame's time. 0: all rows at once."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -133,6 +142,11 @@ class LidarRig:
     """Standard deviation of a range."""
     reflectance: Annotated[float, Within(0, 3)] = 1.0
     """Factor on KITTI's scale of reflectances, clipped to 1; 0: all are 0."""
+    order: PointOrder = "rings"
+    """Order of the points: ring by ring from the top, as in KITTI's files, from which ring numbers
+    follow; in the order of the firings, from behind; or without any order."""
+    roof_m: Annotated[float, Within(0, 4)] = 0.0
+    """Height of the own car's roof, which returns points as its bonnet does; 0: none returned."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -153,6 +167,14 @@ class LidarRig:
             )
         if list(rings) != sorted(rings, reverse=True):
             raise ValueError("elevations_deg must fall, from the top ring to the lowest")
+        if self.roof_m > self.height_m - MIN_ROOF_GAP_M:
+            raise ValueError(
+                f"roof_m must be {MIN_ROOF_GAP_M:g} m or more below the LiDAR at "
+                f"{self.height_m:g} m, got {self.roof_m:g}"
+            )
+        if self.order not in get_args(PointOrder):
+            names = ", ".join(get_args(PointOrder))
+            raise ValueError(f"order must be one of {names}, got {shortened(str(self.order), 40)}")
         for start, end, below in self.blind_sectors:
             if not (0 <= start < end <= 360 and abs(below) <= 90):
                 raise ValueError(

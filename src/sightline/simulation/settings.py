@@ -53,6 +53,10 @@ class SimulationConfig:
     hard_negatives: bool = False
     """Whether many objects beside streets are easily mistaken for a person or a car: beacons of
     road works, masts, low signs, bare trunks, bushes, heaps."""
+    varied: bool = False
+    """Whether streets are as varied as other rigs than KITTI's meet them: tall houses, glass
+    fronts, rows of bicycles, bicycle traffic, buses, motorcycles, people sitting, wide junctions,
+    wet roads, dusk."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -157,15 +161,18 @@ PRESETS: Final[Mapping[PresetName, SimulatedSet]] = {
         velodyne="velodyne_reduced",
         config=SimulationConfig(seed=4000, hard_negatives=True),
     ),
-    # 8,000 frames for training and 500 for validation, each with another random rig; whole turns.
+    # 8,000 frames for training and 500 for validation, each with another random rig in another kind
+    # of street; whole turns.
     "street-rigs-8k": SimulatedSet(
-        frames=8500, validation_frames=500, config=SimulationConfig(seed=38000, rig="random")
+        frames=8500,
+        validation_frames=500,
+        config=SimulationConfig(seed=38000, rig="random", varied=True),
     ),
     # 50 frames of each of the named rigs, in turn: frame N has rig N modulo their number.
     "rigs-val-600": SimulatedSet(
         frames=50 * len(RIG_NAMES),
         validation_frames=50 * len(RIG_NAMES),
-        config=SimulationConfig(seed=38600, rig="named"),
+        config=SimulationConfig(seed=38600, rig="named", varied=True),
     ),
 }
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32, UInt8
@@ -12,8 +12,11 @@ from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
 from sightline.geometry.road_height import LidarPose
 from sightline.simulation.bodies.bonnet import bonnet
-from sightline.simulation.camera.camera import CameraConfig, render_camera
+from sightline.simulation.bodies.own_car import own_car
+from sightline.simulation.camera.camera import CameraConfig, SensorConfig, render_camera
+from sightline.simulation.camera.samples import RollingView, View, camera_view
 from sightline.simulation.camera.stored_image import stored_image
+from sightline.simulation.camera.windscreen import Dirt, draw_dirt
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, mounted, take_sweep
 from sightline.simulation.random_rigs import random_rig
@@ -35,7 +38,10 @@ _IMAGE_FROM_CAMERA = (
 _CAMERA_FROM_LIDAR = (
     (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, -0.08), (1.0, 0.0, 0.0, -0.27), (0.0, 0.0, 0.0, 1.0),
 )  # fmt: skip
-_RIG_STREAM, _BONNET_STREAM = 38, 39  # separate their draws from those of streets and sensors
+# These separate draws from those of streets and sensors.
+_RIG_STREAM, _BONNET_STREAM, _DIRT_STREAM, _OWN_CAR_STREAM = 38, 39, 40, 41
+# Other cameras than KITTI's adapt to shaded streets and to dusk.
+_RIG_SENSOR: Final = SensorConfig(metering_limit=4.5)
 _MAX_DEPTH_M = 250.0  # a 16-bit depth map ends at 256 m
 
 
@@ -123,11 +129,13 @@ class StreetMaker(Protocol):
         duration_s: float,
         hard: bool = False,
         hard_negatives: bool = False,
+        varied: bool = False,
     ) -> Street:
         """Make a street with traffic defined for `duration_s`.
 
-        `hard` and `hard_negatives` are passed only if `SimulationConfig` sets them: a maker of one
-        kind of streets needs no such argument, and then rejects the setting with a TypeError.
+        `hard`, `hard_negatives` and `varied` are passed only if `SimulationConfig` sets them: a
+        maker of one kind of streets needs no such argument, and then rejects the setting with a
+        TypeError.
         """
 
     def __hash__(self) -> int:
@@ -155,7 +163,9 @@ def simulate_frame(
         picture=config.camera,
         samples_per_pixel=config.samples_per_pixel,
         lidar_height_m=lidar.height_m,
+        sensor=SensorConfig() if sensors.camera is None else _RIG_SENSOR,
     )
+    view = _view(sensors, street, time_s)
     picture = render_camera(
         scene,
         sensors.level_calibration,
@@ -163,11 +173,19 @@ def simulate_frame(
         rng=camera_rng,
         config=camera,
         raycaster=raycaster,
+        view=view,
+        dirt=_dirt(sensors, config, drive),
     )
     points = take_sweep(
-        scene, raycaster, rng=lidar_rng, config=lidar, ego=street.ego, time_s=time_s
+        scene,
+        raycaster,
+        rng=lidar_rng,
+        config=lidar,
+        ego=street.ego,
+        time_s=time_s,
+        own_car=_own_car(sensors, config, drive),
     )
-    labels = label_frame(scene, picture.owners, sensors.level_calibration, lidar.height_m)
+    labels = label_frame(scene, picture.owners, sensors.level_calibration, lidar.height_m, view)
     rows = np.zeros(len(scene.actors) + 2, dtype=np.int32)  # STREET and SKY index the last two
     labelled = labels.actors >= 0
     rows[labels.actors[labelled]] = 1 + np.flatnonzero(labelled)
@@ -184,6 +202,34 @@ def simulate_frame(
         time_s=time_s,
         lidar_pose=sensors.lidar_pose,
     )
+
+
+def _view(sensors: Sensors, street: Street, time_s: float) -> View | RollingView:
+    """Compute the camera's view; one with a rolling exposure moves with the ego meanwhile."""
+    calibration, height_m = sensors.level_calibration, sensors.lidar.height_m
+    readout_s = 0.0 if sensors.camera is None else sensors.camera.readout_ms / 1000
+    if not readout_s:
+        return camera_view(calibration, street.ego.at(time_s), height_m)
+    first, last = (
+        camera_view(calibration, street.ego.at(time_s + shift * readout_s), height_m)
+        for shift in (-0.5, 0.5)
+    )
+    return RollingView(first=first, last=last, num_rows=sensors.image_size[0])
+
+
+def _dirt(sensors: Sensors, config: SimulationConfig, drive: int) -> Dirt | None:
+    """Draw the dirt on the windscreen, the same for a whole drive."""
+    if sensors.camera is None or not sensors.camera.dirt:
+        return None
+    rng = np.random.default_rng([config.seed, drive, _DIRT_STREAM])
+    return draw_dirt(rng, sensors.image_size, sensors.camera.dirt)
+
+
+def _own_car(sensors: Sensors, config: SimulationConfig, drive: int) -> Mesh | None:
+    """Build the car below the LiDAR, if its body is in view."""
+    if not sensors.roof_m:
+        return None
+    return own_car(np.random.default_rng([config.seed, drive, _OWN_CAR_STREAM]), sensors.roof_m)
 
 
 def _with_bonnet(scene: Scene, camera: CameraRig, config: SimulationConfig, drive: int) -> Scene:
@@ -211,7 +257,11 @@ def simulate_street(
     """Make the street of a drive, which is a single frame if `sequence_length` is 1."""
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, drive]))
     duration_s = (config.sequence_length - 1) * FRAME_S
-    special = {"hard": config.hard, "hard_negatives": config.hard_negatives}
+    special = {
+        "hard": config.hard,
+        "hard_negatives": config.hard_negatives,
+        "varied": config.varied,
+    }
     given = {name: True for name, is_set in special.items() if is_set}
     return streets(rng, duration_s=duration_s, **given)
 

@@ -1,11 +1,13 @@
 """Street maker: ground, buildings, plants, objects, traffic, and the light of its weather."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from sightline.simulation.scene import Light, Mesh, Street
+from sightline.simulation.rays.surfaces import WET
+from sightline.simulation.scene import Light, Material, Mesh, Street
 from sightline.simulation.shapes.primitives import Color
 from sightline.simulation.streets.dressing import dress
 from sightline.simulation.streets.ground import make_ground
@@ -13,10 +15,17 @@ from sightline.simulation.streets.layout import Layout, StreetKind
 from sightline.simulation.streets.layout_drawing import draw_layout
 from sightline.simulation.streets.lots import Bay, Lot, bays_of, draw_lots, with_lowered_kerbs
 from sightline.simulation.streets.markings import make_markings
+from sightline.simulation.streets.variety import Variety, draw_variety
 from sightline.simulation.surroundings.plots import make_horizon, make_plots
 from sightline.simulation.traffic.crowd import FASTEST_EGO_MPS, Crowd, Fleet, ModelSource
 from sightline.simulation.traffic.driving import drive_lanes, fill_bays, park, turn
 from sightline.simulation.traffic.motion import draw_rocking
+from sightline.simulation.traffic.varied_traffic import (
+    VariedFleet,
+    park_motorcycles,
+    ride_motorcycles,
+    sit_in_groups,
+)
 from sightline.simulation.traffic.walking import cycle, sit, walk
 
 
@@ -29,12 +38,13 @@ def place_traffic(
     duration_s: float,
     *,
     hard: bool = False,
+    variety: Variety | None = None,
 ) -> Crowd:
     """Fill a street for a drive of `duration_s`; no road user overlaps another or a wall.
 
     A `hard` street is fuller, and its cars extend into the distance.
     """
-    crowd = Crowd(rng, layout, models, duration_s, hard=hard)
+    crowd = Crowd(rng, layout, models, duration_s, hard=hard, variety=variety)
     crowd.block(lots)
     turn(crowd)
     drive_lanes(crowd)
@@ -42,9 +52,14 @@ def place_traffic(
         for side in road.sides:
             park(crowd, road, side)
     fill_bays(crowd, bays)
+    if variety is not None:
+        ride_motorcycles(crowd, variety.motorcycles)
+        park_motorcycles(crowd, variety.motorcycles)
     cycle(crowd)
     walk(crowd)
     sit(crowd)
+    if variety is not None:
+        sit_in_groups(crowd, variety.sitting)
     return crowd
 
 
@@ -53,12 +68,20 @@ _CLOUDY: Final = 0.75
 _LOW_SUN: Final = 0.85
 _OVERCAST: Final = 0.95
 """Cumulative shares of each weather; the rest is dusk. KITTI was recorded by day."""
+_RAIN_CLOUDS: Final = 0.8  # share of wet streets with an overcast sky
 _NO_SUN: Final = (0.0, 0.0, 0.0)
 
 
-def draw_light(rng: np.random.Generator) -> Light:
-    """Draw the light of a street: mostly a clear or partly cloudy day."""
+def draw_light(rng: np.random.Generator, variety: Variety | None = None) -> Light:
+    """Draw the light of a street: mostly a clear or partly cloudy day; `variety` may want another.
+
+    Wet streets mostly have an overcast sky.
+    """
     weather = rng.random()
+    if variety is not None and variety.is_dusk:
+        return _nightfall(rng)
+    if variety is not None and variety.is_wet and rng.random() < _RAIN_CLOUDS:
+        weather = (_LOW_SUN + _OVERCAST) / 2
     azimuth = float(rng.uniform(-np.pi, np.pi))
     if weather < _CLEAR:
         return _day(rng, azimuth, float(rng.uniform(0.0, 0.25)))
@@ -78,6 +101,18 @@ def draw_light(rng: np.random.Generator) -> Light:
         colors = _NO_SUN, _scaled((0.28, 0.42, 0.85), 0.22), _scaled((1.0, 0.72, 0.55), 0.26)
         softness, haze_m, exposure = 0.02, (500.0, 1000.0), (1.8, 2.6)
     return _light(rng, (elevation, azimuth), colors, softness, cover, haze_m, exposure)
+
+
+def _nightfall(rng: np.random.Generator) -> Light:
+    """Draw the end of dusk: a dark sky, and pictures that stay dark, with lamps lit."""
+    azimuth, darkness = float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0.25, 0.8))
+    colors = (
+        _NO_SUN,
+        _scaled((0.28, 0.40, 0.80), 0.22 * darkness),
+        _scaled((1.0, 0.72, 0.55), 0.26 * darkness),
+    )
+    cover = float(rng.uniform(0.0, 0.9))
+    return _light(rng, (0.05, azimuth), colors, 0.02, cover, (400.0, 1000.0), (0.9, 1.5))
 
 
 def _day(rng: np.random.Generator, azimuth: float, cover: float) -> Light:
@@ -132,6 +167,7 @@ def make_street(
     kind: StreetKind | None = None,
     hard: bool = False,
     hard_negatives: bool = False,
+    varied: bool = False,
 ) -> Street:
     """Draw a street with its traffic and weather; the same state of `rng` gives the same street.
 
@@ -142,24 +178,45 @@ def make_street(
         kind: Kind of street; None draws it.
         hard: Whether it is fuller and hillier than usual, with more objects far away and hidden.
         hard_negatives: Whether to place many objects easily mistaken for a person or a car.
+        varied: Whether streets differ as much as other rigs than KITTI's meet them: `Variety`.
 
     Raises:
         ValueError: `duration_s` is negative.
     """
     if duration_s < 0:
         raise ValueError(f"duration_s must not be negative, got {duration_s}")
-    layout = draw_layout(rng, kind, extra_length_m=FASTEST_EGO_MPS * duration_s, hard=hard)
+    variety = draw_variety(rng) if varied else None
+    if variety is not None and kind is None:
+        kind = variety.kind
+    layout = draw_layout(
+        rng,
+        kind,
+        extra_length_m=FASTEST_EGO_MPS * duration_s,
+        hard=hard,
+        wide=variety is not None and variety.has_wide_junction,
+    )
     lots = draw_lots(rng, layout)
     layout = with_lowered_kerbs(layout, lots)
     bays = bays_of(rng, lots)
-    traffic = place_traffic(rng, layout, lots, bays, Fleet(), duration_s, hard=hard)
+    fleet = Fleet() if variety is None else VariedFleet()
+    traffic = place_traffic(rng, layout, lots, bays, fleet, duration_s, hard=hard, variety=variety)
     parts = [make_ground(rng, layout), make_markings(rng, layout)]
-    parts += make_plots(rng, layout, lots)
+    parts += make_plots(rng, layout, lots, variety)
     parts += make_horizon(rng, layout)
-    parts += dress(rng, layout, traffic.taken, hard_negatives=hard_negatives)
+    rows = 0.0 if variety is None else variety.bicycle_rows
+    parts += dress(rng, layout, traffic.taken, hard_negatives=hard_negatives, bicycle_rows=rows)
+    mesh = Mesh.joined(parts)
     return Street(
-        ground_and_buildings=Mesh.joined(parts),
+        ground_and_buildings=wetted(mesh) if variety is not None and variety.is_wet else mesh,
         actors=tuple(traffic.actors),
         ego=draw_rocking(rng, traffic.ego),
-        light=draw_light(rng),
+        light=draw_light(rng, variety),
     )
+
+
+def wetted(mesh: Mesh) -> Mesh:
+    """Give roads and pavements the wet surfaces of their materials."""
+    table = np.arange(len(Material), dtype=np.int32)
+    for dry, wet in WET.items():
+        table[dry] = wet
+    return replace(mesh, materials=table[mesh.materials])

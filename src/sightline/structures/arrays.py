@@ -18,6 +18,7 @@ from sightline.geometry.cloud_checks import (
     cloud_fault,
     echoes,
     reflectances,
+    shape_doubt,
     warn_of_columns,
     warn_of_integers,
     warn_of_losses,
@@ -146,6 +147,9 @@ def sweep_points(
     if fault is not None:
         problem, remedy = fault
         raise ValueError(f"the cloud has {problem}; {remedy}")
+    shape = shape_doubt(columns[:, :3])
+    if shape is not None:
+        warnings.warn(f"the cloud {shape[0]}; {shape[1]}", stacklevel=3)
     warn_of_scale(columns[:, 3], max_intensity)
     columns[:, 3] = reflectances(columns[:, 3], max_intensity)
     return torch.from_numpy(columns.astype(np.float32))

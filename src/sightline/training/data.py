@@ -30,7 +30,12 @@ from sightline.training.sampling import (
     ScoringBatches,
     TrainingBatches,
 )
-from sightline.training.sources import SourceConfig, data_tree, open_source
+from sightline.training.sources import (
+    SourceConfig,
+    absent_classes,
+    data_tree,
+    open_source,
+)
 
 _UPDATE_STREAM = 1  # distinguishes a batch's seed from the seed of its first sample
 _TRAINING_STREAM = 2  # marks the seed of data shared by the whole training
@@ -41,6 +46,10 @@ class SamplePreparation(ABC):
 
     parts: Collection[Part] = frozenset({"image", "points"})
     """Parts of the samples to load."""
+
+    def learned_classes(self) -> tuple[str, ...]:
+        """Names the labelled classes that the network learns; by default none."""
+        return ()
 
     @abstractmethod
     def prepare(
@@ -310,6 +319,7 @@ class CameraLidarData(lightning.LightningDataModule):
                 self._print_num_trained(name, dataset.sample_ids, tree)
         preparation = self.preparation
         if training:
+            self._print_absent_classes([dataset for dataset, _ in datasets])
             rng = np.random.default_rng((self.seed, 0, 0, _TRAINING_STREAM))
             preparation = preparation.for_training([dataset for dataset, _ in datasets], rng)
         return PreparedSamples(datasets, preparation, seed=self.seed, training=training)
@@ -324,6 +334,22 @@ class CameraLidarData(lightning.LightningDataModule):
                 for source in self.sources[use]
             )
         ]
+
+    def _print_absent_classes(self, datasets: Sequence[SampleDataset]) -> None:
+        """Print the classes that the network cannot learn, as no training frame shows them."""
+        learned = self.preparation.learned_classes()
+        absent = absent_classes(datasets, learned)
+        if absent:
+            effect = (
+                "there is nothing to learn"
+                if len(absent) == len(learned)
+                else "these classes are learned as background"
+            )
+            self._print_once(
+                "warning: the labels of the training frames have no object of "
+                f"{', '.join(absent)}: {effect}; check the labels and the names of "
+                "their classes (sightline check)"
+            )
 
     def _print_num_trained(self, name: str, sample_ids: Sequence[str], tree: Path) -> None:
         """Print the number of scored frames that are training frames, if any."""

@@ -34,7 +34,7 @@ from sightline.training.arguments import (
 from sightline.training.callbacks import LogShortRuns, LogSteps, checkpoint_callbacks
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
-from sightline.training.module import TrainingModule
+from sightline.training.module import STEP, TrainingModule
 from sightline.training.nulls import check_nulls
 from sightline.training.progress import RunProgress
 from sightline.training.quiet import quiet_lightning
@@ -363,7 +363,11 @@ class _TrainingCLI(LightningCLI):
         print(f"{self._run.folder}: {summary}")
         for note in self.model.notes:
             print(note)
-        scores = {name: float(value) for name, value in self.trainer.callback_metrics.items()}
+        scores = {
+            name: float(value)
+            for name, value in self.trainer.callback_metrics.items()
+            if name != STEP
+        }
         report = {
             "checkpoint": checkpoint,
             "initial_weights": None if initial is None else str(initial),

@@ -7,13 +7,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Final, Literal
 
 import lightning
 import numpy as np
 import torch
 from jaxtyping import UInt8
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities import rank_zero_only
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
@@ -32,6 +33,9 @@ from sightline.training.optimizer import (
     unmatched_rate_factors,
 )
 from sightline.visualization.lettering import with_title
+
+STEP: Final = "step"
+"""Lightning's name of the training step among the scores of a checkpoint."""
 
 _NUM_STEPS_KEY = "sightline_num_steps"
 _FINITE_CHECK_INTERVAL = 50  # interval of checks for a finite loss on a GPU
@@ -87,6 +91,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         self.metric = metric
         self.optimizer = optimizer
         self._num_steps: int | None = None  # length of the schedule
+        self._scored_at: tuple[int, int] | None = None  # epoch and step of a scored checkpoint
         if initial_weights is not None:
             load_initial_weights(
                 initial_weights,
@@ -157,8 +162,8 @@ class TrainingModule(lightning.LightningModule, ABC):
         if batch_idx < _NUM_PICTURES and self.loggers:
             picture = self.picture(batch, prediction)
             if picture is not None:
-                name, step = batch.sample_ids[0], self.global_step
-                title = f"{name}: epoch {self.current_epoch}, after {step:,} steps"
+                epoch, step = self._scored_at or (self.current_epoch, self.global_step)
+                title = f"{batch.sample_ids[0]}: epoch {epoch}, after {step:,} steps"
                 _log_picture(
                     self.loggers, f"validation/{batch_idx}", with_title(picture, title), step
                 )
@@ -228,7 +233,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         }
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Refuses a checkpoint of another network."""
+        """Refuses a checkpoint of another network; takes its step if it is only scored."""
         description = checkpoint.get(CHECKPOINT_KEY)
         if description is None:
             raise ValueError(
@@ -242,6 +247,8 @@ class TrainingModule(lightning.LightningModule, ABC):
             config=self.network_config(),
         )
         self._num_steps = checkpoint.get(_NUM_STEPS_KEY)
+        if self._trainer is not None and self._trainer.state.fn is not TrainerFn.FITTING:
+            self._scored_at = (int(checkpoint["epoch"]), int(checkpoint["global_step"]))
 
     @contextmanager
     def _reporting_divergence(self) -> Iterator[None]:
@@ -269,6 +276,8 @@ class TrainingModule(lightning.LightningModule, ABC):
         self.notes = self.score_notes()
         with torch.inference_mode(mode=False):  # otherwise training could not use its tensors
             self.metric.reset()
+        if self._scored_at is not None:
+            self.log(STEP, float(self._scored_at[1]))  # else loggers would take step 0
         monitored, _ = self.monitored
         for name, score in scores.items():
             self.log(name, score, prog_bar=name == monitored)

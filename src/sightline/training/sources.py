@@ -145,5 +145,24 @@ def _select_frames(
     return NamedSubset(dataset, kept)
 
 
+def absent_classes(
+    datasets: Sequence[SampleDataset], class_names: Sequence[str]
+) -> tuple[str, ...]:
+    """List the classes of which no label file of some data sets has an object, in order.
+
+    Files are read until each class has been found; data sets without label files have all.
+    """
+    absent = set(class_names)
+    for dataset in datasets:
+        if not isinstance(dataset, (KittiObjectDataset, RecordingDataset)):
+            return ()
+        for index in range(len(dataset) if absent else 0):
+            labels = dataset.label_file(index)
+            absent -= set() if labels is None else set(read_labels(labels).class_names)
+            if not absent:
+                break
+    return tuple(name for name in class_names if name in absent)
+
+
 def _has_list(folder: Path, name: str) -> bool:
     return Path(name).is_file() or (folder / "ImageSets" / f"{name}.txt").is_file()

@@ -13,6 +13,14 @@ RGB = tuple[int, int, int]
 INVALID: RGB = (17, 19, 24)
 """Colour of pixels without a value."""
 
+CURVE_COLORS: tuple[RGB, ...] = (
+    (86, 180, 233),
+    (240, 150, 20),
+    (20, 190, 140),
+    (204, 121, 167),
+)
+"""Colours of the curves of a chart, in their order."""
+
 _CLASS_COLORS: dict[str, RGB] = {
     "Car": (86, 180, 233),
     "Van": (64, 120, 240),

@@ -10,10 +10,9 @@ from sightline.structures.precision_recall import NUM_SLOTS, PrecisionRecall
 from sightline.visualization.canvas import put_lines
 from sightline.visualization.cells import MUTED
 from sightline.visualization.chart import BACKGROUND, TEXT, Plot, put_axes, put_title
-from sightline.visualization.colors import RGB
+from sightline.visualization.colors import CURVE_COLORS, RGB
 from sightline.visualization.lettering import put_text, text_width
 
-_COLORS: tuple[RGB, ...] = ((86, 180, 233), (240, 150, 20), (20, 190, 140), (204, 121, 167))
 _WIDTH = 760
 _PLOT_HEIGHT = 410
 _MARGINS_PX = (64, 24, 44, 42)  # left, right, above, below to the legend
@@ -43,9 +42,10 @@ def draw_precision_recall(
     Raises:
         ValueError: There are more curves than colours.
     """
-    if len(curves) > len(_COLORS):
+    if len(curves) > len(CURVE_COLORS):
         raise ValueError(
-            f"a chart shows up to {len(_COLORS)} curves, got {len(curves)}; draw several charts"
+            f"a chart shows up to {len(CURVE_COLORS)} curves, got {len(curves)}; draw several "
+            "charts"
         )
     lines = len(curves) + 1
     canvas = np.full((_PLOT_HEIGHT + lines * _LINE_PX + 12, _WIDTH, 3), BACKGROUND, np.uint8)
@@ -59,7 +59,7 @@ def draw_precision_recall(
     )
     put_axes(canvas, plot, columns=_COLUMNS, rows=_ROWS)
     put_title(canvas, plot, f"{title}: precision over recall")
-    named = list(zip(curves.items(), _COLORS, strict=False))
+    named = list(zip(curves.items(), CURVE_COLORS, strict=False))
     for (_, curve), color in reversed(named):  # so that the first one is on top
         measured = np.stack((curve.recall, curve.precision), axis=1)
         _put_line(canvas, plot, measured, color, opacity=_MEASURED_OPACITY)

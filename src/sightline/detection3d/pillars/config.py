@@ -52,7 +52,7 @@ class PillarGridConfig:
             self.local_window % 2 and 0 < self.local_window <= _MAX_WINDOW
         ):
             raise ValueError(
-                f"local_window must be 0 or odd and at most {_MAX_WINDOW}, got {window}"
+                f"local_window must be 0 or odd and at most {_MAX_WINDOW}, got {self.local_window}"
             )
         check_range("lowest_slice_m", self.lowest_slice_m, -_FARTHEST_M, _FARTHEST_M)
         for name in ("x_m", "y_m", "z_m"):

@@ -85,14 +85,14 @@ def pillar_features(
     )
     heights = torch.stack((mean[:, 0], highest, lowest), dim=1) + GROUND_SHIFT_M
     heights = torch.where(count[:, None] > 0, heights, 0.0)
-    columns = (
+    columns = [
         _slices(pillar, z, number, grid),
         PILLAR_COUNT_SCALE * torch.log1p(count)[:, None],
         heights,
         mean[:, 1:],
-    )
+    ]
     if grid.local_window:
-        columns += (_local_statistics(pillar, values[:, :3], count, grid),)
+        columns.append(_local_statistics(pillar, values[:, :3], count, grid))
     together = torch.cat(columns, dim=1).float()
     return together.reshape(grid.rows, grid.columns, -1).permute(2, 0, 1)
 

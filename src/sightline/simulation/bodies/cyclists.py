@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -193,6 +194,28 @@ def make_cyclist(rng: np.random.Generator, speed_mps: float) -> ActorModel:
     cyclist = replace(cyclist, offset=(-float(middle[0]), -float(middle[1]), -float(low[2])))
     length, width, height = (high - low).tolist()
     return ActorModel(class_name="Cyclist", size_lwh=(length, width, height), shape=cyclist)
+
+
+_PARKED_LEAN: Final = 0.09  # rad, towards the kickstand
+
+
+def make_parked_bicycle(rng: np.random.Generator) -> Mesh:
+    """Draw a bicycle without a rider, leaning on its stand, with the origin between its wheels."""
+    bicycle = _bicycle(rng, float(rng.uniform(0.9, 1.08)), float(rng.uniform(0.25, 0.7)))
+    crank = float(rng.uniform(0, 2 * np.pi))
+    cranks = turned(bicycle.crank, _forward_roll(crank))
+    mesh = Mesh.joined(
+        [
+            bicycle.frame,
+            moved(cranks, _BRACKET),
+            *(moved(bicycle.wheel, hub) for hub in (_REAR_HUB, bicycle.front_hub)),
+            *(moved(bicycle.pedal, _pedal_place(crank, side)) for side in (1, -1)),
+            tube([(-0.1, 0.0, 0.27), (-0.16, 0.14, 0.0)], 0.009, _STEEL, num_sides=5),
+        ]
+    )
+    leaning = turn_matrices(np.array([Turn(left=_PARKED_LEAN)]))[0]
+    middle = (_REAR_HUB[0] + bicycle.front_hub[0]) / 2
+    return turned(moved(mesh, (-middle, 0.0, 0.0)), leaning)
 
 
 def _moved_joint(

@@ -36,8 +36,8 @@ LIVERIES = (
     (0.66, 0.66, 0.65), (0.62, 0.62, 0.60), (0.40, 0.02, 0.02), (0.03, 0.08, 0.30),
     (0.05, 0.20, 0.10), (0.55, 0.38, 0.03), (0.30, 0.31, 0.33), (0.08, 0.22, 0.42),
 )  # fmt: skip
-_CAB_LENGTH = 2.15  # m
-_FRONT_AXLE = -1.30  # m, from the front
+CAB_LENGTH = 2.15  # m
+FRONT_AXLE = -1.30  # m, from the front
 _ARTICULATED_FROM = 9.8  # m of length
 
 
@@ -56,7 +56,7 @@ def make_truck(rng: np.random.Generator) -> ActorModel:
     return ActorModel(class_name="Truck", size_lwh=size, shape=RigidShape(mesh=mesh))
 
 
-def _cab(
+def driver_cab(
     rng: np.random.Generator, size: Size, paint: Finish, height: float, radius: float
 ) -> list[Mesh]:
     """Build a driver's cab with its front at x = 0 and its top at `height` [m]."""
@@ -67,7 +67,7 @@ def _cab(
     lamp = low + 0.14 * (height - low)
     roof_inset = 0.22 if height < 2.9 else 0.12
     work = Coachwork(
-        length=_CAB_LENGTH,
+        length=CAB_LENGTH,
         width=width,
         low=low,
         high=height - 0.05,
@@ -80,7 +80,7 @@ def _cab(
             (height - 0.05, 0.17 + roof_inset, 0.13),
         ),
     )
-    front, back = _CAB_LENGTH / 2, -_CAB_LENGTH / 2
+    front, back = CAB_LENGTH / 2, -CAB_LENGTH / 2
     door_end = front - 1.20
     panels = [
         Panel(Face.FRONT, 0, 2, 0, low + 0.10, BLACK_PLASTIC),
@@ -95,7 +95,7 @@ def _cab(
         Panel(Face.SIDES, front - 0.20, front - 0.185, low + 0.3, top + 0.05, GAP),
     ]
     shell = moved(coachwork_mesh(work, paint, panels), (back, 0, 0))
-    arch_center = (_FRONT_AXLE, half + 0.004, radius)
+    arch_center = (FRONT_AXLE, half + 0.004, radius)
     arch = disc(arch_center, (0, 1, 0), 1.2 * radius, BLACK_PLASTIC, num_sides=24)
     mirror = box((-0.12, half + 0.01, (sill + top) / 2 + 0.05), (0.05, 0.09, 0.20), BLACK_PLASTIC)
     arm = box((-0.14, half - 0.10, top), (0.03, 0.10, 0.02), BLACK_PLASTIC)
@@ -107,7 +107,10 @@ def _cab(
     return [shell, pairs, grille, *plate(rng, 0.0, low + 0.20, 1)]
 
 
-def _axles(rng: np.random.Generator, size: Size, places: Sequence[float], radius: float) -> Mesh:
+def wheel_axles(
+    rng: np.random.Generator, size: Size, places: Sequence[float], radius: float
+) -> Mesh:
+    """Build a lorry's wheels at the axles' places along x [m]."""
     tyre = 0.32
     one = wheel(rng, radius, tyre, rim=RIM, spokes=1)
     return wheels(one, places, size.width / 2 - tyre / 2 - 0.01, radius)
@@ -124,13 +127,13 @@ def rear_end(rng: np.random.Generator, x: float, size: Size, radius: float) -> l
     return [bar, both_sides(lamp, marking, strut, flap), *plate(rng, x + 0.02, z, -1)]
 
 
-def _frame(front: float, back: float, radius: float) -> list[Mesh]:
+def ladder_frame(front: float, back: float, radius: float) -> list[Mesh]:
     """Build the two supporting beams between x `back` and `front` [m]."""
     center = np.array([[(front + back) / 2, side * 0.42, 1.35 * radius] for side in (-1, 1)])
     return [boxes(center, np.tile(((front - back) / 2, 0.06, 0.14), (2, 1)), STEEL)]
 
 
-def _tank(x: float, size: Size, radius: float) -> list[Mesh]:
+def tank_and_battery(x: float, size: Size, radius: float) -> list[Mesh]:
     """Build a fuel tank on one side and a battery box on the other."""
     y = size.width / 2 - 0.36
     tank = superellipsoid(
@@ -159,22 +162,22 @@ def _cargo_box(
 def _box_lorry(rng: np.random.Generator, size: Size, cab: Finish, cargo: Finish) -> list[Mesh]:
     length, radius = size.length, min(0.47, 0.15 * size.height)
     cab_height = min(size.height - 0.15, 2.75)
-    start = -_CAB_LENGTH - 0.12
+    start = -CAB_LENGTH - 0.12
     edge = Finish(Material.METAL, (0.45, 0.46, 0.47)) if rng.random() < 0.6 else cargo
-    parts = _cab(rng, size, cab, cab_height, radius)
+    parts = driver_cab(rng, size, cab, cab_height, radius)
     parts.append(_cargo_box(start, -length, 2.15 * radius, size.height, size.width, cargo, edge))
-    parts += _frame(-0.6, -length + 0.1, radius)
-    parts.append(_axles(rng, size, (_FRONT_AXLE, -0.74 * length), radius))
-    parts += _tank(-0.45 * length, size, radius)
+    parts += ladder_frame(-0.6, -length + 0.1, radius)
+    parts.append(wheel_axles(rng, size, (FRONT_AXLE, -0.74 * length), radius))
+    parts += tank_and_battery(-0.45 * length, size, radius)
     return parts + rear_end(rng, -length, size, radius)
 
 
 def _flatbed(rng: np.random.Generator, size: Size, cab: Finish) -> list[Mesh]:
     length, radius = size.length, min(0.47, 0.15 * size.height)
-    start, floor = -_CAB_LENGTH - 0.15, 2.2 * radius
+    start, floor = -CAB_LENGTH - 0.15, 2.2 * radius
     half, middle, reach = size.width / 2, (start - length) / 2, (length + start) / 2
-    parts = _cab(rng, size, cab, size.height, radius)
-    parts += _frame(-0.6, -length + 0.1, radius)
+    parts = driver_cab(rng, size, cab, size.height, radius)
+    parts += ladder_frame(-0.6, -length + 0.1, radius)
     parts.append(box((middle, 0, floor), (reach, half, 0.07), STEEL))
     board = box((middle, half - 0.02, floor + 0.27), (reach, 0.02, 0.22), RIM)
     rear_board = box((-length + 0.02, 0, floor + 0.27), (0.02, half, 0.22), RIM)
@@ -185,19 +188,19 @@ def _flatbed(rng: np.random.Generator, size: Size, cab: Finish) -> list[Mesh]:
         wood = rng.random() < 0.6
         load = WOOD if wood else Finish(Material.CONCRETE, (0.34, 0.33, 0.31))
         parts.append(box((float(x), 0, floor + 0.07 + tall), (0.5, 0.75 * half, tall), load))
-    parts.append(_axles(rng, size, (_FRONT_AXLE, -0.76 * length), radius))
-    parts += _tank(-0.45 * length, size, radius)
+    parts.append(wheel_axles(rng, size, (FRONT_AXLE, -0.76 * length), radius))
+    parts += tank_and_battery(-0.45 * length, size, radius)
     return parts + rear_end(rng, -length, size, radius)
 
 
 def _articulated(rng: np.random.Generator, size: Size, cab: Finish, cargo: Finish) -> list[Mesh]:
     radius = 0.48
     return [
-        *_cab(rng, size, cab, min(size.height - 0.05, 3.4), radius),
-        *_frame(-0.6, -5.4, radius),
-        _axles(rng, size, (_FRONT_AXLE, -4.6), radius),
-        *_tank(-2.9, size, radius),
-        *semitrailer(rng, size, -_CAB_LENGTH - 0.45, -size.length, cargo),
+        *driver_cab(rng, size, cab, min(size.height - 0.05, 3.4), radius),
+        *ladder_frame(-0.6, -5.4, radius),
+        wheel_axles(rng, size, (FRONT_AXLE, -4.6), radius),
+        *tank_and_battery(-2.9, size, radius),
+        *semitrailer(rng, size, -CAB_LENGTH - 0.45, -size.length, cargo),
     ]
 
 
@@ -218,7 +221,7 @@ def semitrailer(
     return [
         _cargo_box(front, back, low, size.height, size.width, cargo, RIM),
         both_sides(beam, rail, band),
-        _axles(rng, size, axles, radius),
+        wheel_axles(rng, size, axles, radius),
         *rear_end(rng, back, size, radius),
     ]
 
@@ -375,7 +378,8 @@ def _semitrailer(rng: np.random.Generator, size: Size) -> list[Mesh]:
     return [both_sides(leg), *semitrailer(rng, size, front, -front, cargo)]
 
 
-def _motorcycle(rng: np.random.Generator, size: Size) -> list[Mesh]:
+def motorcycle_parts(rng: np.random.Generator, size: Size) -> list[Mesh]:
+    """Build a motorcycle over the origin, with the front wheel ahead."""
     paint, radius = _livery(rng, Material.CAR_PAINT), float(rng.uniform(0.26, 0.32))
     front, rear, grips = size.length / 2 - radius, radius - size.length / 2, size.width / 2
     steering = [(front, 0.09, radius), (front - 0.22, 0.09, 0.85), (front - 0.30, 0.05, 1.02)]
@@ -404,7 +408,7 @@ def _motorcycle(rng: np.random.Generator, size: Size) -> list[Mesh]:
 
 
 MISC_KINDS: Final = {
-    "motorcycle": MiscKind(0.28, Size(1.90, 0.64, 1.39), Size(0.27, 0.15, 0.22), _motorcycle),
+    "motorcycle": MiscKind(0.28, Size(1.90, 0.64, 1.39), Size(0.27, 0.15, 0.22), motorcycle_parts),
     "open trailer": MiscKind(0.17, Size(2.48, 1.62, 1.05), Size(0.25, 0.35, 0.19), _open_trailer),
     "covered trailer": MiscKind(
         0.20, Size(2.05, 1.36, 1.80), Size(0.35, 0.15, 0.25), _covered_trailer

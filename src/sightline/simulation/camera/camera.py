@@ -14,6 +14,7 @@ from sightline.geometry.ranges import Within, check_ranges
 from sightline.ops.compiled import compiled
 from sightline.simulation.camera.radiance import pixel_radiance
 from sightline.simulation.camera.samples import (
+    RollingView,
     Samples,
     View,
     add_edge_samples,
@@ -21,6 +22,7 @@ from sightline.simulation.camera.samples import (
     pixel_samples,
 )
 from sightline.simulation.camera.shading import LitWorld, lit_world
+from sightline.simulation.camera.windscreen import Dirt, seen_through
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import Light, Scene
 from sightline.simulation.settings import KITTI_IMAGE_SIZE
@@ -187,15 +189,18 @@ def render_camera(
     rng: np.random.Generator,
     config: CameraConfig | None = None,
     raycaster: Raycaster | None = None,
+    view: View | RollingView | None = None,
+    dirt: Dirt | None = None,
 ) -> CameraFrame:
     """Render a scene at (height, width).
 
     Depth and owners do not depend on the samples per pixel; only the sensor's noise in the image is
-    drawn from `rng`. A `raycaster` over the scene's mesh saves building one.
+    drawn from `rng`. A `raycaster` over the scene's mesh saves building one. Without a `view`, it
+    is the calibration's from the scene's ego. `dirt` lies on the windscreen.
     """
     config = config or CameraConfig()
     world = lit_world(scene, raycaster or Raycaster(scene.mesh))
-    view = camera_view(calibration, scene.ego, config.lidar_height_m)
+    view = view or camera_view(calibration, scene.ego, config.lidar_height_m)
     centers = pixel_samples(world, view, image_size, (0.0, 0.0))
     truth = _truth(centers, scene.owners)
     if not config.picture:
@@ -209,6 +214,8 @@ def render_camera(
             samples = pixel_samples(world, view, image_size, offset)
             radiance += _radiance(world, samples, view, scene.light, config)
         radiance /= np.float32(len(_SUBPIXEL_OFFSETS))
+    if dirt is not None:
+        radiance = seen_through(dirt, radiance)
     image = sensor_image(radiance, scene.light.exposure, rng=rng, config=config.sensor)
     return replace(truth, image=image)
 
@@ -223,7 +230,11 @@ def _truth(centers: Samples, face_owners: Int32[np.ndarray, " num_faces"]) -> Ca
 
 
 def _radiance(
-    world: LitWorld, samples: Samples, view: View, light: Light, config: CameraConfig
+    world: LitWorld,
+    samples: Samples,
+    view: View | RollingView,
+    light: Light,
+    config: CameraConfig,
 ) -> Float32[np.ndarray, "height width 3"]:
     return pixel_radiance(
         world,

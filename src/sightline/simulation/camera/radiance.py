@@ -26,12 +26,16 @@ from sightline.simulation.rays.surfaces import (
     MaterialTables,
     Rays,
     SurfaceHits,
+    is_wet,
+    puddle_share,
     surfaces_at_hits,
 )
 from sightline.simulation.scene import Material
 
 _GLASS: Final = int(Material.GLASS)
 _FAINTEST_IMAGE: Final = 0.02  # minimum reflectance that is worth a mirror ray
+_WET_MIRROR: Final = 0.5  # largest reflectance of a puddle, which is never quite still
+_DAMP_MIRROR: Final = 0.25  # reflectance of damp ground, as a share of a puddle's
 _GLASS_TINT: Final = 0.72  # share of the light transmitted by a pane
 _INSIDE_AMBIENT: Final = 0.22
 _OUTSIDE_AMBIENT: Final = 0.75
@@ -71,6 +75,10 @@ def _mirror_shares(materials: MaterialTables, found: SurfaceHits, shares: RayVal
         cosine = -dot(row_of(found.tilted_normals, row), row_of(found.directions, row))
         missing = 1.0 - min(max(cosine, 0.0), 1.0)
         share = upright + (1.0 - upright) * missing**5
+        if is_wet(material):
+            place = row_of(found.positions, row)
+            share = min(share, _WET_MIRROR)
+            share *= _DAMP_MIRROR + (1.0 - _DAMP_MIRROR) * puddle_share(place[0], place[1])
         if share > _FAINTEST_IMAGE:
             shares[row] = share
 

@@ -172,6 +172,27 @@ class View(NamedTuple):
         return _aimed(self, columns, rows)
 
 
+class RollingView(NamedTuple):
+    """View of a moving camera that exposes its rows one after the other."""
+
+    first: View
+    """View at the first row's time."""
+    last: View
+    """View at the last row's time."""
+    num_rows: int
+
+    @property
+    def pixel_angle(self) -> float:
+        """Approximate angle between neighbouring pixels [rad]."""
+        return self.first.pixel_angle
+
+    def rays(self, columns: RayValues, rows: RayValues) -> Rays:
+        """Build rays through image positions [px]; between the two times, motion is steady."""
+        early, late = self.first.rays(columns, rows), self.last.rays(columns, rows)
+        share = (rows / np.float32(max(self.num_rows - 1, 1)))[:, None]
+        return Rays(*(old + share * (new - old) for old, new in zip(early, late, strict=True)))
+
+
 class Samples(NamedTuple):
     """Rays of an image: one through each pixel, then more through the pixels at edges."""
 
@@ -216,7 +237,10 @@ def camera_view(calibration: CalibrationMatrices, ego: Pose, lidar_height_m: flo
 
 
 def pixel_samples(
-    world: LitWorld, view: View, image_size: tuple[int, int], offset: tuple[float, float]
+    world: LitWorld,
+    view: View | RollingView,
+    image_size: tuple[int, int],
+    offset: tuple[float, float],
 ) -> Samples:
     """Cast one ray per pixel, offset by (x, y) pixels from its centre."""
     height, width = image_size
@@ -236,7 +260,10 @@ def pixel_samples(
 
 
 def add_edge_samples(
-    world: LitWorld, view: View, samples: Samples, owners: Int32[np.ndarray, " num_faces"]
+    world: LitWorld,
+    view: View | RollingView,
+    samples: Samples,
+    owners: Int32[np.ndarray, " num_faces"],
 ) -> Samples:
     """Add samples at edges between neighbouring pixels."""
     faces = samples.hits.faces.reshape(samples.image_size)

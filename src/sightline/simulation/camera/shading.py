@@ -156,6 +156,7 @@ SUN_STRATA: Final = 16  # parts of the sun's disc, alternating between its quart
 
 _LEAF: Final = int(Material.LEAF)
 _WINDOW: Final = int(Material.WINDOW)
+_COATED_GLASS: Final = int(Material.COATED_GLASS)
 _HEADLIGHT: Final = int(Material.HEADLIGHT)
 _TAIL_LIGHT: Final = int(Material.TAIL_LIGHT)
 
@@ -340,7 +341,7 @@ def _lamp(mesh: MeshTables, light: Daylight, material: int, face: int, albedo: V
         return scaled(albedo, 4.0 * light.lamps)
     if material == _TAIL_LIGHT:
         return scaled(albedo, 0.9 * light.lamps)
-    if material == _WINDOW:
+    if material in (_WINDOW, _COATED_GLASS):
         # The two triangles of a pane share their first vertex.
         corner = mesh.faces[face, 0]
         chance = hashed(

@@ -24,12 +24,25 @@ from sightline.simulation.rays.kernels import (
     weighted,
 )
 from sightline.simulation.rays.raycast import Hits, Raycaster
-from sightline.simulation.rays.textures import ROAD_PAINT_LUMINANCE, textured
+from sightline.simulation.rays.textures import ROAD_PAINT_LUMINANCE, Textured, textured
 from sightline.simulation.scene import SURFACES, Material, Mesh
 
 NOTHING = -1  # material of a ray that hits nothing
 
 _ASPHALT = int(Material.ASPHALT)
+_PAVEMENT = int(Material.PAVEMENT)
+_COBBLES = int(Material.COBBLES)
+_WET_ASPHALT = int(Material.WET_ASPHALT)
+_WET_PAVEMENT = int(Material.WET_PAVEMENT)
+_WET_COBBLES = int(Material.WET_COBBLES)
+WET: Final = {
+    Material.ASPHALT: Material.WET_ASPHALT,
+    Material.PAVEMENT: Material.WET_PAVEMENT,
+    Material.COBBLES: Material.WET_COBBLES,
+}
+"""Wet surface of each dry one."""
+_DAMP, _UNDER_WATER = 0.62, 0.4  # albedo of wet ground, as a share of the dry albedo
+_RIPPLES: Final = 0.035  # slope of the water's surface
 _LEAF = int(Material.LEAF)
 
 
@@ -170,7 +183,8 @@ def _fill_surface(
     along_v = plus(scaled(toward_b, change_v[0]), scaled(toward_c, change_v[1]))
     side, rise = _pixel_on_surface(unit, flat, width)
     color = row_of(mesh.colors, face)
-    if material == _ASPHALT and luminance(color) > ROAD_PAINT_LUMINANCE:
+    dry = _dried(material)
+    if dry == _ASPHALT and luminance(color) > ROAD_PAINT_LUMINANCE:
         # Every marking has its own u and v; it wears off like the road below it.
         u, v = np.float64(found.positions[ray, 0]), np.float64(found.positions[ray, 1])
         along_u, along_v = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -179,12 +193,52 @@ def _fill_surface(
         v = v0 + b * change_v[0] + c * change_v[1]
     width_u = abs(dot(along_u, side)) + abs(dot(along_u, rise))
     width_v = abs(dot(along_v, side)) + abs(dot(along_v, rise))
-    texture = textured(material, color, Spot(u, v, width_u, width_v, _seed_of(mesh, face)))
+    texture = textured(dry, color, Spot(u, v, width_u, width_v, _seed_of(mesh, face)))
+    if dry != material:
+        texture = _under_water(texture, found.positions[ray, 0], found.positions[ray, 1])
     tilt = plus(scaled(along_u, texture.tilt_u), scaled(along_v, texture.tilt_v))
     store_row(found.flat_normals, ray, flat)
     store_row(found.normals, ray, normal)
     store_row(found.tilted_normals, ray, normalized(minus(normal, tilt), normal))
     store_row(found.albedos, ray, texture.color)
+
+
+@compiled
+def _dried(material: int) -> int:
+    """Find the dry material of wet ground; others are unchanged."""
+    if material == _WET_ASPHALT:
+        return _ASPHALT
+    if material == _WET_PAVEMENT:
+        return _PAVEMENT
+    return _COBBLES if material == _WET_COBBLES else material
+
+
+@compiled
+def is_wet(material: int) -> bool:
+    """Test for wet ground."""
+    return bool(_dried(material) != material)
+
+
+@compiled
+def puddle_share(x: float, y: float) -> float:
+    """Compute how far water covers wet ground at a place [m]: 0 damp, 1 a puddle."""
+    noise = value_noise(0.35 * x, 0.35 * y, 71) + 0.5 * value_noise(1.1 * x, 1.1 * y, 72)
+    return min(max(1.8 * noise - 0.5, 0.0), 1.0)
+
+
+@compiled
+def _under_water(texture: Textured, x: float, y: float) -> Textured:
+    """Darken a texture, and smooth its relief except for ripples."""
+    puddle = puddle_share(x, y)
+    kept = _DAMP + (_UNDER_WATER - _DAMP) * puddle
+    rough = 0.3 * (1.0 - puddle)
+    ripple_u = _RIPPLES * (value_noise(9.0 * x, 9.0 * y, 73) + value_noise(31.0 * x, 31.0 * y, 74))
+    ripple_v = _RIPPLES * (value_noise(9.0 * x, 9.0 * y, 75) + value_noise(31.0 * x, 31.0 * y, 76))
+    return Textured(
+        scaled(texture.color, kept),
+        rough * texture.tilt_u + ripple_u,
+        rough * texture.tilt_v + ripple_v,
+    )
 
 
 @compiled

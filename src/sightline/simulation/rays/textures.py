@@ -54,6 +54,7 @@ _WOOD: Final = int(Material.WOOD)
 _GRAVEL: Final = int(Material.GRAVEL)
 _COBBLES: Final = int(Material.COBBLES)
 _WINDOW: Final = int(Material.WINDOW)
+_COATED_GLASS: Final = int(Material.COATED_GLASS)
 
 
 class Textured(NamedTuple):
@@ -77,7 +78,7 @@ def textured(material: int, color: Vector, spot: Spot) -> Textured:
         surface = _plaster(color, spot)
     elif material in (_PAVEMENT, _KERB, _SOIL, _GRAVEL, _COBBLES):
         surface = _paving_or_soil(material, color, spot)
-    elif material in (_BRICK, _ROOF_TILE, _CONCRETE, _WOOD, _WINDOW):
+    elif material in (_BRICK, _ROOF_TILE, _CONCRETE, _WOOD, _WINDOW, _COATED_GLASS):
         surface = _building_surface(material, color, spot)
     else:
         surface = _object_surface(material, color, spot)
@@ -103,7 +104,7 @@ def _building_surface(material: int, color: Vector, spot: Spot) -> Textured:
         return _brick(color, spot)
     if material == _ROOF_TILE:
         return _roof_tile(color, spot)
-    if material == _WINDOW:
+    if material in (_WINDOW, _COATED_GLASS):
         return _window(color, spot)
     if material == _WOOD:
         return _wood(color, spot)

@@ -11,6 +11,7 @@ from sightline.simulation.arrays import AnyValues, Points
 from sightline.simulation.scene import Material, Mesh
 from sightline.simulation.shapes.edits import QuadBatch
 from sightline.simulation.shapes.primitives import Finish
+from sightline.simulation.streets.bicycle_rows import park_bicycles
 from sightline.simulation.streets.free_ground import Occupancy, StreetObjects
 from sightline.simulation.streets.layout import (
     Ground,
@@ -183,11 +184,17 @@ _ROW_TREES: Final = (Species.PLANE, Species.LIME, Species.CHERRY, Species.BIRCH,
 
 
 def dress(
-    rng: np.random.Generator, layout: Layout, taken: Occupancy, *, hard_negatives: bool = False
+    rng: np.random.Generator,
+    layout: Layout,
+    taken: Occupancy,
+    *,
+    hard_negatives: bool = False,
+    bicycle_rows: float = 0.0,
 ) -> list[Mesh]:
     """Place all furniture and rows of trees of a street, clear of road users and walls.
 
-    `hard_negatives` adds objects easily mistaken for a person or a car; all extend `taken`.
+    `hard_negatives` adds objects easily mistaken for a person or a car, and `bicycle_rows` is the
+    mean number of rows of parked bicycles on each side of a road; all extend `taken`.
     """
     dresser = _Dresser(rng, layout, taken)
     if layout.junction is not None:  # lights and priority signs take precedence
@@ -207,7 +214,8 @@ def dress(
         dresser.building_site(layout.main.left if rng.random() < 0.5 else layout.main.right)
     if hard_negatives:
         set_out_hard_negatives(rng, layout, dresser.objects, dresser.trunks)
-    return dresser.meshes()
+    bicycles = park_bicycles(rng, layout, dresser.objects, bicycle_rows) if bicycle_rows else []
+    return [*dresser.meshes(), *bicycles]
 
 
 class _Dresser:

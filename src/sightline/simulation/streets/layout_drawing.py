@@ -30,6 +30,10 @@ from sightline.simulation.tables import read_table
 BEHIND_M: Final = 60.0
 AHEAD_M: Final = 130.0  # built length of the street behind and ahead of the ego
 _CROSS_REACH_M: Final = 90.0
+_RADII_M: Final = (4.0, 8.0)
+_WIDE_RADII_M: Final = (8.0, 15.0)
+"""Ranges of the radius of the kerbs at a junction's corners."""
+_WIDE_STATIONS: Final = (26.0, 55.0)
 _TABLES: Final = read_table(__file__, "street_kinds")
 _KINDS: Final = _TABLES["kinds"]  # probabilities and lane widths by kind; shares sum to 1
 
@@ -40,27 +44,30 @@ def draw_layout(
     extra_length_m: float = 0.0,
     *,
     hard: bool = False,
+    wide: bool = False,
 ) -> Layout:
     """Draw a street of a kind, or of a kind drawn as often as in KITTI's drives.
 
     `extra_length_m` is the length of the ego's drive, by which the street is extended; `hard` gives
-    parked cars and junctions wherever possible.
+    parked cars and junctions wherever possible, `wide` a junction of several lanes each way.
     """
     if kind is None:
         shares = {name: row["share"] for name, row in _KINDS.items()}
         kind = StreetKind[_draw_name(rng, shares)]
-    road = _draw_section(rng, kind, hard=hard)
+    road = _draw_section(rng, kind, hard=hard, is_wide=wide)
     last = AHEAD_M + extra_length_m
     crossing = kind is not StreetKind.SQUARE and rng.random() < _KINDS[kind.name]["junctions"] * (
         1.4 if hard else 1.0
     )
     station = float(rng.uniform(14.0, 75.0)) if crossing else None
+    if wide:
+        station = float(rng.uniform(*_WIDE_STATIONS))
     ego_lane = _draw_ego_lane(rng, road)
     line = _draw_line(rng, kind, last, station, ego_lane.offset)
     road = replace(road, line=line, first=-BEHIND_M, last=last)
     junction = None
     if station is not None:
-        road, junction = _with_junction(rng, kind, road, station)
+        road, junction = _with_junction(rng, kind, road, station, is_wide=wide)
     waits = junction is not None and junction.station > 22.0 and rng.random() < 0.25
     return Layout(
         kind=kind,
@@ -114,10 +121,15 @@ def _draw_ego_lane(rng: np.random.Generator, road: Road) -> Lane:
 
 
 def _draw_section(
-    rng: np.random.Generator, kind: StreetKind, *, is_plain: bool = False, hard: bool = False
+    rng: np.random.Generator,
+    kind: StreetKind,
+    *,
+    is_plain: bool = False,
+    hard: bool = False,
+    is_wide: bool = False,
 ) -> Road:
     """Draw lanes and sides of a road, if plain without trams or one-way lane; its line follows."""
-    lanes = _draw_lanes(rng, kind, is_plain=is_plain)
+    lanes = _draw_lanes(rng, kind, is_plain=is_plain, is_wide=is_wide)
     left_edge = max(lane.offset + lane.width / 2 for lane in lanes)
     right_edge = -min(lane.offset - lane.width / 2 for lane in lanes)
     left = _draw_side(rng, kind, 1, left_edge, hard=hard)
@@ -138,7 +150,9 @@ def _draw_section(
 _FALLS: Final = (0.012, 0.03)  # mean slope of carriageways towards their edges
 
 
-def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -> tuple[Lane, ...]:
+def _draw_lanes(
+    rng: np.random.Generator, kind: StreetKind, *, is_plain: bool, is_wide: bool
+) -> tuple[Lane, ...]:
     """Draw lanes from right to left; the line runs between the directions."""
     width = float(rng.uniform(*_KINDS[kind.name]["lane_width_m"]))
     is_narrow = kind in (StreetKind.RESIDENTIAL, StreetKind.SQUARE) and rng.random() < 0.3
@@ -148,6 +162,8 @@ def _draw_lanes(rng: np.random.Generator, kind: StreetKind, *, is_plain: bool) -
     if kind in (StreetKind.AVENUE, StreetKind.CITY):
         wide = 0.6 if kind is StreetKind.AVENUE else 0.25
         ahead, back = (int(count) for count in 1 + (rng.random(2) < wide))
+    if is_wide:
+        ahead, back = (int(count) for count in rng.integers(2, 4, 2))
     has_trams = kind in (StreetKind.AVENUE, StreetKind.CITY) and rng.random() < 0.22
     trams = has_trams and not is_plain
     median = 3.2 if trams else 0.0
@@ -219,13 +235,17 @@ def _draw_bands(rng: np.random.Generator, kind: StreetKind) -> list[tuple[Ground
 
 
 def _with_junction(
-    rng: np.random.Generator, kind: StreetKind, main: Road, station: float
+    rng: np.random.Generator, kind: StreetKind, main: Road, station: float, *, is_wide: bool
 ) -> tuple[Road, Junction]:
     """Add a junction: the main road with gaps, and the crossing road."""
     cross_kind = StreetKind.RESIDENTIAL if kind is StreetKind.AVENUE else kind
-    cross = _draw_section(rng, cross_kind, is_plain=True)
+    cross = _draw_section(
+        rng, StreetKind.AVENUE if is_wide else cross_kind, is_plain=True, is_wide=is_wide
+    )
     opens_left, opens_right = ((True, True), (True, False), (False, True))[int(rng.choice(3))]
-    radius = float(rng.uniform(4.0, 8.0))
+    if is_wide:
+        opens_left = opens_right = True
+    radius = float(rng.uniform(*(_WIDE_RADII_M if is_wide else _RADII_M)))
     sides = (*main.sides, *cross.sides)
     corner = max(radius, *(side.outer - side.edge for side in sides))
     line = straight_line(

@@ -1,7 +1,7 @@
 """Kinds of buildings, their walls, roofs, balconies and chimneys."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,6 +28,7 @@ class BuildingForm:
     has_balconies: bool = False
     has_chimney: bool = False
     has_dormers: bool = False
+    is_glazed: bool = False  # whether all storeys have fronts of coated glass
 
 
 _PLASTERS: Final[tuple[Color, ...]] = (
@@ -41,6 +42,9 @@ _ROOFS: Final[tuple[Color, ...]] = (
     (0.14, 0.11, 0.10),
 )  # fmt: skip
 _TRIMS: Final[tuple[Color, ...]] = ((0.78, 0.77, 0.74), (0.62, 0.60, 0.55), (0.30, 0.20, 0.13))
+_FRAMES: Final[tuple[Color, ...]] = (
+    (0.05, 0.05, 0.055), (0.30, 0.31, 0.32), (0.12, 0.11, 0.10), (0.55, 0.55, 0.54),
+)  # fmt: skip
 _DOORS: Final[tuple[Color, ...]] = (
     (0.20, 0.10, 0.05), (0.10, 0.16, 0.12), (0.45, 0.45, 0.46), (0.08, 0.10, 0.18),
     (0.28, 0.05, 0.05),
@@ -152,6 +156,37 @@ def draw_hall(rng: np.random.Generator) -> BuildingForm:
     )
 
 
+_TALL_STOREYS: Final = (6, 16)
+
+
+def heightened(rng: np.random.Generator, form: BuildingForm) -> BuildingForm:
+    """Give a building of a town six storeys or more."""
+    return replace(
+        form,
+        storeys=int(rng.integers(*_TALL_STOREYS)),
+        roof="flat",
+        has_dormers=False,
+        has_balconies=form.has_balconies or bool(rng.random() < 0.3),
+    )
+
+
+def glazed(rng: np.random.Generator, form: BuildingForm) -> BuildingForm:
+    """Give a building fronts of mirroring glass in thin frames, as offices have."""
+    frame = Finish(Material.METAL, _pick(rng, _FRAMES))
+    look = replace(
+        form.look,
+        wall=frame,
+        base=frame,
+        trim=frame,
+        window_pitch=float(rng.uniform(1.2, 2.4)),
+        recess=0.03,
+    )
+    return replace(
+        form, look=look, is_glazed=True, roof="flat", plinth=0.1, has_balconies=False,
+        has_dormers=False,
+    )  # fmt: skip
+
+
 _FOUNDATION: Final = 2.0  # depth of the walls below the ground [m], which may slope
 
 
@@ -218,6 +253,7 @@ def _fronts(site: BuildingSite, form: BuildingForm) -> list[Front]:
                 storey_height=form.storey_height,
                 facade=facade,
                 has_shop=form.has_shop and row == 0,
+                is_glazed=form.is_glazed,
                 foundation=_FOUNDATION,
                 is_far=site.is_far,
             )

@@ -44,6 +44,7 @@ class Front:
     storey_height: float
     facade: Facade
     has_shop: bool
+    is_glazed: bool = False
     foundation: float
     is_far: bool
 
@@ -62,6 +63,8 @@ _UP: Final = np.array([0, 0, 1, 1])  # index of the span's end for each corner o
 _SHOP_HEIGHT: Final = 2.5
 _DOOR_WIDTH: Final = 1.1
 _FRAME: Final = 0.07
+_MULLION: Final = 0.02
+_COATED_TONES: Final = ((0.02, 0.03, 0.035), (0.02, 0.035, 0.03), (0.05, 0.045, 0.035))
 _GLASS_TONES: Final = ((0.03, 0.035, 0.04), (0.06, 0.065, 0.07), (0.30, 0.29, 0.27))
 
 
@@ -79,18 +82,22 @@ def build_front(rng: np.random.Generator, batch: QuadBatch, front: Front, look: 
     for storey in range(front.storeys):
         floor = front.plinth + storey * front.storey_height
         is_shop = storey == 0 and front.has_shop
-        openings = _shop_windows(front) if is_shop else _windows(front, look, floor)
+        if front.is_glazed:
+            openings = _glass_front(front, look, floor)
+        else:
+            openings = _shop_windows(front) if is_shop else _windows(front, look, floor)
         door = None
-        if storey == 0 and front.facade is Facade.STREET and not is_shop:
+        is_plain = not is_shop and not front.is_glazed
+        if storey == 0 and front.facade is Facade.STREET and is_plain:
             openings, door = _with_door(rng, openings)
         ceiling = floor + front.storey_height
         _pierced_storey(batch, front, look, openings, bottom, ceiling)
         if door is not None:
             _door(batch, front, look, door, ceiling)
         _panes(rng, batch, front, look, openings, is_shop=is_shop)
-        if not is_shop and not front.is_far and look.has_folding_shutters:
+        if is_plain and not front.is_far and look.has_folding_shutters:
             _folding_shutters(batch, look, openings)
-        if is_shop:
+        if is_shop and not front.is_glazed:
             _shop_sign(rng, batch, front, openings.high)
         bottom = ceiling
 
@@ -113,6 +120,14 @@ def _shop_windows(front: Front) -> _Openings:
     half = front.length / count / 2 - 0.25
     high = front.plinth + min(_SHOP_HEIGHT, front.storey_height - 0.7)
     return _Openings(middles - half, middles + half, front.plinth + 0.25, high)
+
+
+def _glass_front(front: Front, look: Look, floor: float) -> _Openings:
+    """Compute panes from floor to ceiling with thin frames between."""
+    count = max(1, round(front.length / look.window_pitch))
+    edges = np.linspace(0.0, front.length, count + 1)
+    starts, stops = edges[:-1] + _MULLION, edges[1:] - _MULLION
+    return _Openings(starts, stops, floor + 0.08, floor + front.storey_height - 0.12)
 
 
 def _with_door(
@@ -238,6 +253,10 @@ def _panes(
             )
         )
         batch.add(reveals, look.wall)
+    if front.is_glazed:  # nothing behind a pane stops a beam
+        tint = _COATED_TONES[count % len(_COATED_TONES)]
+        batch.add(_sheets(starts, stops, low, high, deep), Finish(Material.COATED_GLASS, tint))
+        return
     batch.add(_sheets(starts, stops, low, high, deep), look.trim)
     tones = rng.choice(3, count, p=(0.45, 0.35, 0.2)) if not is_shop else np.ones(count, int)
     colors = np.array(_GLASS_TONES)[tones]

@@ -20,6 +20,7 @@ from sightline.simulation.streets.lots import (
     footprint_corners,
     footprint_of,
 )
+from sightline.simulation.streets.variety import Variety
 from sightline.simulation.surroundings.boundaries import close_gap, enclose
 from sightline.simulation.surroundings.buildings import (
     BuildingForm,
@@ -31,6 +32,8 @@ from sightline.simulation.surroundings.buildings import (
     draw_look,
     draw_terrace,
     draw_town_house,
+    glazed,
+    heightened,
 )
 from sightline.simulation.surroundings.trees import Plants, Species, set_out
 
@@ -42,12 +45,18 @@ _FORMS: Final = {
     Plots.BLOCKS: draw_town_house,
     Plots.HALLS: draw_hall,
 }
+_LARGE: Final = (Plots.BLOCKS, Plots.APARTMENTS, Plots.HALLS)
 DECIDUOUS: Final = (Species.LIME, Species.BIRCH, Species.PLANE, Species.CHERRY)
 _GARDEN_TREES: Final = (Species.CHERRY, Species.SPRUCE, Species.BIRCH, Species.LIME)
 
 
-def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) -> list[Mesh]:
-    """Build everything beyond the pavements."""
+def make_plots(
+    rng: np.random.Generator,
+    layout: Layout,
+    lots: Sequence[Lot],
+    variety: Variety | None = None,
+) -> list[Mesh]:
+    """Build everything beyond the pavements; `variety` makes buildings tall or glazed."""
     batch = QuadBatch()
     parts: list[Mesh] = []
     shared: BuildingForm | None = None
@@ -55,6 +64,8 @@ def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) ->
         if lot.plots in _FORMS:
             if lot.plots is not Plots.TERRACES or shared is None or rng.random() < 0.15:
                 shared = _FORMS[lot.plots](rng)
+                if variety is not None and lot.plots in _LARGE:
+                    shared = _varied(rng, shared, variety)
             if lot.plots is Plots.TERRACES:  # its houses share their form but not their colours
                 shared = replace(shared, look=draw_look(rng, 0.15))
             _place_building(rng, batch, layout, lot, shared, _free_sides(lots, row))
@@ -69,6 +80,12 @@ def make_plots(rng: np.random.Generator, layout: Layout, lots: Sequence[Lot]) ->
             parts += _open_land(rng, layout, lot)
         parts += enclose(rng, batch, layout, lot)
     return [batch.mesh(), *parts]
+
+
+def _varied(rng: np.random.Generator, form: BuildingForm, variety: Variety) -> BuildingForm:
+    if variety.is_tall:
+        form = heightened(rng, form)
+    return glazed(rng, form) if rng.random() < variety.glazed_share else form
 
 
 def _free_sides(lots: Sequence[Lot], row: int) -> tuple[bool, bool]:

@@ -1,7 +1,7 @@
 """Crowd of a street: adds road users one by one where there is room for the whole drive."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
@@ -16,6 +16,7 @@ from sightline.simulation.scene import Actor, Pose
 from sightline.simulation.streets.free_ground import Occupancy
 from sightline.simulation.streets.layout import Layout, Road, StreetKind
 from sightline.simulation.streets.lots import Lot, footprint_corners, footprint_of
+from sightline.simulation.streets.variety import Variety
 from sightline.simulation.tables import read_table
 from sightline.simulation.traffic.motion import STANDING, AlongRoad, Still, Track, Travel, on_wheels
 
@@ -86,6 +87,7 @@ _SPREAD: Final = 1.7
 """Concentration of the share of parking places taken: a lower value gives more rows that are full
 or empty."""
 _JAM_MPS: Final = (0.4, 2.5)
+_MOST_HEAVY: Final = 0.25  # maximum share of lorries and buses
 _HARD_BUSYNESS: Final = 1.6
 _HARD_RARITY: Final = 0.4
 
@@ -112,6 +114,18 @@ TRAFFIC_RATES: Final = {
 }
 
 
+def _rates(kind: StreetKind, variety: Variety | None) -> TrafficRates:
+    """Look up the rates of a kind of street, with the factors of its variety."""
+    rates = TRAFFIC_RATES[kind]
+    if variety is None:
+        return rates
+    return replace(
+        rates,
+        cyclists=rates.cyclists * variety.cyclists,
+        heavy_share=min(rates.heavy_share * variety.heavy, _MOST_HEAVY),
+    )
+
+
 class Crowd:
     """Road users placed so far in a street, and the rates for drawing more."""
 
@@ -123,11 +137,12 @@ class Crowd:
         duration_s: float,
         *,
         hard: bool = False,
+        variety: Variety | None = None,
     ) -> None:
         self.rng = rng
         self.layout = layout
         self.models = models
-        self.rates = TRAFFIC_RATES[layout.kind]
+        self.rates = _rates(layout.kind, variety)
         self.times = np.arange(0.0, duration_s + _MOMENT_S, _MOMENT_S)
         self.hard = hard
         self.busyness = float(rng.gamma(2.0) / 2.0) * (_HARD_BUSYNESS if hard else 1.0)

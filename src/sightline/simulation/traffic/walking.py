@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.simulation.bodies.models import ActorModel
 from sightline.simulation.scene import Pose
 from sightline.simulation.streets.ground import surface_height
 from sightline.simulation.streets.layout import Ground, Plots, Side, StreetKind
@@ -117,17 +118,18 @@ def _wait(crowd: Crowd, station: float, count: int) -> None:
     heading = float(main.line.yaw(np.array(station))) - side.sign * np.pi / 2
     for behind, along in _abreast(rng, count):
         distance = min(side.edge + 0.45 - behind, side.outer - 0.3)
-        _stand(crowd, "Pedestrian", side, station + along, distance, heading + rng.normal(0, 0.3))
+        yaw = heading + rng.normal(0, 0.3)
+        person = crowd.models.draw(rng, "Pedestrian", 0.0)
+        stand(crowd, person, side, station + along, distance, yaw)
 
 
-def _stand(
-    crowd: Crowd, name: str, side: Side, station: float, distance: float, yaw: float
+def stand(
+    crowd: Crowd, model: ActorModel, side: Side, station: float, distance: float, yaw: float
 ) -> None:
-    """Place a person standing beside the main road."""
+    """Place a road user at rest beside the main road."""
     main, spot = crowd.layout.main, (np.array(station), np.array(side.sign * distance))
     x, y = main.line.place(*spot).tolist()
     z = float(surface_height(crowd.layout.terrain, main, *spot))
-    model = crowd.models.draw(crowd.rng, name, 0.0)
     crowd.add(model, Still(pose=Pose(x=x, y=y, z=z, yaw=float(yaw))), _ELBOW_M)
 
 
@@ -166,4 +168,5 @@ def sit(crowd: Crowd) -> None:
         station = middle + float(rng.normal(0, 1.8))
         distance = min(side.outer, side.edge + 5.0) - float(rng.uniform(0.9, 2.2))
         yaw = float(rng.uniform(-np.pi, np.pi))
-        _stand(crowd, "Person_sitting", side, station, distance, yaw)
+        person = crowd.models.draw(rng, "Person_sitting", 0.0)
+        stand(crowd, person, side, station, distance, yaw)
