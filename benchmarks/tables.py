@@ -14,7 +14,14 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from benchmarks import table_accuracy, table_board, table_papers, table_sensors, table_speed
+from benchmarks import (
+    table_accuracy,
+    table_board,
+    table_joined,
+    table_papers,
+    table_sensors,
+    table_speed,
+)
 
 ROOT: Final = Path(__file__).parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results"
@@ -74,6 +81,7 @@ TABLES: Final = {
     "point-ops": Table(("point_ops",), table_speed.point_ops),
     "raycast": Table(("raycast",), table_speed.raycast),
     "simulate": Table(("simulate",), table_speed.simulate),
+    "joined": Table(("joined", "joined_sample_train"), table_joined.joined),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
 }  # fmt: skip
 

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 RESULTS = (ROOT / "docs" / "results.md", *(ROOT / "docs" / "results").glob("*.md"))
-FILES = sorted((ROOT / "src" / "sightline" / "weights").iterdir())
+FILES = sorted((ROOT / "src" / "sightline" / "weights").glob("*.safetensors"))
 TEXT = (ROOT / "docs" / "models.md").read_text()
 CARDS = dict(re.findall(r"^## (.+)\n((?:(?!## ).*\n)*)", TEXT, re.MULTILINE))
 ROWS = (

@@ -31,9 +31,11 @@ if TYPE_CHECKING:
     from sightline.geometry.calibration import Calibration as Calibration
     from sightline.geometry.projection import project_points as project_points
     from sightline.geometry.projection import sparse_depth_map as sparse_depth_map
+    from sightline.joining.predictor import JoinedPredictor as JoinedPredictor
     from sightline.perception.perceive import perceive as perceive
     from sightline.perception.perceiver import MultiTaskPredictor as MultiTaskPredictor
     from sightline.structures.labels import ObjectLabels as ObjectLabels
+    from sightline.structures.objects import Objects as Objects
     from sightline.structures.predictions import DepthMap as DepthMap
     from sightline.structures.predictions import Detections2D as Detections2D
     from sightline.structures.predictions import Detections3D as Detections3D
@@ -56,7 +58,9 @@ _MODULES: Final = {
     "Detections2D": "structures.predictions",
     "Detections3D": "structures.predictions",
     "ObjectLabels": "structures.labels",
+    "JoinedPredictor": "joining.predictor",
     "MultiTaskPredictor": "perception.perceiver",
+    "Objects": "structures.objects",
     "Perception": "structures.predictions",
     "check_tree": "data.check",
     "evaluate_depth": "evaluation.depth",

@@ -189,6 +189,7 @@ def load(
         ('depth-fast-cpu', ('image', 'points'))
 
     It takes a `CameraLidarSample` and returns a `DepthMap`, a `DetectionResult` or `Detections3D`.
+    The predictor "joined" runs both detectors, and returns a `Perception` with objects.
 
     Args:
         weights: Name of weights in the package (`sightline tasks` lists them), or a file
@@ -205,6 +206,12 @@ def load(
         ValueError: There are no such weights, this version does not have their task, or the engine
             is not installed or cannot run on the device.
     """
+    from sightline.joining.models import JOINED
+
+    if weights == JOINED:
+        from sightline.joining.predictor import JoinedPredictor
+
+        return JoinedPredictor.load(engine=engine, device=device, threads=threads)
     task = choose_task(None, find_weights(weights))
     return task.predictor(weights=weights, engine=engine, device=device, threads=threads)
 

@@ -95,6 +95,7 @@ def test_a_line_holds_the_predictions(data, out):
         "sensors": {"camera": True, "lidar": True},
         "num_points": 200,
         "tasks": {"depth-completion": {"by": "sparse"}, "detection2d": {"by": "one-box"}},
+        "objects": None,
         "detections2d": [{"class": "Car", "score": 0.8, "box_px": [1.0, 2.0, 5.0, 12.0]}],
         "detections3d": None,
     }

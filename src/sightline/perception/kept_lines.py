@@ -127,6 +127,25 @@ _LINE: Final = {
     "sensors": dict.fromkeys(SENSOR_FIELDS, _flag),
     "num_points": _maybe(_count),
     "tasks": _each(_task),
+    "objects": _maybe(
+        [
+            {
+                "class": _text,
+                "score": _number,
+                "box_px": _maybe((_number,) * 4),
+                "box_3d": _maybe(
+                    {
+                        "center_m": (_number,) * 3,
+                        "size_m": (_number,) * 3,
+                        "yaw_rad": _number,
+                        "score": _number,
+                        "origin": _text,
+                    }
+                ),
+                "support": {"image": _number, "lidar": _number, "points": _count},
+            }
+        ]
+    ),
     "detections2d": _maybe([{"class": _text, "score": _number, "box_px": (_number,) * 4}]),
     "detections3d": _maybe(
         [

@@ -20,6 +20,8 @@ from sightline.inference.predict import (
 )
 from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
+from sightline.joining.files import write_objects
+from sightline.joining.models import JOINED
 from sightline.perception.kept_lines import Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor
@@ -71,9 +73,10 @@ def perceive(
 ) -> PerceiveResult:
     """Runs all tasks on every frame of a data set; each frame is loaded once.
 
-    `out` then contains a folder of result files for each task, as from `sightline predict`,
-    perception.jsonl (docs/perception.md describes its lines) and timings.jsonl. For a frame without
-    a sensor, only the tasks that can work without it predict.
+    `out` then contains a folder of result files for each task, as from `sightline predict`, a
+    folder `joined` of objects if both detectors have their default weights, perception.jsonl
+    (docs/perception.md describes its lines) and timings.jsonl. For a frame without a sensor, only
+    the tasks that can work without it predict.
 
     Files are written atomically, and finished frames are skipped: to resume a stopped job, run it
     again. Damaged lines and times are left out with a warning.
@@ -179,6 +182,10 @@ class _FrameWork:
         predictions = self.perceiver.predict_by_task(sample)
         for task, prediction in predictions.by_task.items():
             write_prediction(self.places[task], sample, prediction)
+        if predictions.objects is not None:
+            path = self.out / JOINED / f"{self.name}.txt"
+            path.parent.mkdir(exist_ok=True)
+            write_objects(path, sample, predictions.objects)
         for folder, line in (
             (_TIMINGS_FOLDER, timing_line(sample, predictions)),
             (_LINES_FOLDER, frame_line(sample, predictions, self.made_by)),
@@ -223,6 +230,16 @@ def _claim(
     claims = [Claim(folder=out, settings=settings, results=(f"{_LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():
         claims += output_claims(find_task(name), predictor, places[name], data, velodyne)
+    models = perceiver.join_models
+    if models is not None:
+        joined = {key: settings[key] for key in ("job", "data", "velodyne", "sightline")}
+        claims.append(
+            Claim(
+                folder=out / JOINED,
+                settings=joined | {"models": dict(models.provenance)},
+                results=("*.txt",),
+            )
+        )
     claim_folders(claims)
 
 
@@ -251,6 +268,8 @@ def _done_frames(
         lacking = {part for entry in tasks.values() for part in entry.get("lacks", ())}
         still_lacks = not any(has_file(dataset, index, part) for part in lacking)
         has_files = all(name in present.get(task, ()) for task in _predicting_tasks(line))
+        if line["objects"] is not None:
+            has_files &= (folder.parent / JOINED / f"{name}.txt").is_file()
         if has_same_predictors and still_lacks and has_files:
             done.add(name)
     return done

@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -11,6 +11,9 @@ from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
+from sightline.joining.join import join_detections
+from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
@@ -18,6 +21,7 @@ from sightline.tasks import REGISTRY, find_task, task_names
 if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
 
+_JOINED_TASKS: Final = ("detection2d", "detection3d")
 LEFT_OUT: Final = "none"
 """Name of weights that disables a task."""
 
@@ -33,13 +37,16 @@ class FramePredictions:
     milliseconds: Mapping[str, float]
     """Time of each prediction by task, without loading and writing; the first one of a process
     includes the start of its engine."""
+    objects: Objects | None = None
+    """Objects joined from both detectors; None: not joined."""
 
     @property
     def perception(self) -> Perception:
         """The predictions in the format shared by all tasks."""
-        return Perception.joined(
+        perception = Perception.joined(
             find_task(name).perception(prediction) for name, prediction in self.by_task.items()
         )
+        return replace(perception, objects=self.objects)
 
 
 class MultiTaskPredictor(SamplePredictor[Perception]):
@@ -58,6 +65,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         >>> "Car" in blind.detections2d.class_names, blind.detections3d, blind.depth
         (True, None, None)
 
+    Objects are joined from the detections if there are models for the weights of both detectors.
     Can be pickled, and called in a forked process.
     """
 
@@ -73,6 +81,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         for name in predictors:
             find_task(name)
         self.predictors: Final = dict(predictors)
+        self.join_models: Final = _fitted_models(self.predictors)
 
     @classmethod
     def load(
@@ -142,9 +151,34 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             start = time.perf_counter()
             by_task[name] = predictor(sample)
             milliseconds[name] = 1000 * (time.perf_counter() - start)
-        return FramePredictions(by_task=by_task, lacks=lacks, milliseconds=milliseconds)
+        predictions = FramePredictions(by_task=by_task, lacks=lacks, milliseconds=milliseconds)
+        if self.join_models is None or not by_task.keys() & set(_JOINED_TASKS):
+            return predictions
+        start = time.perf_counter()
+        objects = _join(sample, predictions, self.join_models)
+        milliseconds[JOINED] = 1000 * (time.perf_counter() - start)
+        return replace(predictions, objects=objects)
 
     def answer(self, sample: CameraLidarSample) -> FramePredictions:
         """Deprecated name of `predict_by_task`."""
         warnings.warn("answer is now predict_by_task", DeprecationWarning, stacklevel=2)
         return self.predict_by_task(sample)
+
+
+def _fitted_models(predictors: Mapping[str, Predictor]) -> JoinModels | None:
+    """Read the models of joined scores; None: they were fitted for other weights."""
+    digests = [
+        predictors[name].made_by.get("weights_sha256", "")
+        for name in _JOINED_TASKS
+        if name in predictors
+    ]
+    if len(digests) < len(_JOINED_TASKS) or not all(digests):
+        return None
+    models = read_models()
+    return models if models.fits(*digests) else None
+
+
+def _join(sample: CameraLidarSample, predictions: FramePredictions, models: JoinModels) -> Objects:
+    """Join the detections of both tasks."""
+    found = predictions.perception
+    return join_detections(sample, found.detections2d, found.detections3d, models)

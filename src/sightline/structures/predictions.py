@@ -14,6 +14,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
 from sightline.geometry.wrong_types import named_arguments
+from sightline.structures.objects import Objects
 
 if TYPE_CHECKING:
     from sightline.structures.sample import CameraLidarSample
@@ -218,6 +219,8 @@ class Perception:
         (True, True)
     """
 
+    objects: Objects | None = None
+    """Objects joined from the detections of all sensors."""
     detections2d: Detections2D | None = None
     """Detections in pixels of the frame's image."""
     detections3d: Detections3D | None = None
@@ -233,6 +236,7 @@ class Perception:
         joined = cls()
         for part in parts:
             joined = cls(
+                objects=part.objects if joined.objects is None else joined.objects,
                 detections2d=joined.detections2d or part.detections2d,
                 detections3d=joined.detections3d or part.detections3d,
                 depth=joined.depth or part.depth,
@@ -244,6 +248,7 @@ class Perception:
         """Removes detections with scores below `min_score`."""
         return replace(
             self,
+            objects=None if self.objects is None else self.objects.filter_by_score(min_score),
             detections2d=self.detections2d and self.detections2d.filter_by_score(min_score),
             detections3d=self.detections3d and self.detections3d.filter_by_score(min_score),
             further={key: each.filter_by_score(min_score) for key, each in self.further.items()},
@@ -254,6 +259,7 @@ class Perception:
     def to_json(self) -> dict[str, JsonValue]:
         """Convert to JSON, by name; None: no task has predicted it."""
         return {
+            "objects": None if self.objects is None else self.objects.to_json(),
             "detections2d": None if self.detections2d is None else self.detections2d.to_json(),
             "detections3d": None if self.detections3d is None else self.detections3d.to_json(),
             "depth": None if self.depth is None else self.depth.to_json(),

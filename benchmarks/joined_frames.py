@@ -1,0 +1,160 @@
+"""Frames with sound and faulty sensors, and their detections kept in a folder: for joining."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+
+from sightline.augmentation.sample_changes import thin_rings
+from sightline.corruptions.suites import find_suite
+from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.export.names import EngineName
+from sightline.files.atomic import atomic_write_text
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.joining.fitting import FitFrame
+from sightline.structures.predictions import Detections2D, Detections3D
+from sightline.structures.sample import CameraLidarSample
+
+Change = Callable[[CameraLidarSample, int], CameraLidarSample]
+"""Fault of a sample, which may depend on its position in the list."""
+
+_CORE: Final = find_suite("core")
+_RINGS: Final = 64
+_THIN: Final = (16, 8, 32, 16, 8, 16)  # beams, in turns
+
+
+def clean(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Change nothing."""
+    del position
+    return sample
+
+
+def without_camera(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Remove the image."""
+    del position
+    return replace(sample, image=None)
+
+
+def without_lidar(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Remove the sweep."""
+    del position
+    return replace(sample, points=None)
+
+
+def beams(num_beams: int, first: int) -> Change:
+    """Make a change to `num_beams` of 64 rings, from ring `first` on."""
+
+    def thin(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+        del position
+        return thin_rings(sample, _RINGS // num_beams, first)
+
+    return thin
+
+
+def thin_sweep(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Keep 32, 16 or 8 of 64 rings, in turns, also of the first one."""
+    keep_every = _RINGS // _THIN[position % len(_THIN)]
+    return thin_rings(sample, keep_every, 7 * position % keep_every)
+
+
+def any_fault(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Apply one of suite `core`, kinds and severities in turns."""
+    kind = _CORE.kinds[3 * position % len(_CORE.kinds)]
+    (case,) = _CORE.select([f"{kind}-{1 + position // 2 % 5}"])
+    return case.corrupt(sample).sample
+
+
+FIT_CASES: Final[Mapping[str, Change]] = {
+    "clean": clean,
+    "thin": thin_sweep,
+    "lidar_blank": without_lidar,
+    "camera_blank": without_camera,
+    "fault": any_fault,
+}
+"""States of the sensors in which the models are fitted; each frame is in all."""
+
+CASES: Final[Mapping[str, Change]] = {
+    "clean": clean,
+    "camera_blank": without_camera,
+    "lidar_blank": without_lidar,
+    **{f"beams_16_from_{first}": beams(16, first) for first in range(4)},
+}
+"""States of the sensors in which joined objects are scored."""
+
+
+@dataclass(frozen=True)
+class DetectionStore:
+    """Detections of both detectors, computed once and kept as JSON by case and frame."""
+
+    weights2d: str
+    weights3d: str
+    folder: Path
+    engine: EngineName = "openvino"
+
+    @cached_property
+    def detector2d(self) -> DetectionPredictor:
+        """Detector in the image, loaded when it is first needed."""
+        return DetectionPredictor.load(self.weights2d, engine=self.engine, threads=1)
+
+    @cached_property
+    def detector3d(self) -> Detection3DPredictor:
+        """Detector in the sweep, loaded when it is first needed."""
+        return Detection3DPredictor.load(self.weights3d, engine=self.engine, threads=1)
+
+    def frame(
+        self, sample: CameraLidarSample, case: str, position: int, change: Change
+    ) -> FitFrame:
+        """Change a sample, and find or compute its detections."""
+        changed = change(sample, position)
+        path = self.folder / case / f"{sample.sample_id}.json"
+        if path.is_file():
+            content = json.loads(path.read_text())
+            return FitFrame(
+                sample=changed,
+                found2d=_detections2d(content["image"]),
+                found3d=None if content["sweep"] is None else _detections3d(content["sweep"]),
+            )
+        found2d = self.detector2d(changed).detections
+        found3d = None if changed.points is None else self.detector3d(changed)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = {"image": plain(found2d), "sweep": None if found3d is None else plain(found3d)}
+        atomic_write_text(path, json.dumps(content))
+        return FitFrame(sample=changed, found2d=found2d, found3d=found3d)
+
+    def frames(
+        self, samples: list[CameraLidarSample], case: str, change: Change
+    ) -> Iterator[FitFrame]:
+        """Yield the frames of a case in order."""
+        for position, sample in enumerate(samples):
+            yield self.frame(sample, case, position, change)
+
+
+def plain(found: Detections2D | Detections3D) -> dict[str, Any]:
+    """Convert detections to JSON without loss."""
+    return {
+        "classes": list(found.class_names),
+        "boxes": found.boxes.tensor.tolist(),
+        "scores": found.scores.tolist(),
+    }
+
+
+def _detections2d(content: Mapping[str, Any]) -> Detections2D:
+    return Detections2D(
+        class_names=tuple(content["classes"]),
+        boxes=Boxes2D(torch.tensor(content["boxes"]).reshape(-1, 4)),
+        scores=torch.tensor(content["scores"]),
+    )
+
+
+def _detections3d(content: Mapping[str, Any]) -> Detections3D:
+    return Detections3D(
+        class_names=tuple(content["classes"]),
+        boxes=Boxes3D(torch.tensor(content["boxes"]).reshape(-1, 7)),
+        scores=torch.tensor(content["scores"]),
+    )

@@ -1,0 +1,53 @@
+"""Rows of the table of joined objects beside each detector's."""
+
+from statistics import mean
+from typing import Any
+
+Record = dict[str, Any]
+Rows = list[list[str]]
+
+_STATES = {"clean": "both sensors", "camera_blank": "camera blank", "lidar_blank": "LiDAR blank"}
+_BEAMS = "beams_16_from_"
+_COLUMNS = {
+    "cars in the image, IoU 0.7": ("Car", "bbox", 0.7),
+    "cars in 3D, 0.7": ("Car", "3d", 0.7),
+    "cars in 3D, 0.5": ("Car", "3d", 0.5),
+    "pedestrians in the image, 0.5": ("Pedestrian", "bbox", 0.5),
+    "pedestrians in 3D, 0.5": ("Pedestrian", "3d", 0.5),
+}
+
+
+def joined(*records: Record) -> Rows:
+    """Give a row for each list of frames and state of the sensors."""
+    rows: Rows = [["frames", "sensors", *_COLUMNS]]
+    for record in records:
+        cases = list(dict.fromkeys(row["case"] for row in record["results"]))
+        beams = [case for case in cases if case.startswith(_BEAMS)]
+        states = {title: [case] for case, title in _STATES.items() if case in cases}
+        if beams:
+            states[f"16 beams, mean of {len(beams)} choices of rings"] = beams
+        for title, chosen in states.items():
+            cells = [_cell(record, chosen, *column) for column in _COLUMNS.values()]
+            rows.append([f"{record['sample_list']}, {record['frames']}", title, *cells])
+    return rows
+
+
+def _cell(record: Record, cases: list[str], class_name: str, metric: str, iou: float) -> str:
+    """Format AP alone and joined, and the interval of the difference for a single case."""
+    rows = [
+        row
+        for row in record["results"]
+        if row["case"] in cases
+        and (row["class"], row["metric"], row["iou"]) == (class_name, metric, iou)
+    ]
+    alone = [
+        f"{mean(row[name] for row in rows):.1f}"
+        for name in ("image", "sweep")
+        if all(name in row for row in rows)
+    ]
+    cell = f"{' / '.join(alone)} -> **{mean(row.get('joined', 0.0) for row in rows):.1f}**"
+    own = "less_image_95" if metric == "bbox" else "less_sweep_95"
+    interval = rows[0].get(own)
+    if len(rows) > 1 or interval is None:
+        return cell
+    return f"{cell} [{interval[0]:+.1f}, {interval[1]:+.1f}]"

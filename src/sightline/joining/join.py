@@ -1,0 +1,251 @@
+"""One list of objects from the detections of both detectors, in stages that can be switched off."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float64, Int64
+
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.joining.evidence import Evidence, gather_evidence, image_iou
+from sightline.joining.lifting import Lifted, lift
+from sightline.joining.models import JoinModels, LogisticModel
+from sightline.joining.scene import Scene, make_scene
+from sightline.structures.level import mounted_detections
+from sightline.structures.objects import Objects, Origin
+from sightline.structures.predictions import Detections2D, Detections3D
+from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JoinConfig:
+    """Stages of joining; each can be switched off."""
+
+    associate: bool = True
+    """Whether boxes of both detectors become one object; off: each box is an object."""
+    rescore: bool = True
+    """Whether the models give scores; off: the detectors' own."""
+    mix_boxes: bool = True
+    """Whether matched image boxes take the shape of the projected 3D box."""
+    lift: bool = True
+    """Whether objects without a 3D box get one by geometry."""
+    min_iou: float = 0.5
+    """Minimum IoU of a projected box and an image box of one object."""
+    projected_share: float = 0.75
+    """Share of the projected box in the mean of both."""
+    own_share: float = 0.5
+    """Share of the detector's own score in the mean with the model's."""
+    min_lifted_score: float = 0.1
+    """Score of an image box from which it is lifted; each takes some 3 ms."""
+    max_iou: float = 0.6
+    """IoU above which an object with an image box alone repeats a surer one of its class."""
+
+    def __post_init__(self) -> None:
+        """Checks the ranges."""
+        for name in ("min_iou", "projected_share", "own_share", "min_lifted_score", "max_iou"):
+            value = getattr(self, name)
+            if not 0 <= value <= 1:
+                raise ValueError(f"{name} must be from 0 to 1, got {value}")
+
+
+def join_detections(
+    sample: CameraLidarSample,
+    found2d: Detections2D | None,
+    found3d: Detections3D | None,
+    models: JoinModels,
+    config: JoinConfig = JoinConfig(),
+) -> Objects:
+    """Join the detections of a frame to objects, by descending score.
+
+    Matched boxes have one class; a box matches at most one other. Scores of both combine as those
+    of independent observers (noisy or). Equal inputs give equal objects; nothing is random.
+
+    Args:
+        sample: The frame, for its calibration, returns and which sensors there are.
+        found2d: Detections in the image; None: the detector did not run.
+        found3d: Detections in the sweep, in the LiDAR's own frame; None likewise.
+        models: Models fitted with the weights of both detectors.
+        config: The stages.
+    """
+    scene = make_scene(sample, found2d, found3d)
+    evidence = gather_evidence(scene)
+    scores3d = _scores(scene.sweep.names, scene.sweep.scores, evidence.sweep, models.sweep, config)
+    scores2d = _scores(scene.image.names, scene.image.scores, evidence.image, models.image, config)
+    outside = np.isnan(scene.sweep.in_image).any(axis=1)
+    scores3d = np.where(outside, scene.sweep.scores, scores3d)
+    partner = match(evidence, scores3d, config)
+    rows = _measured(scene, scores3d, scores2d, partner, config)
+    alone = np.setdiff1d(np.arange(len(scores2d)), partner)
+    lifted = {}
+    if config.lift:
+        lifted = {index: lift(scene, index) for index in liftable(scene, partner, config)}
+    rows += _unmatched(scene, scores2d, alone, lifted, models)
+    return _as_objects(_without_repeats(rows, config), sample)
+
+
+def match(
+    evidence: Evidence, scores3d: Float64[np.ndarray, " num_sweep"], config: JoinConfig
+) -> Int64[np.ndarray, " num_sweep"]:
+    """Index of the image box of each box of the sweep's detector; -1: none.
+
+    The surest box chooses first, the free box of its class with the largest IoU.
+    """
+    partner = np.full(len(scores3d), -1, dtype=np.int64)
+    if not config.associate or evidence.iou.shape[1] == 0:
+        return partner
+    free = np.ones(evidence.iou.shape[1], dtype=bool)
+    for row in np.argsort(-scores3d, kind="stable"):
+        overlaps = np.where(evidence.same_class[row] & free, evidence.iou[row], 0.0)
+        best = int(overlaps.argmax())
+        if overlaps[best] >= max(config.min_iou, np.finfo(float).tiny):
+            partner[row], free[best] = best, False
+    return partner
+
+
+def liftable(
+    scene: Scene, partner: Int64[np.ndarray, " num_sweep"], config: JoinConfig
+) -> list[int]:
+    """Indices of the image boxes to lift: those without a partner, from a score on."""
+    alone = np.setdiff1d(np.arange(len(scene.image.scores)), partner)
+    return [int(each) for each in alone if scene.image.scores[each] >= config.min_lifted_score]
+
+
+class _Row(NamedTuple):
+    """One object before its columns are stacked."""
+
+    name: str
+    box2d: Float64[np.ndarray, "4"]
+    box3d: Float64[np.ndarray, "7"]
+    origin: Origin
+    score: float
+    score3d: float
+    image_support: float
+    lidar_support: float
+    num_points: int
+
+
+def _scores(
+    names: tuple[str, ...],
+    own: Float64[np.ndarray, " num_boxes"],
+    evidence: Float64[np.ndarray, "num_boxes columns"],
+    models: Mapping[str, LogisticModel],
+    config: JoinConfig,
+) -> Float64[np.ndarray, " num_boxes"]:
+    scores = own.copy()
+    if not config.rescore:
+        return scores
+    for name, model in models.items():
+        chosen = np.array([each == name for each in names], dtype=bool)
+        given = model.score(evidence[chosen])
+        scores[chosen] = (1 - config.own_share) * given + config.own_share * own[chosen]
+    return scores
+
+
+def _measured(
+    scene: Scene,
+    scores3d: Float64[np.ndarray, " num_sweep"],
+    scores2d: Float64[np.ndarray, " num_image"],
+    partner: Int64[np.ndarray, " num_sweep"],
+    config: JoinConfig,
+) -> list[_Row]:
+    """Objects of the sweep's detector, with their image boxes."""
+    rows = []
+    for index, name in enumerate(scene.sweep.names):
+        box, score, support = scene.sweep.in_image[index], scores3d[index], 0.0
+        other = int(partner[index])
+        if other >= 0:
+            seen, support = scene.image.in_image[other], float(scene.image.scores[other])
+            share = config.projected_share if config.mix_boxes else 0.0
+            box = share * box + (1 - share) * seen
+            score = 1 - (1 - score) * (1 - scores2d[other])
+        rows.append(
+            _Row(
+                name=name,
+                box2d=box,
+                box3d=scene.boxes3d[index],
+                origin="measured",
+                score=float(score),
+                score3d=float(scores3d[index]),
+                image_support=support,
+                lidar_support=float(scene.sweep.scores[index]),
+                num_points=int(scene.sweep.num_points[index]),
+            )
+        )
+    return rows
+
+
+def _unmatched(
+    scene: Scene,
+    scores2d: Float64[np.ndarray, " num_image"],
+    alone: Int64[np.ndarray, " num_alone"],
+    lifted: dict[int, Lifted],
+    models: JoinModels,
+) -> list[_Row]:
+    """Objects of the image detector alone, lifted or without a 3D box."""
+    rows = []
+    for index in alone.tolist():
+        name, found = scene.image.names[index], lifted.get(index)
+        score3d = 0.0
+        if found is not None:
+            score3d = float(models.lifted[name].score(found.evidence[None])[0])
+        rows.append(
+            _Row(
+                name=name,
+                box2d=scene.image.in_image[index],
+                box3d=np.zeros(7) if found is None else found.box,
+                origin="none" if found is None else "lifted",
+                score=float(scores2d[index]),
+                score3d=score3d,
+                image_support=float(scene.image.scores[index]),
+                lidar_support=0.0,
+                num_points=int(scene.image.num_points[index]),
+            )
+        )
+    return rows
+
+
+def _without_repeats(rows: list[_Row], config: JoinConfig) -> list[_Row]:
+    """Leave out objects with an image box alone that repeat a surer one of their class."""
+    rows = sorted(rows, key=lambda row: -row.score)
+    kept: list[_Row] = []
+    for row in rows:
+        surer = [each.box2d for each in kept if each.name == row.name]
+        is_repeat = (
+            config.associate
+            and row.origin != "measured"
+            and len(surer) > 0
+            and image_iou(row.box2d[None], np.stack(surer)).max() > config.max_iou
+        )
+        if not is_repeat:
+            kept.append(row)
+    return kept
+
+
+def _as_objects(rows: list[_Row], sample: CameraLidarSample) -> Objects:
+    """Stack the rows; boxes return to the LiDAR's own frame."""
+    boxes3d = torch.from_numpy(np.array([row.box3d for row in rows]).reshape(-1, 7))
+    has_box = boxes3d[:, 3:6].gt(0).all(dim=1)
+    scores3d = torch.tensor([row.score3d for row in rows], dtype=torch.float64)
+    names = tuple(row.name for row in rows)
+    own = mounted_detections(
+        Detections3D(class_names=names, boxes=Boxes3D(boxes3d), scores=scores3d), sample
+    ).boxes.where(has_box, Boxes3D(boxes3d))
+    column = {
+        name: torch.tensor([getattr(row, name) for row in rows], dtype=torch.float64)
+        for name in ("score", "image_support", "lidar_support")
+    }
+    boxes2d = torch.from_numpy(np.array([row.box2d for row in rows]).reshape(-1, 4))
+    return Objects(
+        class_names=names,
+        boxes2d=Boxes2D(boxes2d),
+        boxes3d=own,
+        origins=tuple(row.origin for row in rows),
+        scores=column["score"],
+        scores3d=scores3d,
+        image_support=column["image_support"],
+        lidar_support=column["lidar_support"],
+        num_points=torch.tensor([row.num_points for row in rows], dtype=torch.int64),
+    )

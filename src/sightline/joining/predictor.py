@@ -1,0 +1,98 @@
+"""Predictor of joined objects: both detectors, then the join."""
+
+from typing import Any
+
+from sightline.data.kitti_trees import Part
+from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.export.names import EngineChoice
+from sightline.geometry.wrong_types import named_arguments
+from sightline.inference.sample_predictor import SamplePredictor
+from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.structures.predictions import Detections2D, Detections3D, Perception
+from sightline.structures.sample import CameraLidarSample
+
+
+class JoinedPredictor(SamplePredictor[Perception]):
+    """Detects the objects of a frame with both sensors, or with the one that is left.
+
+    Examples:
+        >>> import dataclasses, sightline
+        >>> from sightline.simulation.packaged import PACKAGED_FRAMES
+        >>> sample = sightline.open_dataset(PACKAGED_FRAMES)[0]
+        >>> joined = sightline.load("joined")
+        >>> joined(sample).objects.origins[0]
+        'measured'
+        >>> joined(dataclasses.replace(sample, points=None)).objects.origins[0]  # no LiDAR
+        'lifted'
+
+    Predictions also hold the detections that were joined. May be pickled, and called in a forked
+    process.
+    """
+
+    name = JOINED
+    parts: tuple[Part, ...] = ("image", "points")
+    needs: tuple[Part, ...] = ()
+    gives: tuple[str, ...] = ("results",)
+
+    @named_arguments
+    def __init__(
+        self,
+        detector2d: DetectionPredictor,
+        detector3d: Detection3DPredictor,
+        models: JoinModels,
+        config: JoinConfig | None = None,
+    ) -> None:
+        """Takes both detectors and the models fitted for them; `load` takes those that ship.
+
+        Raises:
+            ValueError: The models were fitted for other weights.
+        """
+        if not models.fits(detector2d.sha256, detector3d.sha256):
+            raise ValueError(
+                f"the models of joined scores were not fitted for {detector2d.name} and "
+                f"{detector3d.name}; give the weights that their file names, or fit them anew"
+            )
+        self.detector2d, self.detector3d = detector2d, detector3d
+        self.models, self.config = models, config or JoinConfig()
+
+    @classmethod
+    def load(
+        cls, *, engine: EngineChoice = "torch", device: str = "cpu", threads: int | None = None
+    ) -> "JoinedPredictor":
+        """Loads the models that ship and the weights for which they were fitted.
+
+        Raises:
+            ValueError: See `load_network` and the constructor.
+        """
+        models = read_models()
+        weights = models.provenance["weights"]
+        options: dict[str, Any] = {"engine": engine, "device": device, "threads": threads}
+        return cls(
+            DetectionPredictor.load(weights["detection2d"], **options),
+            Detection3DPredictor.load(weights["detection3d"], **options),
+            models,
+        )
+
+    @property
+    def made_by(self) -> dict[str, str]:
+        """Entries of a manifest besides the name."""
+        return {
+            "detection2d_sha256": self.detector2d.sha256,
+            "detection3d_sha256": self.detector3d.sha256,
+            "engine": self.detector3d.engine,
+        }
+
+    def predict(self, sample: CameraLidarSample) -> Perception:
+        """Detects in a sample.
+
+        Raises:
+            ValueError: The sample has neither image nor sweep, or has points that are not finite.
+        """
+        found2d: Detections2D = self.detector2d(sample).detections
+        found3d: Detections3D | None = None
+        if sample.points is not None:
+            found3d = self.detector3d(sample)
+        objects = join_detections(sample, found2d, found3d, self.models, self.config)
+        return Perception(objects=objects, detections2d=found2d, detections3d=found3d)

@@ -1,0 +1,62 @@
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from sightline.files.problem import FileError
+from sightline.files.weights_header import find_weights
+from sightline.joining.models import CLASSES, COLUMNS, LogisticModel, read_models
+from tests.joining.scenes import own_score_models
+
+DIGESTS = {"detection2d": "a" * 64, "detection3d": "b" * 64}
+
+
+def test_a_score_is_the_logistic_function_of_the_weighted_evidence():
+    model = LogisticModel(weights=(2.0, -1.0), bias=0.5)
+    expected = 1 / (1 + np.exp(-(2 * 0.25 - 3.0 + 0.5)))
+    assert model.score(np.array([[0.25, 3.0]]))[0] == pytest.approx(expected)
+    assert model.score(np.array([[1e9, 0.0], [-1e9, 0.0]])).tolist() == pytest.approx([1, 0])
+
+
+def test_models_are_read_as_they_were_written(tmp_path):
+    models = own_score_models({"sha256": DIGESTS, "seed": 1})
+    models.write(tmp_path / "models.json")
+    assert read_models(tmp_path / "models.json") == models
+
+
+def test_models_fit_only_the_weights_that_they_were_fitted_for():
+    models = own_score_models({"sha256": DIGESTS})
+    assert models.fits(DIGESTS["detection2d"], DIGESTS["detection3d"])
+    assert not models.fits(DIGESTS["detection3d"], DIGESTS["detection2d"])
+    assert not own_score_models().fits(*DIGESTS.values())
+
+
+@pytest.mark.parametrize("fault", ["", "[]", "{", '{"provenance": {}}', "cut", "nan", "columns"])
+def test_a_damaged_file_is_refused_with_its_name_and_a_remedy(tmp_path, fault):
+    path = tmp_path / "models.json"
+    own_score_models().write(path)
+    content = json.loads(path.read_text())
+    if fault == "nan":
+        content["image"]["Car"]["bias"] = float("nan")
+    if fault == "columns":
+        content["sweep"]["Cyclist"]["weights"].pop()
+    text = json.dumps(content)
+    path.write_text({"cut": text[:-40], "nan": text, "columns": text}.get(fault, fault))
+    with pytest.raises(FileError, match=r"models.json: holds no models of this version.*; fit the"):
+        read_models(path)
+
+
+def test_the_models_that_ship_fit_the_weights_that_ship():
+    models = read_models()
+    weights = models.provenance["weights"]
+    digests = [
+        hashlib.sha256(find_weights(weights[task]).read_bytes()).hexdigest()
+        for task in ("detection2d", "detection3d")
+    ]
+    assert models.fits(*digests)
+    for kind, columns in COLUMNS.items():
+        for name in CLASSES:
+            model = getattr(models, kind)[name]
+            assert len(model.weights) == len(columns)
+            assert model.weights[0] > 0  # a surer detection is a surer object

@@ -1,0 +1,108 @@
+import dataclasses
+import json
+
+import pytest
+
+from sightline.data.open import open_dataset
+from sightline.detection2d.predictor import DetectionPredictor, DetectionResult
+from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.joining.models import read_models
+from sightline.joining.predictor import JoinedPredictor
+from sightline.perception.perceive import perceive
+from sightline.perception.perceiver import MultiTaskPredictor
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.joining.scenes import detections2d, detections3d, own_score_models
+from tests.perception.predictors import FunctionPredictor
+
+CAR = ("Car", 0.5, 20.0, 1.0, -0.95, 4.0, 1.8, 1.5, 0.0)
+SEEN = ("Car", 0.25, (100.0, 180.0, 200.0, 240.0))
+
+
+class ImageDetector(DetectionPredictor):
+    """Detector in the image with a fixed prediction."""
+
+    def __init__(self, sha256):
+        self.name, self.sha256, self.engine = "image", sha256, "torch"
+
+    def predict(self, sample):
+        del sample
+        return DetectionResult(detections=detections2d(SEEN))
+
+
+class SweepDetector(Detection3DPredictor):
+    """Detector in the sweep with a fixed prediction."""
+
+    def __init__(self, sha256):
+        self.name, self.sha256, self.engine = "sweep", sha256, "torch"
+
+    def predict(self, sample):
+        assert sample.points is not None
+        return detections3d(CAR)
+
+
+def joined(*, digests=("a", "b")):
+    models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})
+    return JoinedPredictor(ImageDetector(digests[0]), SweepDetector(digests[1]), models)
+
+
+@pytest.fixture
+def packaged():
+    return open_dataset(PACKAGED_FRAMES)[0]
+
+
+def test_its_perception_holds_the_objects_and_what_was_joined(packaged):
+    found = joined()(packaged)
+    assert found.objects.origins == ("measured", "lifted")
+    assert found.detections2d.scores.tolist() == [0.25]
+    assert found.detections3d.scores.tolist() == [0.5]
+
+
+def test_without_a_sweep_its_detector_does_not_run(packaged):
+    found = joined()(dataclasses.replace(packaged, points=None))
+    assert found.detections3d is None
+    assert found.objects.origins == ("lifted",)
+
+
+def test_models_of_other_weights_are_refused():
+    with pytest.raises(ValueError, match="were not fitted for image and sweep; give the weights"):
+        joined(digests=("b", "a"))
+
+
+def perceiver(digests):
+    made_by = [{"weights_sha256": digest} for digest in digests]
+    image = DetectionResult(detections=detections2d(SEEN))
+    sweep = detections3d(CAR)
+    return MultiTaskPredictor(
+        {
+            "detection2d": FunctionPredictor(
+                lambda _: image, "image", ("image", "points"), (), ("results",), made_by[0]
+            ),
+            "detection3d": FunctionPredictor(
+                lambda _: sweep, "sweep", ("points",), ("points",), ("results",), made_by[1]
+            ),
+        }
+    )
+
+
+def test_perceive_writes_objects_first_and_as_result_files(tmp_path):
+    digests = list(read_models().provenance["sha256"].values())
+    perceive(PACKAGED_FRAMES, tmp_path, perceiver=perceiver(digests))
+    line = json.loads((tmp_path / "perception.jsonl").read_text().splitlines()[0])
+    predictions = [key for key in line if key in ("objects", "detections2d", "detections3d")]
+    assert predictions == ["objects", "detections2d", "detections3d"]
+    assert sorted(each["box_3d"]["origin"] for each in line["objects"]) == ["lifted", "measured"]
+    files = sorted(path.name for path in (tmp_path / "joined").iterdir())
+    assert files == ["000000.txt", "000001.txt", "sightline.json"]
+    assert len((tmp_path / "joined" / "000000.txt").read_text().splitlines()) == 2
+    timing = json.loads((tmp_path / "timings.jsonl").read_text().splitlines()[0])
+    assert timing["milliseconds"].keys() == {"detection2d", "detection3d", "joined"}
+    (tmp_path / "joined" / "000001.txt").unlink()
+    again = perceive(PACKAGED_FRAMES, tmp_path, perceiver=perceiver(digests))
+    assert (again.written, again.skipped) == (1, 1)
+
+
+def test_perceive_with_other_weights_joins_nothing(tmp_path):
+    perceive(PACKAGED_FRAMES, tmp_path, perceiver=perceiver(["a", "b"]))
+    line = json.loads((tmp_path / "perception.jsonl").read_text().splitlines()[0])
+    assert line["objects"] is None
+    assert not (tmp_path / "joined").exists()
