@@ -152,13 +152,13 @@ def absent_classes(
     """
     absent = set(class_names)
     for dataset in datasets:
-        if not isinstance(dataset, (KittiObjectDataset, RecordingDataset)):
+        files = [label_file(dataset, index) for index in range(len(dataset))]
+        if not any(files):
             return ()
-        for index in range(len(dataset) if absent else 0):
-            labels = dataset.label_file(index)
-            absent -= set() if labels is None else set(read_labels(labels).class_names)
+        for labels in filter(None, files):
+            absent -= set(read_labels(labels).class_names)
             if not absent:
-                break
+                return ()
     return tuple(name for name in class_names if name in absent)
 
 
