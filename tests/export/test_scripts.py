@@ -147,7 +147,7 @@ def test_boxes_in_the_image_by_the_script_are_sightlines(tmp_path):
     path = check_2d("detection2d-fast-cpu", tmp_path, frames())
     from onnx_detection2d import detect
 
-    larger = resize(open_dataset(PACKAGED_FRAMES)[0], 560, 1863)  # frames as large are shrunk
+    larger = resize(open_dataset(PACKAGED_FRAMES)[0], 480, 1590)  # frames as large are shrunk
     expected = DetectionPredictor.load("detection2d-fast-cpu")(larger).detections
     found = [each for each in detect(path, frame_of(larger)) if each[1] > 0.1]
     assert found

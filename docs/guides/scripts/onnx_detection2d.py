@@ -22,8 +22,9 @@ def detect(model: str, frame: Frame) -> Found:
     if height > size[0] or width > size[1]:
         raise ValueError(f"frames are only shrunk here, got {size}, wanted {height, width}")
     rows = rule["scale"] * (rule["rows_above_horizon"] + rule["rows_below_horizon"])
-    if rule["size"] is None and height > rows:
-        raise ValueError(f"the view has {height} rows; only views of up to {rows:g} are one input")
+    is_long = frame.camera[1, 1] >= rule["far_view_from_focal_px"]
+    if rule["size"] is None and (height > rows or is_long):
+        raise ValueError(f"only frames of one view are taken here: up to {rows:g} rows, no tele")
     scale = np.array([width / size[1], height / size[0]])
     camera = frame.camera.copy()  # pixels are squares around their centres
     camera[:2] = scale[:, None] * camera[:2] + (scale[:, None] - 1) / 2 * camera[2]

@@ -8,6 +8,7 @@ from torch import Tensor
 from sightline.detection2d.config import CLASSES
 from sightline.detection2d.model import Detector
 from sightline.detection2d.placement import MAX_CANDIDATES
+from sightline.detection2d.views import LEAST_STEP
 from sightline.export.graph import Cases, ExportGraph
 from sightline.export.metadata import ExportMetadata
 from sightline.geometry.projection import DHI_HEIGHT_M, DHI_RANGE_M, DHI_REFLECTANCE
@@ -33,6 +34,7 @@ def processing(network: Detector) -> dict[str, object]:
             ),
             "rows_above_horizon": config.input.rows_above_horizon,
             "rows_below_horizon": config.input.rows_below_horizon,
+            "far_view_from_focal_px": LEAST_STEP * config.input.longest_focal_px,
             "views": (
                 "without a size, frames with more rows than both together (times scale) are cut to "
                 "these; near and far objects are seen at other scales: docs/models.md"

@@ -32,10 +32,13 @@ from sightline.structures.level import level_calibration
 from sightline.structures.sample import CameraLidarSample
 
 _STEP: Final = 2  # ratio of the scales of two views
-_LEAST_STEP: Final = 1.3  # of a finer view, which has no more pixels than the frame
 _EDGE_PX: Final = 3.0  # a box that comes as near to where a view is cut off is cut off, too
 _NEAR_PX: Final = 60.0  # least height of the coarser view's boxes
 _FAR_PX: Final = 80.0  # greatest height of the finer view's boxes
+
+
+LEAST_STEP: Final = 1.3
+"""Least ratio of a finer view's scale to the first one's; it has no more pixels than the frame."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,7 +124,7 @@ def views_of(
     if first.is_cut:
         views.append(_beside(first, _band(sample, config, config.scale / _STEP, stride)))
     longer = replace(config, longest_focal_px=_STEP * config.longest_focal_px)
-    if scale_of(sample, longer) >= _LEAST_STEP * scale_of(sample, config):
+    if scale_of(sample, longer) >= LEAST_STEP * scale_of(sample, config):
         views.append(_beside(first, _band(sample, longer, config.scale, stride)))
     if min(min(whole_strides(view.sample.image_size, stride)) for view in views) < smallest_px:
         given, placement = place(sample, config)
