@@ -67,20 +67,20 @@ def frames():
     labels = labelled(PLACES, IMAGE_BOXES)
     wrong = [(name, 0.2, x, y + 15, *rest) for name, _, x, y, *rest in PLACES]
     wrong_seen = [(name, 0.2, (x0, 10.0, x1, 60.0)) for name, _, (x0, _, x1, _) in IMAGE_BOXES]
-    sample = make_sample(objects=labels)
     return [
         FitFrame(
-            sample=sample,
+            sample=make_sample(points, objects=labels),
             found2d=detections2d(*IMAGE_BOXES, *wrong_seen),
-            found3d=detections3d(*PLACES, *wrong),
+            found3d=None if points is None else detections3d(*PLACES, *wrong),
         )
+        for points in ([10.0, 0, -1.7, 0.5], None)
     ] * 3
 
 
 def test_models_of_all_kinds_and_classes_score_right_boxes_higher_and_again_equally():
     models = fit_models(frames(), {"seed": "none"})
     assert models == fit_models(frames(), {"seed": "none"})
-    for kind in ("sweep", "image"):
+    for kind in ("sweep", "image", "alone"):
         for name in CLASSES:
             model = getattr(models, kind)[name]
             assert len(model.weights) == len(COLUMNS[kind])

@@ -8,6 +8,7 @@ from hypothesis import given
 
 from sightline.joining.evidence import gather_evidence
 from sightline.joining.join import JoinConfig, join_detections, match
+from sightline.joining.models import read_models
 from sightline.structures.objects import Objects
 from tests.joining.scenes import (
     detections2d,
@@ -79,6 +80,17 @@ def test_without_lidar_an_image_box_is_lifted_and_a_doubtful_one_has_no_3d_box()
     assert found.has_box3d.tolist() == [True, False]
     assert found.scores3d[1].item() == 0
     assert found.boxes3d.tensor[0, 0].item() == pytest.approx(20, rel=0.08)
+
+
+def test_without_lidar_the_scores_keep_the_order_of_the_detector():
+    models = read_models()
+    given = [
+        ("Car", 0.1 * i, (100.0 * i, 150.0 + 9 * i, 90 + 100.0 * i, 250.0)) for i in range(1, 9)
+    ]
+    found = join_detections(make_sample(), detections2d(*given), None, models)
+    assert found.image_support.tolist() == sorted(found.image_support.tolist(), reverse=True)
+    beside = join_detections(make_sample([9.0, 0, -1.7, 0]), detections2d(*given), None, models)
+    assert not torch.allclose(found.scores.sort().values, beside.scores.sort().values)
 
 
 def test_a_repeated_image_box_is_left_out_but_no_measured_one():

@@ -37,10 +37,13 @@ IMAGE_COLUMNS: Final = (
     "at the image's border",
     "log of its returns",
     "no camera",
-    "no LiDAR",
     "log of the returns in view",
 )
-"""Evidence for a box of the image detector."""
+"""Evidence for a box of the image detector, beside a sweep."""
+
+ALONE_COLUMNS: Final = IMAGE_COLUMNS[:1]
+"""Evidence for a box of the image detector without a LiDAR: its score, so that the order of the
+boxes stays the detector's."""
 
 _RANGE_M: Final = 40.0
 _HEIGHT_PX: Final = 40.0
@@ -55,7 +58,7 @@ class Evidence(NamedTuple):
 
     sweep: Float64[np.ndarray, "num_sweep 13"]
     """Columns of `SWEEP_COLUMNS`."""
-    image: Float64[np.ndarray, "num_image 12"]
+    image: Float64[np.ndarray, "num_image 11"]
     """Columns of `IMAGE_COLUMNS`."""
     iou: Float64[np.ndarray, "num_sweep num_image"]
     """IoU of projected boxes with image boxes; 0 for boxes outside the image."""
@@ -107,7 +110,6 @@ def gather_evidence(scene: Scene) -> Evidence:
         _is_at_border(image, scene.image_size),
         np.log1p(image.num_points),
         np.full(len(image.scores), no_camera),
-        np.full(len(image.scores), 0.0 if scene.has_lidar else 1.0),
         np.full(len(image.scores), num_seen),
     )
     return Evidence(np.stack(sweep_rows, axis=1), np.stack(image_rows, axis=1), iou, same)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64
 from scipy.optimize import minimize
 
 from sightline.joining.evidence import gather_evidence, image_iou
-from sightline.joining.join import JoinConfig, liftable, match
+from sightline.joining.join import JoinConfig, image_kind, liftable, match
 from sightline.joining.lifting import lift
 from sightline.joining.models import CLASSES, COLUMNS, JoinModels, LogisticModel
 from sightline.joining.scene import Scene, make_scene
@@ -131,6 +131,7 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
         )
     scene = make_scene(frame.sample, frame.found2d, frame.found3d)
     evidence = gather_evidence(scene)
+    kind, seen = image_kind(scene, evidence)
     partner = match(evidence, scene.sweep.scores, JoinConfig())
     alone = liftable(scene, partner, JoinConfig())
     lifted = [lift(scene, index) for index in alone]
@@ -145,7 +146,7 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
             ("sweep", name): _graded_3d(
                 evidence.sweep, scene.boxes3d, scene.sweep.in_image, is_swept, labels, name
             ),
-            ("image", name): _graded_2d(evidence.image, scene, is_seen, labels, name),
+            (kind, name): _graded_2d(seen, scene, is_seen, labels, name),
             ("lifted", name): _graded_3d(
                 lifted_rows, boxes3d, scene.image.in_image[alone], is_lifted, labels, name
             ),

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from jaxtyping import Float64, Int64
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
-from sightline.joining.evidence import Evidence, gather_evidence, image_iou
+from sightline.joining.evidence import ALONE_COLUMNS, Evidence, gather_evidence, image_iou
 from sightline.joining.lifting import Lifted, lift
 from sightline.joining.models import JoinModels, LogisticModel
 from sightline.joining.scene import Scene, make_scene
@@ -73,7 +73,9 @@ def join_detections(
     scene = make_scene(sample, found2d, found3d)
     evidence = gather_evidence(scene)
     scores3d = _scores(scene.sweep.names, scene.sweep.scores, evidence.sweep, models.sweep, config)
-    scores2d = _scores(scene.image.names, scene.image.scores, evidence.image, models.image, config)
+    kind, seen = image_kind(scene, evidence)
+    chosen = models.image if kind == "image" else models.alone
+    scores2d = _scores(scene.image.names, scene.image.scores, seen, chosen, config)
     outside = np.isnan(scene.sweep.in_image).any(axis=1)
     scores3d = np.where(outside, scene.sweep.scores, scores3d)
     partner = match(evidence, scores3d, config)
@@ -84,6 +86,15 @@ def join_detections(
         lifted = {index: lift(scene, index) for index in liftable(scene, partner, config)}
     rows += _unmatched(scene, scores2d, alone, lifted, models)
     return _as_objects(_without_repeats(rows, config), sample)
+
+
+def image_kind(
+    scene: Scene, evidence: Evidence
+) -> tuple[Literal["image", "alone"], Float64[np.ndarray, "num_image columns"]]:
+    """Kind of the image detector's boxes, and the evidence that its models take."""
+    if scene.has_lidar:
+        return "image", evidence.image
+    return "alone", evidence.image[:, : len(ALONE_COLUMNS)]
 
 
 def match(

@@ -14,7 +14,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
 from sightline.files.weights_header import WEIGHTS_FOLDER
-from sightline.joining.evidence import IMAGE_COLUMNS, SWEEP_COLUMNS
+from sightline.joining.evidence import ALONE_COLUMNS, IMAGE_COLUMNS, SWEEP_COLUMNS
 from sightline.joining.lifting import LIFTED_COLUMNS
 
 JOINED: Final = "joined"
@@ -26,6 +26,7 @@ CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
 COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
     "sweep": SWEEP_COLUMNS,
     "image": IMAGE_COLUMNS,
+    "alone": ALONE_COLUMNS,
     "lifted": LIFTED_COLUMNS,
 }
 """Evidence of each model, by the kind of box."""
@@ -52,11 +53,16 @@ class LogisticModel:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JoinModels:
-    """Models of each class for boxes of the sweep detector, of the image detector, and lifted."""
+    """Models of each class and kind of box."""
 
     sweep: Mapping[str, LogisticModel]
+    """Boxes of the sweep detector."""
     image: Mapping[str, LogisticModel]
+    """Boxes of the image detector beside a sweep."""
+    alone: Mapping[str, LogisticModel]
+    """Boxes of the image detector without a LiDAR."""
     lifted: Mapping[str, LogisticModel]
+    """3D boxes lifted from the image."""
     provenance: Mapping[str, Any]
     """Origin of the models: weights of both detectors with their SHA-256, frames, seed."""
 
