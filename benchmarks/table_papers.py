@@ -6,7 +6,7 @@ from typing import Any
 
 from sightline.corruptions.suites import CLEAN, find_suite
 from sightline.papers.gated_fusion import FULL, NAMES
-from sightline.papers.two_stage import NAMES as STAGES
+from sightline.papers.two_stage_rows import NAMES as STAGES
 
 Record = dict[str, Any]
 Rows = list[list[str]]

@@ -19,7 +19,8 @@ from benchmarks.record import print_record
 from sightline.evaluation.kitti_object import compare_objects, evaluate_objects, frame_names
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Metric
 from sightline.papers.rows import class_scores, levels_text, select_entries
-from sightline.papers.two_stage import IOUS, NAMES, PUBLISHED, Row, car_overlaps
+from sightline.papers.two_stage import car_overlaps
+from sightline.papers.two_stage_rows import IOUS, NAMES, PUBLISHED, Row
 
 _CLASS: Final[ClassName] = "Car"
 _METRIC: Final[Metric] = "3d"

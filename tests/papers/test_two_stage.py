@@ -16,7 +16,8 @@ from sightline.detection3d.sweeps import network_sweep, to_kitti_frame
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import LOOSE
 from sightline.papers import two_stage as module
-from sightline.papers.two_stage import IOUS, PUBLISHED, reproduce_two_stage
+from sightline.papers.two_stage import reproduce_two_stage
+from sightline.papers.two_stage_rows import IOUS, PUBLISHED
 from sightline.papers.two_stage_figures import CURVES, FRAME, PROPOSALS, REGIONS, SCENES, TRAINING
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection3d.frames import COMPACT, without_refinement, write_network

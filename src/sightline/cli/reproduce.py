@@ -16,7 +16,7 @@ from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
     from sightline.detection2d.config import Fusion
-    from sightline.papers.two_stage import Row
+    from sightline.papers.two_stage_rows import Row
 
 
 def renamed(command: Callable[..., None], old: str, new: str) -> Callable[..., None]:

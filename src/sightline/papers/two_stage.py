@@ -9,7 +9,7 @@ stage, problem 2. The course's result is average precision at 11 recall position
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import TYPE_CHECKING, Final, get_args
 
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_trees import Velodyne
@@ -22,7 +22,6 @@ from sightline.detection3d.registration import TASK
 from sightline.detection3d.suppression import SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, STRICT, MinimumOverlaps
-from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineChoice
 from sightline.files.weights import fill_network
 from sightline.inference.network import LoadedNetwork, load_network
@@ -30,7 +29,6 @@ from sightline.inference.predict import predict
 from sightline.jobs.output_dirs import read_claim
 from sightline.papers.rows import (
     GivenNetwork,
-    Levels,
     add_rows,
     class_entries,
     class_scores,
@@ -50,19 +48,12 @@ from sightline.papers.two_stage_figures import (
     draw_results,
     draw_training,
 )
+from sightline.papers.two_stage_rows import IOUS, NAMES, PUBLISHED, Row, StageScores
 from sightline.structures.sample import CameraLidarSample
 
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
-
-Row = Literal["first", "baseline", "improved"]
-"""First stage alone; the plain second stage of problem 1; an improved one of problem 2."""
-
-IOUS: Final = (0.5, 0.7)
-"""3D IoU that a match must exceed: the course's, and the benchmark's."""
-PUBLISHED: Final[Levels] = (81.34, 72.35, 71.11)
-"""Expected result of the baseline at the first of `IOUS`, on the course's test frames."""
 
 COURSE: Final = Detection3DConfig(
     input=SweepConfig(num_points=16_384, lowest_m=(0.0, -40.0, -3.0), highest_m=(70.4, 40.0, 1.0)),
@@ -74,12 +65,6 @@ COURSE: Final = Detection3DConfig(
 )
 """Settings of the course's baseline with the first stage that its features come from."""
 
-NAMES: Final[dict[Row, str]] = {
-    "first": "first stage alone",
-    "baseline": "baseline (problem 1)",
-    "improved": "improved (problem 2)",
-}
-"""Names of the rows in tables."""
 _BESIDES: Final[dict[Row, tuple[str, ...]]] = {
     "first": ("refinement", "pooling", "suppression", "regions", "axes"),
     "baseline": (),
@@ -89,22 +74,6 @@ _BESIDES: Final[dict[Row, tuple[str, ...]]] = {
 _PROPOSERS: Final[tuple[Row, ...]] = ("baseline", "first", "improved")
 """Rows whose first stage may propose for the pictures, in order of preference."""
 _UNUSED = ("training_proposals", "centers")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class StageScores:
-    """Results for cars of one row, by the IoU that a match must exceed."""
-
-    network: GivenNetwork
-    folder: Path
-    """Folder of the result files."""
-    entries: Mapping[float, Mapping[str, ObjectEntry]]
-    """Entries by IoU, then by difficulty; none if no car was found."""
-
-    def to_json(self) -> dict[str, object]:
-        """Convert to the contents of a report file."""
-        scores = {f"{iou:g}": asdict(class_scores(each)) for iou, each in self.entries.items()}
-        return {**asdict(self.network), "is_papers": self.network.is_papers, "scores": scores}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

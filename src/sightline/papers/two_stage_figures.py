@@ -7,7 +7,7 @@ validation scenes at its beginning, middle and end; precision over recall, and o
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import torch
@@ -38,6 +38,7 @@ from sightline.detection3d.sweeps import (
 )
 from sightline.inference.network import LoadedNetwork
 from sightline.ops.rotated_iou import pairwise_iou_3d
+from sightline.papers.two_stage_rows import Row, StageScores
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.run_log import LoggedPicture, RunLog, read_run_log
 from sightline.visualization.canvas import scaled_to_width
@@ -45,9 +46,6 @@ from sightline.visualization.cells import PAGE, TITLE
 from sightline.visualization.curves import Curve, draw_curves
 from sightline.visualization.lettering import put_text
 from sightline.visualization.precision_recall import draw_precision_recall
-
-if TYPE_CHECKING:
-    from sightline.papers.two_stage import Row, StageScores
 
 FRAME: Final = "two_stage_frame.png"
 """File name of the picture of a frame."""
@@ -103,7 +101,7 @@ class DrawnFigures:
 
 def draw_results(
     folder: Path,
-    rows: Mapping["Row", "StageScores"],
+    rows: Mapping[Row, StageScores],
     dataset: KittiObjectDataset,
     frame_index: int,
 ) -> DrawnFigures:
