@@ -17,8 +17,8 @@ from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import LOOSE
 from sightline.papers import two_stage as module
 from sightline.papers.two_stage import reproduce_two_stage
-from sightline.papers.two_stage_rows import IOUS, PUBLISHED
 from sightline.papers.two_stage_figures import CURVES, FRAME, PROPOSALS, REGIONS, SCENES, TRAINING
+from sightline.papers.two_stage_rows import IOUS, PUBLISHED
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.detection3d.frames import COMPACT, without_refinement, write_network
 
