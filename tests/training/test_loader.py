@@ -65,6 +65,22 @@ def test_a_worker_that_cannot_send_or_is_killed_ends_the_loading_with_an_error(a
         load(action)
 
 
+def test_a_killed_worker_is_noticed_without_its_signal(monkeypatch):
+    monkeypatch.setattr(loader, "_POLL_S", 0.2)
+    assert load() == [0, 1, 2]  # PyTorch sets its handler once in a process
+    previous = signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    try:
+        with pytest.raises(ChildProcessError, match="was ended from outside"):
+            load(lambda: os.kill(os.getpid(), signal.SIGKILL))
+    finally:
+        signal.signal(signal.SIGCHLD, previous)
+
+
+def test_a_slow_worker_is_waited_for(monkeypatch):
+    monkeypatch.setattr(loader, "_POLL_S", 0.1)
+    assert load(lambda: time.sleep(0.5)) == [0, 1, 2]
+
+
 def test_workers_that_hang_end_the_loading_with_an_error(monkeypatch):
     monkeypatch.setattr(loader, "_BATCH_TIMEOUT_S", 0.3)
     monkeypatch.setattr(torch.utils.data._utils, "MP_STATUS_CHECK_INTERVAL", 0.1)

@@ -21,7 +21,11 @@ from sightline.training.sampling import EpochPosition, TrainingBatches
 
 _BATCH_TIMEOUT_S: Final = 1800.0
 """Time without a batch [s] after which workers count as hanging."""
+_POLL_S: Final = 5.0
+"""Time [s] after which the end of a worker is noticed at the latest. PyTorch's signal handler
+notices it at once, but not if another handler has replaced it or a finalizer swallows its error."""
 _NO_WORKERS_REMEDY: Final = "set --data.init_args.workers 0"
+_TIMED_OUT: Final = "DataLoader timed out"  # in PyTorch's error
 _SEND_FAILED_STATUS: Final = 3
 """Exit status of a worker that cannot send its batches to the training."""
 
@@ -61,7 +65,7 @@ class BatchLoader(DataLoader[Any]):
             num_workers=workers,
             persistent_workers=workers > 0,
             pin_memory=torch.cuda.is_available(),
-            timeout=_BATCH_TIMEOUT_S if workers else 0,
+            timeout=min(_POLL_S, _BATCH_TIMEOUT_S) if workers else 0,
             worker_init_fn=_set_up_worker,
             # Otherwise the start of each epoch would draw from the global generator.
             generator=torch.Generator().manual_seed(seed),
@@ -75,13 +79,18 @@ class BatchLoader(DataLoader[Any]):
             ChildProcessError: A worker was ended from outside, hangs, or cannot be started.
         """
         batches = self._worker_batches()
+        waited_s = 0.0
         while True:
             try:
                 batch = next(batches)
             except StopIteration:
                 return
             except RuntimeError as error:
+                waited_s += self.timeout
+                if _TIMED_OUT in str(error) and waited_s < _BATCH_TIMEOUT_S:
+                    continue
                 raise _worker_fault(error) or error from error
+            waited_s = 0.0
             if isinstance(batch, FailedBatch):
                 raise ValueError(batch.reason)
             yield _unpickled(batch) if isinstance(batch, _PickledBatch) else batch
@@ -173,7 +182,7 @@ def _unpickled(pickled: _PickledBatch) -> object:
 
 def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
     """Error for workers that are gone or hang; None: the error has another cause."""
-    if "DataLoader timed out" in str(error):
+    if _TIMED_OUT in str(error):
         return ChildProcessError(
             f"no worker process has sent a batch for {_BATCH_TIMEOUT_S:g} s; {_NO_WORKERS_REMEDY}"
         )
