@@ -15,13 +15,13 @@ FURTHER = {each.name for name in REGISTRY for each in find_task(name).outputs[1:
 TASKS = {name.replace("-", "_") for name in REGISTRY}
 OUTPUTS = {"out", "out_folder", "json", "csv", "markdown", "plots", "picture", "page", "figures",
            "video", "rerun", *FURTHER}  # fmt: skip
-RESULTS = {"results", "fit_results", "against", "predictions"}
+RESULTS = {"results", "fit_results", "against", "predictions", "run"}
 FILES = {"sample_list", "fit_list", "weights", "weights_without", "baseline", "healthy", "compare",
          "limits", "calibration", "gated", "ones", "early", "late", "camera", "lidar", "first",
-         "improved",
+         "improved", "rig",
          *TASKS}  # fmt: skip
 NO_FILES = {"method", "task", "suite", "cases", "show", "frames", "overlaps", "figure_frame",
-            "camera_topic", "lidar_topic", "info_topic"}  # fmt: skip
+            "camera_topic", "lidar_topic", "info_topic", "tasks", "training_frame"}  # fmt: skip
 NEVER_TOGETHER = {
     "robustness": [
         ("page", (FILES | RESULTS | {"data"}) - {"compare"}),

@@ -130,7 +130,12 @@ def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part
 
 
 def order_doubt(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
-    """Problem of names whose only numbers have unequal lengths, so that 10 comes before 2."""
+    """Problem of names whose only numbers have unequal lengths, so that 10 comes before 2.
+
+    None if images and clouds have different names, which is the problem itself: `unpaired`.
+    """
+    if unpaired(folder, frames):
+        return None
     names = [frame.sample_id for frame in frames]
     parts = [match for name in names if (match := _ONE_NUMBER.fullmatch(name))]
     if len(parts) < len(names) or len({each.group(1, 3) for each in parts}) > 1:
