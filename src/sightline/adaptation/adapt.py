@@ -182,7 +182,6 @@ def adapt(
         frames=settings.frames + settings.validation_frames,
         validation_frames=settings.validation_frames,
         config=SimulationConfig(seed=settings.seed, rig=rig),
-        velodyne="velodyne_reduced",
         workers=settings.workers,
     )
     before, after, weights = {}, {}, {}
