@@ -11,8 +11,7 @@ from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
 from sightline.geometry.road_height import LidarPose
-from sightline.simulation.bodies.bonnet import bonnet
-from sightline.simulation.bodies.own_car import own_car
+from sightline.simulation.bodies.own_car import bonnet, own_car
 from sightline.simulation.camera.camera import CameraConfig, SensorConfig, render_camera
 from sightline.simulation.camera.samples import RollingView, View, camera_view
 from sightline.simulation.camera.stored_image import stored_image
