@@ -65,6 +65,9 @@ def test_finished_steps_are_not_repeated_and_other_settings_are_refused(
     monkeypatch.setattr("sightline.adaptation.adapt.run_training", None)
     monkeypatch.setattr("sightline.adaptation.adapt.run_bench", None)
     assert adapt(recording, out, SMALL).to_json()["tasks"] == report.to_json()["tasks"]
+    copy = out.parent / "mine.yaml"
+    copy.write_text((out / "rig.yaml").read_text())
+    assert adapt(recording, out, SMALL, rig_file=copy).rig == report.rig
     with pytest.raises(ValueError, match="steps"):
         adapt(recording, out, replace(SMALL, steps=2))
 

@@ -98,3 +98,9 @@ def test_without_points_or_height_it_says_what_is_missing(sample_of):
         measure_rig(Samples(replace(sample, points=None)), "own")
     notes = measure_rig(Samples(replace(sample, lidar_height_m=None)), "own").notes
     assert any("1.73 m is assumed" in note for note in notes)
+
+
+def test_rings_of_too_few_points_are_refused_with_the_remedy(sample_of, monkeypatch):
+    monkeypatch.setattr("sightline.adaptation.measured_rig._MIN_RING_POINTS", 10**6)
+    with pytest.raises(ValueError, match=r"no ring of its LiDAR has 1000000 points; .*--rig"):
+        measure_rig(Samples(sample_of("nuscenes")), "own")

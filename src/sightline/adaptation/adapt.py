@@ -176,6 +176,7 @@ def adapt(
     }
     acquire_output_dir(out, claim, results=("frames", *FINE_TUNINGS))
     atomic_write_text(out / RIG_NAME, rig_text(rig))
+    rig = read_rig(out / RIG_NAME)  # a later run reads it, too, by the same name
     frames = out / "frames"
     simulate(
         frames,

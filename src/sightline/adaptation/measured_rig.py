@@ -67,8 +67,8 @@ def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
     notes = []
     if sample.lidar_height_m is None:
         notes.append(f"the LiDAR's height is not known: {KITTI_LIDAR_HEIGHT_M} m is assumed")
-    lidar, lidar_notes = _measure_lidar(swept, sample)
     try:
+        lidar, lidar_notes = _measure_lidar(swept, sample)
         rig = Rig(
             name=name,
             camera=_measure_camera(sample),
@@ -179,6 +179,8 @@ def _measure_lidar(
             continue
         rings.append(round(float(np.median(elevation_deg[is_ring])), 2))
         steps.append(float(np.median(np.diff(np.sort(azimuth_deg[is_ring])))))
+    if not rings:
+        raise ValueError(f"no ring of its LiDAR has {_MIN_RING_POINTS} points")
     return LidarRig(
         elevations_deg=tuple(sorted(rings, reverse=True)),
         azimuth_step_deg=round(float(np.median(steps).clip(*_STEPS_DEG)), 3),

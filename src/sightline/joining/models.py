@@ -1,4 +1,4 @@
-"""Logistic models that turn evidence into calibrated scores, and their file."""
+"""Logistic models that turn evidence into scores, and their file."""
 
 import json
 import math
