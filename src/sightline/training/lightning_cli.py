@@ -31,7 +31,12 @@ from sightline.training.arguments import (
     RUN_FOLDER,
     Subcommand,
 )
-from sightline.training.callbacks import LogShortRuns, LogSteps, checkpoint_callbacks
+from sightline.training.callbacks import (
+    LogShortRuns,
+    LogSteps,
+    ReturnFreeMemory,
+    checkpoint_callbacks,
+)
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
 from sightline.training.module import STEP, TrainingModule
@@ -330,7 +335,7 @@ class _TrainingCLI(LightningCLI):
             callbacks.append(RunProgress())
         if settings["log_every_n_steps"] is None:
             callbacks.append(LogShortRuns())
-        callbacks.append(LogSteps())
+        callbacks += [LogSteps(), ReturnFreeMemory()]
         if settings["enable_checkpointing"] is False or settings["fast_dev_run"]:
             return callbacks
         return callbacks + checkpoint_callbacks(
