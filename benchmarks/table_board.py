@@ -9,6 +9,7 @@ Record = dict[str, Any]
 
 _KIND_LIMIT = 0.95
 _SEVERITY = 3
+_DETECTORS = {"image": "2d", "sweep": "3d"}
 
 
 def scoreboard(
@@ -21,6 +22,7 @@ def scoreboard(
     health_simulated: Record,
     health_real: Record,
     evaluation: Record,
+    joined: Record,
     quoted: Record,
 ) -> Rows:
     """Give one row for each headline figure, real truth first."""
@@ -30,6 +32,7 @@ def scoreboard(
         *_depth_by_truth(truth, time_depth, quoted),
         *_in_space(detection, time3d, quoted),
         *_in_the_image(detection, time2d, quoted),
+        *_joined(joined),
         _rings(rings, time_depth),
         _faults(health_simulated, health_real, quoted),
         _evaluation(evaluation, quoted),
@@ -120,6 +123,32 @@ def _in_the_image(detection: Record, times: Record, quoted: Record) -> Rows:
         )
         ours = f"**{with_interval(found)}**"
         rows.append([title, f"AP, IoU {iou}, {frames}", ours, baseline, there, milliseconds])
+    return rows
+
+
+def _joined(joined: Record) -> Rows:
+    """Give the rows of joined objects, beside the two detectors that they are joined from."""
+    frames = f"{joined['frames']} frames"
+    rows: Rows = []
+    for title, case, name, metric, iou in (
+        ("cars, joined, both sensors", "clean", "Car", "bbox", 0.7),
+        ("cars, joined, camera blank", "camera_blank", "Car", "bbox", 0.7),
+        ("cars, joined, both sensors", "clean", "Car", "3d", 0.5),
+        ("cars, joined, LiDAR blank", "lidar_blank", "Car", "3d", 0.5),
+        ("pedestrians, joined, both sensors", "clean", "Pedestrian", "3d", 0.5),
+    ):
+        found = next(
+            row
+            for row in joined["results"]
+            if (row["case"], row["class"], row["metric"], row["iou"]) == (case, name, metric, iou)
+        )
+        parts = ("image", "sweep") if metric == "bbox" else ("sweep",)
+        low, high = found[f"less_{parts[0]}_95"]
+        alone = ", ".join(f"{found[part]:.0f} detection{_DETECTORS[part]}-best" for part in parts)
+        where = "IoU" if metric == "bbox" else "3D IoU"
+        ours = f"**{found['joined']:.0f}**; less {_DETECTORS[parts[0]].upper()} detection's: "
+        ours += f"{found['joined'] - found[parts[0]]:+.0f} [{low:+.0f}, {high:+.0f}]"
+        rows.append([title, f"AP, {where} {iou}, {frames}", ours, alone, "-", ""])
     return rows
 
 

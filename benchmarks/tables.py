@@ -45,7 +45,8 @@ TABLES: Final = {
     "scoreboard": Table(
         (
             "real_depth_truth", "detection3d", "detection_accuracy", "detection2d",
-            "held_out_rings", "depth_completion", "sensor_health", "kitti_evaluation", "quoted",
+            "held_out_rings", "depth_completion", "sensor_health", "kitti_evaluation", "joined",
+            "quoted",
         ),
         table_board.scoreboard,
     ),
