@@ -47,7 +47,7 @@ def checked(target: Any) -> Any:
     if inspect.isclass(target):
         made_by = getattr(target.__init__, "__globals__", {}).get("__name__")
         if is_dataclass(target) and made_by != _jaxtyped.__module__:
-            target.__init__ = checked(target.__init__)  # type: ignore[misc]
+            target.__init__ = checked(target.__init__)
         return target
     hints = {name: _resolved(hint, target) for name, hint in target.__annotations__.items()}
     axes = [array.dim_str for hint in hints.values() for array in _arrays(hint)]

@@ -45,8 +45,8 @@ def numbers(count: int) -> Iterator[int]:
 
 
 @checked
-def later(value: "Unknown", count: int) -> int:  # noqa: F821
-    return count
+def later(value: "Unknown", count: int) -> "tuple[Unknown, int]":
+    return value, count
 
 
 @checked
@@ -72,7 +72,7 @@ def test_sound_calls_return_what_the_function_returns():
     assert halve(ROWS).shape == (1, 3)
     assert named() == "rows"
     assert list(numbers(2)) == [0, 1]
-    assert later(None, 2) == 2
+    assert later(None, 2) == (None, 2)
     assert Rows.of(2).values.shape == (2, 3)
 
 
