@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from tests import shape_checks
+
 # Read when PyTorch is first imported: on small tensors, and beside other test processes, its
 # threads only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -16,6 +18,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Networks run by PyTorch where no engine is named: to convert them for another takes ten seconds
 # each. What another gives is tested in tests/export, and each task's own test_export.
 os.environ["SIGHTLINE_ENGINE"] = "torch"
+
+shape_checks.install()
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, which some of them send.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
