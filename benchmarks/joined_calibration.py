@@ -75,7 +75,7 @@ def main(
         resamples: Number of resamples of the frames.
         seed: Seed of the resamples.
         engine: Inference engine.
-        picture: PNG for reliability diagrams of cars in the image, a row for each state.
+        picture: PNG or JPEG for reliability diagrams of cars in the image, a row for each state.
     """
     torch.set_num_threads(1)
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)

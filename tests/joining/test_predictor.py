@@ -113,7 +113,7 @@ def test_objects_of_perceive_are_read_back_for_pictures(tmp_path, packaged):
     assert alone.objects is None
     assert len(alone.detections3d.scores) == 2
     (tmp_path / "lines" / "000000.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"000000\.json does not hold the line of frame 000000"):
+    with pytest.raises(ValueError, match=r"000000\.json: does not hold the line of frame 000000"):
         read_perception(open_results([tmp_path]), packaged)
 
 

@@ -45,7 +45,7 @@ FRAME_TIMELINE: Final = "frame"
 TIME_TIMELINE: Final = "time"
 """Time lines: the number of the frame, and seconds if the data set has them."""
 
-_RADII_M: Final = {"measured": 0.03, "lifted": 0.01, "none": 0.0}  # of edges, by origin
+_THICK_M, _THIN_M = 0.03, 0.01  # radii of the edges of measured and lifted boxes
 _JPEG_QUALITY = 85
 _MAX_FLUSH_S: Final = 600.0
 _BLOCK_BYTES: Final = 2**20
@@ -303,7 +303,7 @@ def _all_boxes(
             boxes=boxes[kept],
             class_names=tuple(objects.class_names[index] for index in kept),
             labels=tuple(texts[index] for index in kept),
-            radii=tuple(_RADII_M[origins[index]] for index in kept),
+            radii=tuple(_THIN_M if origins[index] == "lifted" else _THICK_M for index in kept),
         )
 
     in_space = [f"{label} {origin}" for label, origin in zip(labels, origins, strict=True)]
