@@ -83,7 +83,7 @@ def main(
     store = DetectionStore(weights["detection2d"], weights["detection3d"], cache, engine)
     results: list[dict[str, Any]] = []
     for case in cases:
-        found = _join_all(list(store.frames(samples, case, CASES[case])), fitted)
+        found = join_all(list(store.frames(samples, case, CASES[case])), fitted)
         for row in _compare(found, labels, resamples, seed):
             results.append({"case": case, **row})
             print(f"{case:<18} {_text(row)}", flush=True)
@@ -100,7 +100,8 @@ def main(
     )
 
 
-def _join_all(frames: Sequence[FitFrame], models: JoinModels) -> _Results:
+def join_all(frames: Sequence[FitFrame], models: JoinModels) -> _Results:
+    """Join the detections of all frames of one state, as result files."""
     found = _Results([], [], [], [])
     for frame in frames:
         sample = frame.sample

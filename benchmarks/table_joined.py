@@ -32,6 +32,33 @@ def joined(*records: Record) -> Rows:
     return rows
 
 
+def calibration(*records: Record) -> Rows:
+    """Give a row of D-ECE for each list of frames and state of the sensors."""
+    titles = _STATES | {"beams_16_from_0": "16 beams"}
+    rows: Rows = [["frames", "sensors", *_COLUMNS]]
+    for record in records:
+        found = {
+            (row["case"], row["class_name"], row["metric"], row["iou"]): row
+            for row in record["results"]
+        }
+        for case in dict.fromkeys(row["case"] for row in record["results"]):
+            cells = [_error_cell(found[case, *column]) for column in _COLUMNS.values()]
+            rows.append([f"{record['sample_list']}, {record['frames']}", titles[case], *cells])
+    return rows
+
+
+def _error_cell(row: Record) -> str:
+    """Format D-ECE alone and joined, the interval of the difference, and the joined's number."""
+    alone = " / ".join(_number(row[name]) for name in ("image", "sweep") if name in row)
+    interval = row.get("less_image_95" if "image" in row else "less_sweep_95")
+    differs = "" if interval is None else f" [{interval[0]:+.0f}, {interval[1]:+.0f}]"
+    return f"{alone} -> **{_number(row['joined'])}**{differs}, {row['n_joined']}"
+
+
+def _number(error: float | None) -> str:
+    return "-" if error is None else f"{error:.0f}"
+
+
 def _cell(record: Record, cases: list[str], class_name: str, metric: str, iou: float) -> str:
     """Format AP alone and joined, and the interval of the difference for a single case."""
     rows = [

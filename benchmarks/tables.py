@@ -86,6 +86,9 @@ TABLES: Final = {
     "raycast": Table(("raycast",), table_speed.raycast),
     "simulate": Table(("simulate",), table_speed.simulate),
     "joined": Table(("joined", "joined_sample_train"), table_joined.joined),
+    "joined-calibration": Table(
+        ("joined_calibration", "joined_calibration_simulated"), table_joined.calibration
+    ),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
 }  # fmt: skip
 

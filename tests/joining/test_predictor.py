@@ -10,6 +10,7 @@ from sightline.joining.models import read_models
 from sightline.joining.predictor import JoinedPredictor
 from sightline.perception.perceive import perceive
 from sightline.perception.perceiver import MultiTaskPredictor
+from sightline.perception.results import open_results, read_perception
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.joining.scenes import detections2d, detections3d, own_score_models
 from tests.perception.predictors import FunctionPredictor
@@ -99,6 +100,21 @@ def test_perceive_writes_objects_first_and_as_result_files(tmp_path):
     (tmp_path / "joined" / "000001.txt").unlink()
     again = perceive(PACKAGED_FRAMES, tmp_path, perceiver=perceiver(digests))
     assert (again.written, again.skipped) == (1, 1)
+
+
+def test_objects_of_perceive_are_read_back_for_pictures(tmp_path, packaged):
+    digests = list(read_models().provenance["sha256"].values())
+    perceive(PACKAGED_FRAMES, tmp_path, perceiver=perceiver(digests))
+    found = read_perception(open_results([tmp_path]), packaged)
+    line = json.loads((tmp_path / "lines" / "000000.json").read_text())
+    assert found.objects.to_json() == line["objects"]
+    assert found.detections2d is not None
+    alone = read_perception(open_results([tmp_path / "joined"]), packaged)
+    assert alone.objects is None
+    assert len(alone.detections3d.scores) == 2
+    (tmp_path / "lines" / "000000.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"000000\.json: does not hold the line of frame 000000"):
+        read_perception(open_results([tmp_path]), packaged)
 
 
 def test_perceive_with_other_weights_joins_nothing(tmp_path):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from sightline.augmentation.sample_changes import mirror
 from sightline.augmentation.scene_changes import turn_scene
+from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.tilt import Tilt, level_ahead
@@ -22,6 +23,7 @@ from sightline.structures.level import (
     mounted_detections,
     mounted_labels,
 )
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, IMAGE, POINTS, SAMPLE
@@ -170,6 +172,27 @@ def test_detections_go_to_the_level_frame_and_back(tilted):
         perception.detections3d.boxes.tensor, boxes.tensor, rtol=0, atol=1e-4
     )
     assert sample.level_from_lidar is None
+
+
+def test_objects_are_drawn_in_the_level_frame_and_missing_boxes_stay_zero(tilted):
+    level_boxes = Boxes3D(SAMPLE.objects.boxes3d.tensor[SAMPLE.objects.has_box3d][:2].double())
+    mounted = level_boxes.from_level(tilted.level_from_lidar).tensor
+    mounted[1] = 0.0
+    ones = torch.ones(2, dtype=torch.float64)
+    objects = Objects(
+        class_names=("Car", "Car"),
+        boxes2d=Boxes2D(torch.zeros(2, 4, dtype=torch.float64)),
+        boxes3d=Boxes3D(mounted),
+        origins=("measured", "none"),
+        scores=ones,
+        scores3d=ones,
+        image_support=ones,
+        lidar_support=ones,
+        num_points=torch.zeros(2).long(),
+    )
+    found = level_view(tilted, Perception(objects=objects))[1].objects.boxes3d.tensor
+    torch.testing.assert_close(found[0], level_boxes.tensor[0], rtol=0, atol=1e-9)
+    assert found[1].tolist() == [0.0] * 7
 
 
 def test_changed_scenes_keep_their_level_frame(tilted):

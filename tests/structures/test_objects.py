@@ -76,3 +76,13 @@ def test_columns_of_other_lengths_are_refused():
 def test_an_unknown_origin_is_refused():
     with pytest.raises(ValueError, match="origins may be measured, lifted, none, got guessed"):
         three_objects(origins=("measured", "guessed", "none"))
+
+
+def test_objects_come_back_from_json_rounded():
+    rows = three_objects().to_json()
+    again = Objects.from_json(rows)
+    assert again.to_json() == rows
+    assert again.has_box2d.tolist() == [True, False, True]
+    assert again.has_box3d.tolist() == [True, True, False]
+    assert again.origins == ("measured", "measured", "none")
+    assert Objects.from_json(no_objects().to_json()).to_json() == []

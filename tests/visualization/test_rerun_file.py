@@ -11,6 +11,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
 from sightline.visualization import rerun_file
 from sightline.visualization.rerun_file import pinhole_of, write_rerun
@@ -81,6 +82,28 @@ def test_points_and_boxes_are_those_of_the_frame(rows, sample):
     assert np.array(boxes["Boxes3D:half_sizes"]) == pytest.approx(np.array([[2.0, 0.85, 0.75]]))
     assert rows["/lidar/camera/boxes"][0]["Boxes2D:labels"] == ["Car 0.75"]
     assert rows["/lidar/camera/depth"][0]["DepthImage:meter"] == [256.0]
+
+
+def test_joined_objects_replace_the_detections(sample, tmp_path):
+    objects = Objects(
+        class_names=("Car", "Cyclist"),
+        boxes2d=Boxes2D(torch.tensor([[150.0, 40.0, 240.0, 90.0], [torch.nan] * 4]).double()),
+        boxes3d=Boxes3D(torch.tensor([[12.0, 0, -0.9, 4, 1.7, 1.5, 0.3]] * 2).double()),
+        origins=("lifted", "measured"),
+        scores=torch.tensor([0.9, 0.8]).double(),
+        scores3d=torch.tensor([0.2, 0.8]).double(),
+        image_support=torch.tensor([0.5, 0.0]).double(),
+        lidar_support=torch.tensor([0.0, 0.8]).double(),
+        num_points=torch.tensor([0, 5]),
+    )
+    pytest.importorskip("rerun.chunk")
+    path = tmp_path / "scene.rrd"
+    write_rerun(path, [(sample, replace(some_perception(sample), objects=objects))])
+    found = read(path)
+    in_space = found["/lidar/boxes"][0]
+    assert in_space["Boxes3D:labels"] == ["Car 0.90 C lifted", "Cyclist 0.80 L measured"]
+    assert in_space["Boxes3D:radii"] == pytest.approx([0.01, 0.03])
+    assert found["/lidar/camera/boxes"][0]["Boxes2D:labels"] == ["Car 0.90 C"]
 
 
 @pytest.mark.parametrize(

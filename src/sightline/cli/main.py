@@ -8,7 +8,7 @@ import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jsonargparse
 
@@ -30,7 +30,7 @@ from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
 from sightline.cli.proposals import proposals
-from sightline.cli.report import check_places, deliver, named_file
+from sightline.cli.report import check_places, check_writable_folder, deliver, named_file
 from sightline.cli.reproduce import (
     renamed,
     reproduce_gated_fusion,
@@ -45,6 +45,11 @@ from sightline.export.names import Format
 from sightline.files.problem import memory_fault
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sightline.export.parity import ParityReport
 
 _INTERRUPTED = 130  # exit status of a program ended by Ctrl-C
 _LINK_LOOP = "Symlink loop"  # how `Path.resolve` begins its RuntimeError
@@ -85,11 +90,20 @@ def export(
     """Exports a network to a file that runs without PyTorch, and checks that its outputs agree.
 
     Args:
-        out: File to write: .onnx, or .xml for OpenVINO.
-        weights: Name of weights in Sightline (`sightline tasks` lists them), or a file
-            (.safetensors, .ckpt).
+        out: File to write: .onnx, or .xml for OpenVINO. For joined, a folder.
+        weights: Name of weights in Sightline (`sightline tasks` lists them), a file (.safetensors,
+            .ckpt), or joined: both detectors and the models that join their boxes.
         format: Format of the file: onnx or openvino.
     """
+    from sightline.joining.models import JOINED
+
+    if weights == JOINED:
+        from sightline.joining.export import MODELS_NAME, export_joined
+
+        check_writable_folder(out)
+        _say_reports(export_joined(out, format))
+        say(out / MODELS_NAME)
+        return
     from sightline.export.write import export_graphs
     from sightline.files.weights_header import find_weights
     from sightline.inference.network import load_network
@@ -97,7 +111,11 @@ def export(
     check_places({"OUT": out}, data=[named_file(weights)])
     task = choose_task(None, find_weights(weights))
     say(f"{task.name} by {weights}")
-    reports = export_graphs(task.graphs(load_network(task, weights)), out, format)
+    _say_reports(export_graphs(task.graphs(load_network(task, weights)), out, format))
+
+
+def _say_reports(reports: "Mapping[Path, ParityReport]") -> None:
+    """Prints the differences to PyTorch of each exported file."""
     for path, report in reports.items():
         deliver(report, None)
         say(path)

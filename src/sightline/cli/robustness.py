@@ -12,6 +12,7 @@ from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
+    from sightline.robustness.bench import BenchTask
     from sightline.structures.sample import Sensor
 
 
@@ -46,8 +47,8 @@ def robustness(
 
     Args:
         out_folder: Folder of the run; not needed with --compare.
-        task: Task; `sightline tasks` lists them. Default: the task of the weights, or
-            depth-completion.
+        task: Task; `sightline tasks` lists them; or joined, the objects of both detectors. Default:
+            the task of the weights, or depth-completion.
         method: Method without a network.
         weights: Weights of the network: name of weights in Sightline (`sightline tasks` lists them)
             or a file (.safetensors, .ckpt). Default: the task's own.
@@ -97,9 +98,8 @@ def robustness(
     check_outputs({"OUT_FOLDER": out_folder}, data=only_read, results=map(Path, results))
     from sightline.robustness.bench import BenchSettings, run_bench
     from sightline.robustness.results import score_results
-    from sightline.tasks import choose_task
 
-    chosen = choose_task(task, weights)
+    chosen = _chosen_task(task, weights)
     settings = BenchSettings(
         suite=suite,
         seed=seed,
@@ -134,6 +134,18 @@ def robustness(
         report = score_results(chosen, data, Path(results[0]), out_folder, settings)
     deliver(report, None)
     say(*(out_folder / name for name in report.files))
+
+
+def _chosen_task(task: str | None, weights: str | None) -> "BenchTask":
+    """Find the task by name, else by the weights; joined objects are one of the bench alone."""
+    from sightline.joining.models import JOINED
+    from sightline.tasks import choose_task
+
+    if (task or weights) != JOINED:
+        return choose_task(task, weights)
+    from sightline.joining.robustness import JoinedTask
+
+    return JoinedTask()
 
 
 def _compare(paths: tuple[str, ...], page: Path | None) -> None:

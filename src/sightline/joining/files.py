@@ -52,6 +52,8 @@ def kitti_from_objects(
     )
 
 
-def write_objects(path: Path, sample: CameraLidarSample, objects: Objects) -> None:
-    """Write KITTI's result file with both boxes of each object."""
-    kitti_labels.write_objects(path, kitti_from_objects(objects, sample))
+def write_objects(
+    path: Path, sample: CameraLidarSample, objects: Objects, *, in_space: bool = False
+) -> None:
+    """Write KITTI's result file with both boxes of each object; see `kitti_from_objects`."""
+    kitti_labels.write_objects(path, kitti_from_objects(objects, sample, in_space=in_space))

@@ -10,11 +10,15 @@ from typing import Any, Final, get_args
 
 from sightline.data.kitti_trees import Part
 from sightline.files.plain_file import read_bytes
+from sightline.structures.objects import Origin
 from sightline.structures.sample import SENSOR_FIELDS
 from sightline.tasks import further_keys, task_names
 
 Lines = dict[str, tuple[str, dict[str, Any]]]
 """Lines by frame: text and parsed contents."""
+
+LINES_FOLDER: Final = "lines"
+"""Folder in the output folder with a file for the line of each frame."""
 
 _MAX_BYTES = 2**26
 _MAX_NUMBER = 3.5e38  # beyond single precision, the type of networks' outputs
@@ -25,8 +29,13 @@ _Check = Callable[[Any], bool]
 
 def read_lines(folder: Path) -> Lines:
     """Read the complete lines, by frame in order."""
-    further = further_keys(task_names())  # their values may be any JSON
-    return _read(folder, lambda content: _fits_line(content, further) and _is_consistent(content))
+    return _read(folder, _line_check())
+
+
+def read_line(path: Path) -> dict[str, Any] | None:
+    """Read the line of one frame; None: the file holds no complete one."""
+    found = _read_entry(path, _line_check())
+    return None if found is None else found[1]
 
 
 def read_timings(folder: Path) -> Lines:
@@ -35,19 +44,27 @@ def read_timings(folder: Path) -> Lines:
 
 
 def _read(folder: Path, is_complete: _Check) -> Lines:
-    lines: Lines = {}
-    for path in sorted(folder.glob("*.json")):
-        data = read_bytes(path, max_bytes=_MAX_BYTES, remedy="remove it, and run this again")
-        text = data.decode(errors="replace").strip()
-        try:
-            content = json.loads(text)
-            # `perceive` wrote it only if serialising it gives the same text.
-            is_unedited = json.dumps(content, allow_nan=False) == text
-        except (ValueError, RecursionError):
-            continue
-        if is_unedited and is_complete(content) and content["frame"] == path.stem:
-            lines[path.stem] = (text, content)
-    return lines
+    entries = {path.stem: _read_entry(path, is_complete) for path in sorted(folder.glob("*.json"))}
+    return {name: entry for name, entry in entries.items() if entry is not None}
+
+
+def _read_entry(path: Path, is_complete: _Check) -> tuple[str, dict[str, Any]] | None:
+    data = read_bytes(path, max_bytes=_MAX_BYTES, remedy="remove it, and run this again")
+    text = data.decode(errors="replace").strip()
+    try:
+        content = json.loads(text)
+        # `perceive` wrote it only if serialising it gives the same text.
+        is_unedited = json.dumps(content, allow_nan=False) == text
+    except (ValueError, RecursionError):
+        return None
+    if is_unedited and is_complete(content) and content["frame"] == path.stem:
+        return text, content
+    return None
+
+
+def _line_check() -> _Check:
+    further = further_keys(task_names())  # their values may be any JSON
+    return lambda content: _fits_line(content, further) and _is_consistent(content)
 
 
 def _fits_line(content: object, further: Collection[str]) -> bool:
@@ -139,7 +156,7 @@ _LINE: Final = {
                         "size_m": (_number,) * 3,
                         "yaw_rad": _number,
                         "score": _number,
-                        "origin": _text,
+                        "origin": lambda value: value in get_args(Origin),
                     }
                 ),
                 "support": {"image": _number, "lidar": _number, "points": _count},

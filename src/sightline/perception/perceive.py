@@ -22,12 +22,16 @@ from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.joining.files import write_objects
 from sightline.joining.models import JOINED
-from sightline.perception.kept_lines import Lines, read_lines, read_timings
+from sightline.perception.kept_lines import LINES_FOLDER, Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.perception.pictures import PictureFiles
 from sightline.perception.results import JOB_NAME
 from sightline.tasks import find_task
+
+JOINED_FOLDERS: Final = {JOINED: False, f"{JOINED}-3d": True}
+"""Folders in the output folder of joined objects as result files, and whether the scores are those
+of the 3D boxes."""
 
 LINES_NAME: Final = "perception.jsonl"
 """File in the output folder with a line for each frame, sorted by name."""
@@ -35,7 +39,6 @@ LINES_NAME: Final = "perception.jsonl"
 TIMINGS_NAME: Final = "timings.jsonl"
 """File with the time of each prediction: the only output that differs between runs."""
 
-_LINES_FOLDER = "lines"
 _TIMINGS_FOLDER = "timings"
 
 
@@ -73,10 +76,10 @@ def perceive(
 ) -> PerceiveResult:
     """Runs all tasks on every frame of a data set; each frame is loaded once.
 
-    `out` then contains a folder of result files for each task, as from `sightline predict`, a
-    folder `joined` of objects if both detectors have their default weights, perception.jsonl
-    (docs/perception.md describes its lines) and timings.jsonl. For a frame without a sensor, only
-    the tasks that can work without it predict.
+    `out` then contains a folder of result files for each task, as from `sightline predict`, the
+    folders `joined` and `joined-3d` of objects if both detectors have their default weights,
+    perception.jsonl (docs/perception.md describes its lines) and timings.jsonl. For a frame without
+    a sensor, only the tasks that can work without it predict.
 
     Files are written atomically, and finished frames are skipped: to resume a stopped job, run it
     again. Damaged lines and times are left out with a warning.
@@ -139,7 +142,7 @@ def perceive(
     places = _places(perceiver, out, all_outputs=all_outputs)
     made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
     _claim(perceiver, places, data, out, sweeps_folder(dataset))
-    folder = out / _LINES_FOLDER
+    folder = out / LINES_FOLDER
     done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out)
@@ -183,14 +186,15 @@ class _FrameWork:
         for task, prediction in predictions.by_task.items():
             write_prediction(self.places[task], sample, prediction)
         if predictions.objects is not None:
-            path = self.out / JOINED / f"{self.name}.txt"
-            path.parent.mkdir(exist_ok=True)
-            write_objects(path, sample, predictions.objects)
-        for folder, line in (
+            for folder, in_space in JOINED_FOLDERS.items():
+                path = self.out / folder / f"{self.name}.txt"
+                path.parent.mkdir(exist_ok=True)
+                write_objects(path, sample, predictions.objects, in_space=in_space)
+        for lines, line in (
             (_TIMINGS_FOLDER, timing_line(sample, predictions)),
-            (_LINES_FOLDER, frame_line(sample, predictions, self.made_by)),
+            (LINES_FOLDER, frame_line(sample, predictions, self.made_by)),
         ):
-            atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
+            atomic_write_text(self.out / lines / f"{self.name}.json", f"{line}\n")
 
 
 def _places(perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool) -> dict[str, Places]:
@@ -227,19 +231,20 @@ def _claim(
         "sightline": version("sightline"),
         **made_by,
     }
-    claims = [Claim(folder=out, settings=settings, results=(f"{_LINES_FOLDER}/*.json", LINES_NAME))]
+    claims = [Claim(folder=out, settings=settings, results=(f"{LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():
         claims += output_claims(find_task(name), predictor, places[name], data, velodyne)
     models = perceiver.join_models
     if models is not None:
         joined = {key: settings[key] for key in ("job", "data", "velodyne", "sightline")}
-        claims.append(
+        claims += [
             Claim(
-                folder=out / JOINED,
+                folder=out / folder,
                 settings=joined | {"models": dict(models.provenance)},
                 results=("*.txt",),
             )
-        )
+            for folder in JOINED_FOLDERS
+        ]
     claim_folders(claims)
 
 
@@ -269,7 +274,8 @@ def _done_frames(
         still_lacks = not any(has_file(dataset, index, part) for part in lacking)
         has_files = all(name in present.get(task, ()) for task in _predicting_tasks(line))
         if line["objects"] is not None:
-            has_files &= (folder.parent / JOINED / f"{name}.txt").is_file()
+            paths = (folder.parent / each / f"{name}.txt" for each in JOINED_FOLDERS)
+            has_files &= all(path.is_file() for path in paths)
         if has_same_predictors and still_lacks and has_files:
             done.add(name)
     return done
@@ -278,11 +284,11 @@ def _done_frames(
 def _join_lines(out: Path) -> Lines:
     """Joins all frames' lines in one file, including lines written by other shards meanwhile."""
     while True:
-        lines = read_lines(out / _LINES_FOLDER)
+        lines = read_lines(out / LINES_FOLDER)
         atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
         # Another shard may have ended between the reading and the writing: its file was complete,
         # and this one has just replaced it.
-        if read_lines(out / _LINES_FOLDER) == lines:
+        if read_lines(out / LINES_FOLDER) == lines:
             return lines
 
 
@@ -296,7 +302,7 @@ def _join_timings(out: Path) -> Lines:
 
 def _line_files(out: Path) -> list[str]:
     """Names of the frames that have a file with their line."""
-    return sorted(path.stem for path in (out / _LINES_FOLDER).glob("*.json"))
+    return sorted(path.stem for path in (out / LINES_FOLDER).glob("*.json"))
 
 
 def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lines) -> None:

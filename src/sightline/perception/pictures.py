@@ -63,7 +63,7 @@ class PictureFiles:
             ValueError: A frame or a result cannot be read, or a file cannot be written.
         """
         opened = open_results([results])
-        further = tuple(each.output.further for each in opened if each.output.further)
+        further = tuple(each.further for each in opened if each.further)
         if self.video is not None:
             frames = self._frames(dataset, opened, "video")
             write_video(self.video, _pictures(frames, further), fps=self.fps)

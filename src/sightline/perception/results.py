@@ -1,14 +1,18 @@
 """Reader of result files for pictures."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from sightline.files.plain_text import shortened
+from sightline.files.problem import FileError
 from sightline.files.safe_names import checked_name
 from sightline.inference.predictor import Output
 from sightline.jobs.output_dirs import MANIFEST_NAME, read_claim
+from sightline.joining.models import JOINED
+from sightline.perception.kept_lines import LINES_FOLDER, read_line
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
@@ -24,17 +28,24 @@ class ResultFolder:
     """Folder with one kind of result files."""
 
     folder: Path
-    output: Output
-    made_by: str
+    name: str
+    """Kind of result, e.g. depth."""
+    suffix: str
+    """Suffix of the files, with its dot."""
+    read: Callable[[Path, CameraLidarSample, Perception], Perception]
+    """See `Output.read`."""
+    made_by: str = ""
     """Name of the weights or the method; empty: unknown."""
-    data: str
+    data: str = ""
     """Name of the source data by `data_name`; empty: unknown."""
-    position: int
+    further: str = ""
+    """See `Output.further`."""
+    position: int = 0
     """Index among the outputs of its task: further ones add to the first."""
 
     def path(self, name: str) -> Path:
         """File of a frame."""
-        return self.folder / f"{name}{self.output.suffix}"
+        return self.folder / f"{name}{self.suffix}"
 
 
 def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
@@ -68,9 +79,9 @@ def _check_once(opened: Sequence[ResultFolder], found: Sequence[ResultFolder]) -
     """Refuse duplicate kinds of results in folders with manifests."""
     for new in found:
         for old in opened:
-            if new.output is old.output and new.made_by and old.made_by:
+            if new.read is old.read and new.made_by and old.made_by:
                 raise ValueError(
-                    f"{old.folder} and {new.folder} both hold {new.output.name} of one task, but "
+                    f"{old.folder} and {new.folder} both hold {new.name} of one task, but "
                     "a picture shows only one; leave one out"
                 )
 
@@ -84,9 +95,26 @@ def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) 
     perception = Perception()
     for each in results:
         path = each.path(sample.sample_id)
-        if each.output.read is not None and path.is_file():
-            perception = each.output.read(path, sample, perception)
+        if path.is_file():
+            perception = each.read(path, sample, perception)
     return perception
+
+
+def _read_objects(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
+    """Add the joined objects of a frame's line.
+
+    Raises:
+        FileError: The file does not hold a line of the frame.
+    """
+    line = read_line(path)
+    if line is None:
+        raise FileError(
+            path,
+            f"does not hold the line of frame {sample.sample_id}",
+            "remove it, and run perceive again",
+        )
+    rows = line["objects"]
+    return replace(perception, objects=None if rows is None else Objects.from_json(rows))
 
 
 def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
@@ -96,7 +124,15 @@ def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolde
         source = folder / MANIFEST_NAME
         names = [checked_name(name, source, "folders:") for name in folders]
         parts = [(folder / name, read_claim(folder / name)) for name in dict.fromkeys(names)]
-        return [each for part, inner in parts if inner for each in _task_results(part, inner)]
+        found = [each for part, inner in parts if inner for each in _task_results(part, inner)]
+        if found and (folder / JOINED).is_dir():
+            lines = folder / LINES_FOLDER
+            found.append(
+                ResultFolder(folder=lines, name="objects", suffix=".json", read=_read_objects)
+            )
+        return found
+    if claim.get("job") == JOB_NAME and folders is None:  # its joined objects
+        return _results_by_suffix(folder)
     return _task_results(folder, claim)
 
 
@@ -106,16 +142,13 @@ def _task_results(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
     if not isinstance(task_name, str) or task_name not in REGISTRY:
         return []
     outputs = find_task(task_name).outputs
+    made_by = shortened(str(claim.get("method", "")), _MAX_NAME_LENGTH)
+    data = shortened(str(claim.get("data", "")), _MAX_NAME_LENGTH)
     return [
-        ResultFolder(
-            folder=folder,
-            output=output,
-            made_by=shortened(str(claim.get("method", "")), _MAX_NAME_LENGTH),
-            data=shortened(str(claim.get("data", "")), _MAX_NAME_LENGTH),
-            position=position,
-        )
+        replace(each, made_by=made_by, data=data, position=position)
         for position, output in enumerate(outputs)
-        if output.name == output_name and output.read is not None
+        if output.name == output_name
+        for each in _readable(folder, output)
     ]
 
 
@@ -123,7 +156,23 @@ def _results_by_suffix(folder: Path) -> list[ResultFolder]:
     """Results identified by file suffix, without a manifest."""
     outputs = [find_task(name).outputs[0] for name in task_names()]
     return [
-        ResultFolder(folder=folder, output=output, made_by="", data="", position=0)
+        each
         for output in outputs
-        if output.read is not None and next(folder.glob(f"*{output.suffix}"), None) is not None
+        if next(folder.glob(f"*{output.suffix}"), None) is not None
+        for each in _readable(folder, output)
+    ]
+
+
+def _readable(folder: Path, output: Output) -> list[ResultFolder]:
+    """List the folder of an output, if its files can be drawn."""
+    if output.read is None:
+        return []
+    return [
+        ResultFolder(
+            folder=folder,
+            name=output.name,
+            suffix=output.suffix,
+            read=output.read,
+            further=output.further,
+        )
     ]

@@ -109,6 +109,7 @@ def write_frames_picture(
             dense_name=source.depth_name,
             detections2d=perceptions[0].detections2d,
             detections3d=perceptions[0].detections3d,
+            objects=perceptions[0].objects,
             further=perceptions[0].further,
         )
     write_rgb(out, picture)
@@ -116,4 +117,4 @@ def write_frames_picture(
 
 
 def _is_depth(result: ResultFolder) -> bool:
-    return result.output.name == "depth"
+    return result.name == "depth"

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 _LEVELS: Final[tuple[Difficulty, ...]] = ("moderate", "easy", "hard")
 _METRIC_TITLES: Final[dict[Metric, str]] = {"bbox": "2D", "bev": "bird's eye", "3d": "3D"}
+_CENTRE_TITLES: Final = {"0.5-4m": "mean of 0.5, 1, 2 and 4 m", "2m": "2 m"}
+_IN_SPACE: Final = "3d"
+"""Folder within a case's, of result files with the scores of 3D boxes."""
 _AVERAGES: Final = {"R40": "AP R40", "all_points": "AP, all points"}
 """Averages of precision over recall: KITTI's own, and over all scores, for small samples."""
 
@@ -50,6 +53,11 @@ class ObjectScoring:
     """Function that reads a prediction from a result file."""
     panels: Callable[[BenchPrediction, int], tuple[Panel, ...]]
     """Function for `Scoring.draw`."""
+    by_centre: tuple[ClassName, ...] = ()
+    """Classes that are also scored by nuScenes' centre distance."""
+    write_in_space: "Callable[[Path, CameraLidarSample, Any], None] | None" = None
+    """Function that writes a second result file, for the metrics of 3D boxes, if their scores
+    differ; None: the first file has them. Results of other methods have one file."""
     name: str = field(default="KITTI objects", init=False)
     suffix: str = field(default=".txt", init=False)
     parts: "tuple[Part, ...]" = field(default=("objects",), init=False)
@@ -57,8 +65,8 @@ class ObjectScoring:
 
     @property
     def metrics(self) -> tuple[BenchMetric, ...]:
-        """Both averages of each target, moderate first."""
-        return tuple(
+        """Both averages of each target, moderate first, then AP by centre distance."""
+        by_iou = tuple(
             BenchMetric(
                 name=_metric_name(target, difficulty, average),
                 title=(
@@ -72,6 +80,18 @@ class ObjectScoring:
             for average, title in _AVERAGES.items()
             for difficulty in _LEVELS
         )
+        by_centre = tuple(
+            BenchMetric(
+                name=_centre_name(class_name, difficulty, distance),
+                title=f"{class_name}, centre distance, {difficulty}, AP, {title}",
+                unit="%",
+                highest=100.0,
+            )
+            for class_name in self.by_centre
+            for distance, title in _CENTRE_TITLES.items()
+            for difficulty in _LEVELS
+        )
+        return by_iou + by_centre
 
     def check(self, dataset: "SampleDataset") -> None:
         """Check for labels; see `Scoring.check`."""
@@ -92,8 +112,13 @@ class ObjectScoring:
         return BenchFrame(sample, None)
 
     def store(self, path: Path, prediction: BenchPrediction) -> None:
-        """Write KITTI's result file."""
-        self.write(path, prediction.frame.sample, prediction.output)
+        """Write KITTI's result file, or both of them; the first one last, as it counts as done."""
+        sample, output = prediction.frame.sample, prediction.output
+        if self.write_in_space is not None:
+            in_space = path.parent / _IN_SPACE / path.name
+            in_space.parent.mkdir(parents=True, exist_ok=True)
+            self.write_in_space(in_space, sample, output)
+        self.write(path, sample, output)
 
     def read(self, path: Path, sample: "CameraLidarSample") -> object:
         """Read a result file; see `Scoring.read`."""
@@ -105,19 +130,39 @@ class ObjectScoring:
 
     def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
         """Score result files; see `Scoring.score`. None if no object of the class counts."""
+        labels, names = _labels_folder(dataset), dataset.sample_ids
+        in_space = folder / _IN_SPACE
+        if not in_space.is_dir():
+            scores = self._scores(folder, self.targets, labels, names)
+        else:
+            in_image = [target for target in self.targets if target.metric == "bbox"]
+            others = [target for target in self.targets if target.metric != "bbox"]
+            scores = self._scores(folder, in_image, labels, names)
+            scores |= self._scores(in_space, others, labels, names)
+        return {metric.name: scores[metric.name] for metric in self.metrics}
+
+    def _scores(
+        self, folder: Path, targets: Sequence[Target], labels: Path, names: Sequence[str]
+    ) -> dict[str, float | None]:
+        """Score the targets, and centre distances if a target is in 3D."""
         from sightline.evaluation.kitti_object import evaluate_objects
 
-        labels, names = _labels_folder(dataset), dataset.sample_ids
         scores: dict[str, float | None] = {}
-        for chosen in _separable(self.targets):
+        for chosen in _separable(targets):
             report = evaluate_objects(folder, labels, sample_list=names, overlaps=_overlaps(chosen))
             for target in chosen:
                 scores |= _scores(target, report, labels, names)
-        return {metric.name: scores[metric.name] for metric in self.metrics}
+            if any(target.metric == "3d" for target in chosen):
+                scores |= _centre_scores(self.by_centre, report, labels, names)
+        return scores
 
 
 def _metric_name(target: Target, difficulty: Difficulty, average: str) -> str:
     return f"{target.class_name}_{target.metric}_{target.iou:g}_{difficulty}_{average}"
+
+
+def _centre_name(class_name: str, difficulty: Difficulty, distance: str) -> str:
+    return f"{class_name}_centre_{distance}_{difficulty}"
 
 
 def _labels_folder(dataset: "SampleDataset") -> Path:
@@ -183,6 +228,30 @@ def _scores(
             values = dict.fromkeys(_AVERAGES, 0.0 if count else None)
         for average, value in values.items():
             found[_metric_name(target, difficulty, average)] = value
+    return found
+
+
+def _centre_scores(
+    class_names: Sequence[ClassName], report: "ObjectReport", labels: Path, names: Sequence[str]
+) -> dict[str, float | None]:
+    entries = {
+        (entry.class_name, entry.difficulty): entry
+        for entry in report.entries
+        if entry.metric == "3d"
+    }
+    found: dict[str, float | None] = {}
+    for class_name in class_names:
+        for difficulty in _LEVELS:
+            entry = entries.get((class_name, difficulty))
+            if entry is None:  # the report omits a class without detections
+                count = _object_counts(labels, names)[class_name, difficulty]
+                values = dict.fromkeys(_CENTRE_TITLES, 0.0 if count else None)
+            elif entry.centres is None:
+                values = dict.fromkeys(_CENTRE_TITLES)
+            else:
+                values = {"0.5-4m": entry.centres.ap, "2m": entry.centres.ap_2m}
+            for distance, value in values.items():
+                found[_centre_name(class_name, difficulty, distance)] = value
     return found
 
 

@@ -87,7 +87,11 @@ def level_view(
     sample: CameraLidarSample, perception: Perception
 ) -> tuple[CameraLidarSample, Perception]:
     """Transform a sample and its predictions to the level frame, for drawing."""
-    detections = perception.detections3d
+    detections, objects = perception.detections3d, perception.objects
     if detections is not None:
         perception = replace(perception, detections3d=level_detections(detections, sample))
+    if objects is not None and sample.level_from_lidar is not None:
+        levelled = objects.boxes3d.to_level(sample.level_from_lidar)
+        boxes3d = levelled.where(objects.has_box3d, objects.boxes3d)
+        perception = replace(perception, objects=replace(objects, boxes3d=boxes3d))
     return level_sample(sample), perception

@@ -1,5 +1,7 @@
 """Objects of a frame, each once, joined from the detections of all sensors."""
 
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
@@ -131,6 +133,27 @@ class Objects:
             for index, name in enumerate(self.class_names)
         ]
 
+    @classmethod
+    def from_json(cls, rows: Sequence[Mapping[str, Any]]) -> "Objects":
+        """Convert the list of `to_json` back; numbers stay rounded."""
+
+        def column(values: Iterable[float]) -> Float64[Tensor, " num_objects"]:
+            return torch.tensor(list(values), dtype=torch.float64)
+
+        boxes = [_box3d_row(row["box_3d"]) for row in rows]
+        seen = [row["box_px"] or [math.nan] * 4 for row in rows]
+        return cls(
+            class_names=tuple(row["class"] for row in rows),
+            boxes2d=Boxes2D(torch.tensor(seen, dtype=torch.float64).reshape(-1, 4)),
+            boxes3d=Boxes3D(torch.tensor(boxes, dtype=torch.float64).reshape(-1, 7)),
+            origins=tuple(row["box_3d"]["origin"] if row["box_3d"] else "none" for row in rows),
+            scores=column(row["score"] for row in rows),
+            scores3d=column(row["box_3d"]["score"] if row["box_3d"] else 0.0 for row in rows),
+            image_support=column(row["support"]["image"] for row in rows),
+            lidar_support=column(row["support"]["lidar"] for row in rows),
+            num_points=torch.tensor([row["support"]["points"] for row in rows]).long(),
+        )
+
     def _box3d_json(self, index: int) -> dict[str, Any]:
         box = self.boxes3d.tensor[index]
         return {
@@ -156,6 +179,13 @@ def no_objects() -> Objects:
         lidar_support=empty,
         num_points=empty.long(),
     )
+
+
+def _box3d_row(box: Mapping[str, Any] | None) -> list[float]:
+    """Columns of `Boxes3D`; zeros without a box."""
+    if box is None:
+        return [0.0] * 7
+    return [*box["center_m"], *box["size_m"], box["yaw_rad"]]
 
 
 def _rounded(values: Tensor, digits: int) -> list[float]:

@@ -13,7 +13,7 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import unproject_pixels
 from sightline.visualization.canvas import put_lines, put_points, put_polygon
-from sightline.visualization.colors import RGB, check_class_names, class_color
+from sightline.visualization.colors import RGB, BoxStyle, check_class_names, class_color
 from sightline.visualization.lettering import put_text, text_width
 
 _BACKGROUND: RGB = (17, 19, 24)
@@ -22,6 +22,7 @@ _RING: RGB = (64, 70, 80)
 _RING_TEXT: RGB = (150, 156, 166)
 _EGO: RGB = (235, 235, 235)
 _RING_STEP_M = 10
+_DASH_PX = 3.0
 _EGO_SIZE_M = (4.0, 1.8)
 _ROAD_SHARE = 0.05  # share of the points below the height drawn as the road
 _BRIGHTEST_M = 2.5  # height above the road with the brightest colour
@@ -74,6 +75,7 @@ def draw_birds_eye(
     image_size: tuple[int, int] | None = None,
     view: BirdsEyeView | None = None,
     color: RGB | None = None,
+    styles: Sequence[BoxStyle] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw points, boxes with headings, range rings and the camera's field of view from above.
 
@@ -86,6 +88,7 @@ def draw_birds_eye(
         image_size: Height, width [px] of the camera.
         view: Drawn area and scale.
         color: Colour of all boxes, instead of their classes' colours.
+        styles: Style of each box. None: filled, with full edges.
 
     Raises:
         ValueError: There is not one class name for each box.
@@ -99,7 +102,7 @@ def draw_birds_eye(
         _put_cloud(canvas, view, points)
     _put_ego(canvas, view)
     if boxes is not None:
-        put_boxes_from_above(canvas, view, boxes, class_names, color=color)
+        put_boxes_from_above(canvas, view, boxes, class_names, color=color, styles=styles)
     _put_ring_labels(canvas, view)
     return canvas
 
@@ -111,16 +114,26 @@ def put_boxes_from_above(
     class_names: Sequence[str],
     *,
     color: RGB | None = None,
+    styles: Sequence[BoxStyle] | None = None,
 ) -> None:
     """Draws boxes into an existing bird's-eye view.
+
+    Args:
+        canvas: The view's picture.
+        view: Drawn area and scale.
+        boxes: Boxes in the LiDAR frame.
+        class_names: Class name of each box.
+        color: Colour of all boxes, instead of their classes' colours.
+        styles: Style of each box. None: filled, with full edges.
 
     Raises:
         ValueError: There is not one class name for each box.
     """
     check_class_names(class_names, len(boxes))
+    styles = styles or [BoxStyle()] * len(boxes)
     has_size = (boxes.sizes > 0).all(dim=-1).tolist()
     corners = boxes.corners()[:, :4, :2].detach().cpu().double().numpy()
-    for name, outline, drawn in zip(class_names, corners, has_size, strict=True):
+    for name, outline, drawn, style in zip(class_names, corners, has_size, styles, strict=True):
         # Far outside the view fixed-point coordinates would overflow.
         if not drawn or np.abs(outline).max() > 10_000:
             continue
@@ -128,8 +141,10 @@ def put_boxes_from_above(
         ring = view.pixels(outline)
         middle, front = ring.mean(axis=0), ring[:2].mean(axis=0)
         tip = front + 0.5 * (front - middle)
-        put_polygon(canvas, ring, chosen, opacity=0.3)
-        put_lines(canvas, np.stack((ring, np.roll(ring, -1, axis=0)), axis=1), chosen)
+        if style.is_filled:
+            put_polygon(canvas, ring, chosen, opacity=0.3)
+        sides = np.stack((ring, np.roll(ring, -1, axis=0)), axis=1)
+        put_lines(canvas, sides, chosen, dash_px=_DASH_PX if style.is_dashed else None)
         put_lines(canvas, np.stack((ring[:2], np.stack((front, tip)))), chosen, width_px=2)
 
 

@@ -54,8 +54,21 @@ def put_lines(
     width_px: int = 1,
     halo: bool = False,
     opacity: float = 1.0,
+    dash_px: float | None = None,
 ) -> None:
-    """Draws segments of (x, y) [px]; a dark halo separates them from a bright background."""
+    """Draws segments of (x, y) [px].
+
+    Args:
+        canvas: The canvas.
+        segments: Both ends of each segment.
+        color: Colour.
+        width_px: Width of the strokes.
+        halo: Whether a dark halo separates them from a bright background.
+        opacity: Opacity of the strokes.
+        dash_px: Length of dashes and gaps. None: no gaps.
+    """
+    if dash_px is not None:
+        segments = _dashes(segments, dash_px)
     fixed = np.rint(segments * 2**_SHIFT).astype(np.int32)
     if halo:
         target = canvas.copy()
@@ -65,6 +78,19 @@ def put_lines(
     cv2.polylines(target, fixed, False, color, width_px, cv2.LINE_AA, _SHIFT)
     if opacity < 1:
         _blend(canvas, target, opacity)
+
+
+def _dashes(
+    segments: Float[np.ndarray, "num_segments 2 2"], dash_px: float
+) -> Float[np.ndarray, "num_dashes 2 2"]:
+    """Split each segment into dashes as long as the gaps between them, one dash at each end."""
+    dashes = []
+    for start, end in segments:
+        count = 2 * int(np.linalg.norm(end - start) / (2 * dash_px)) + 1
+        shares = np.linspace(0.0, 1.0, count + 1)[:, None]
+        ends = start + shares * (end - start)
+        dashes.append(np.stack((ends[:-1:2], ends[1::2]), axis=1))
+    return np.concatenate(dashes) if dashes else segments
 
 
 def put_polygon(

@@ -57,6 +57,16 @@ def check_class_names(class_names: Sequence[str], num_boxes: int) -> None:
         )
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BoxStyle:
+    """Style of a 3D box in a picture, beside its colour."""
+
+    is_dashed: bool = False
+    """Whether its edges are dashed."""
+    is_filled: bool = True
+    """Whether its front in the image, and its outline from above, are filled."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ColorScale:
     """Mapping of measured values to colours, with the legend's marks."""

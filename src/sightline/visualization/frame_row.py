@@ -23,6 +23,7 @@ from sightline.visualization.colors import DEPTH_SCALE, INVALID, RGB, class_colo
 from sightline.visualization.depth import colorize_depth, put_legend
 from sightline.visualization.image import camera_picture, draw_detections, sweep_picture
 from sightline.visualization.lettering import put_text, text_width
+from sightline.visualization.objects import OBJECTS_LEGEND, box_styles, draw_objects
 from sightline.visualization.zoom import zoomed
 
 _ALARM: RGB = (240, 130, 60)
@@ -87,7 +88,8 @@ def draw_row(
 
     It has the camera's image with 2D boxes (only their corners if there are also 3D boxes) and 3D
     boxes (their visible edges), trusted depth, further predictions, and sweep and 3D boxes from
-    above. Missing parts are named in their places, missing sensors also in the head.
+    above. Joined objects replace the detections. Missing parts are named in their places, missing
+    sensors also in the head.
 
     Args:
         sample: The sample; any of its sensors may be missing.
@@ -131,6 +133,8 @@ def _fitted(
 
 
 def _camera_title(perception: Perception) -> str:
+    if perception.objects is not None:
+        return f"Objects: {OBJECTS_LEGEND}"
     if perception.detections2d is None or perception.detections3d is None:
         return "Camera"
     return "Camera: 2D boxes (corners), 3D boxes (edges)"
@@ -143,6 +147,8 @@ def _camera(
     if sample.image is None:
         picture = sweep_picture(sample)  # as a background for the boxes
         _put_notice(picture, "no camera image", share=0.12)
+    if perception.objects is not None:
+        return draw_objects(picture, perception.objects, sample)
     return draw_detections(
         picture, perception.detections2d, perception.detections3d, sample.calibration
     )
@@ -178,17 +184,23 @@ def _above(
     pixels_per_m = width / (view.y_max_m - view.y_min_m)
     farthest_m = min(view.x_min_m + height / pixels_per_m, _FARTHEST_M)
     view = replace(view, x_max_m=farthest_m, pixels_per_m=pixels_per_m)
-    found = perception.detections3d
+    objects, found = perception.objects, perception.detections3d
+    boxes = None if found is None else found.boxes
+    names = () if found is None else found.class_names
+    styles = None
+    if objects is not None:
+        boxes, names, styles = objects.boxes3d, objects.class_names, box_styles(objects, sample)
     picture = draw_birds_eye(
         sample.points,
-        None if found is None else found.boxes,
-        () if found is None else found.class_names,
+        boxes,
+        names,
         calibration=sample.calibration,
         image_size=sample.image_size,
         view=view,
+        styles=styles,
     )
     if sample.points is None:
-        _put_notice(picture, "no LiDAR sweep")
+        _put_notice(picture, "no LiDAR sweep", share=0.05)
     return picture
 
 
@@ -206,11 +218,14 @@ def _put_head(
         text = f"no {SENSOR_TITLES[sensor]}"
         put_text(page, text, left, baseline, height_px=11, color=_ALARM)
         left += text_width(text, 11) + 18
-    for dimensions, found in (("2D", perception.detections2d), ("3D", perception.detections3d)):
+    counted = {"2D": perception.detections2d, "3D": perception.detections3d}
+    if perception.objects is not None:
+        counted = {"objects": perception.objects}
+    for kind, found in counted.items():
         if found is None:
             continue
-        put_text(page, dimensions, left, baseline, height_px=10, color=MUTED)
-        left += text_width(dimensions, 10) + 8
+        put_text(page, kind, left, baseline, height_px=10, color=MUTED)
+        left += text_width(kind, 10) + 8
         for name, count in sorted(Counter(found.class_names).items()):
             text = f"{count} {name}"
             page[baseline - 10 : baseline, left : left + 10] = class_color(name)

@@ -1,6 +1,7 @@
 """Boxes and LiDAR points on the camera's image."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import torch
@@ -25,6 +26,7 @@ from sightline.visualization.clipping import clip_polygon, clip_segments, view_p
 from sightline.visualization.colors import (
     DEPTH_SCALE,
     RGB,
+    BoxStyle,
     ColorScale,
     check_class_names,
     class_color,
@@ -44,7 +46,8 @@ _EDGE_FACES = np.array([[set(edge) <= set(face) for face in _FACES.tolist()] for
 """Mask of the faces that meet in each edge."""
 _CORNER_SHARE, _CORNER_PX = 0.3, 16.0  # maximum length of a side drawn from each corner
 _COVERING = 0.75  # opacity of a nearer box over a farther one
-_TAG_HEIGHT_PX = 9
+_DASH_PX = 5.0
+TAG_HEIGHT_PX: Final = 9
 
 
 def camera_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
@@ -112,7 +115,7 @@ def draw_boxes2d(
             text = name if scores is None else f"{name} {float(scores[index]):.2f}"
             named.append(Tag(text=text, color=chosen, box=(x_min, y_min, x_max, y_max)))
     if tags:
-        put_tags(canvas, named, height_px=round(_TAG_HEIGHT_PX * max(scale, 1.0)))
+        put_tags(canvas, named, height_px=round(TAG_HEIGHT_PX * max(scale, 1.0)))
     return canvas
 
 
@@ -125,6 +128,7 @@ def draw_boxes3d(
     scores: Float[Tensor, " num_boxes"] | None = None,
     color: RGB | None = None,
     tags: bool = True,
+    styles: Sequence[BoxStyle] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw projected 3D boxes, with filled visible front faces, on a copy of an RGB picture.
 
@@ -140,11 +144,13 @@ def draw_boxes3d(
         scores: Scores to write after the class names.
         color: Colour of all boxes, instead of their classes' colours.
         tags: Whether to write the class names at the boxes, nearest first.
+        styles: Style of each box. None: filled, with full edges.
 
     Raises:
         ValueError: There is not one class name for each box.
     """
     check_class_names(class_names, len(boxes))
+    styles = styles or [BoxStyle()] * len(boxes)
     canvas = picture.copy()
     scale = scale_of(canvas)
     planes = view_planes(canvas.shape[:2])
@@ -163,16 +169,17 @@ def draw_boxes3d(
         name = class_names[index]
         chosen = color or class_color(name)
         put_picture_within(canvas, picture, segments.reshape(-1, 2), opacity=_COVERING)
-        if sees_face[index, 0]:
+        if sees_face[index, 0] and styles[index].is_filled:
             front = clip_polygon(homogeneous[index][_FRONT], planes)
             put_polygon(canvas, front, chosen, opacity=0.25)
-        put_lines(canvas, segments, chosen, width_px=round(scale), halo=True)
+        dash_px = _DASH_PX * scale if styles[index].is_dashed else None
+        put_lines(canvas, segments, chosen, width_px=round(scale), halo=True, dash_px=dash_px)
         x_min, y_min = segments.min(axis=(0, 1)).tolist()
         x_max, y_max = segments.max(axis=(0, 1)).tolist()
         text = name if scores is None else f"{name} {float(scores[index]):.2f}"
         named.append(Tag(text=text, color=chosen, box=(x_min, y_min, x_max, y_max)))
     if tags:
-        put_tags(canvas, named[::-1], height_px=round(_TAG_HEIGHT_PX * max(scale, 1.0)))
+        put_tags(canvas, named[::-1], height_px=round(TAG_HEIGHT_PX * max(scale, 1.0)))
     return canvas
 
 

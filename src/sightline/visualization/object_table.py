@@ -8,6 +8,7 @@ from torch import Tensor
 
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.labels import ObjectLabels
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import Detections3D
 from sightline.visualization.cells import MUTED
 from sightline.visualization.chart import BACKGROUND, TEXT
@@ -21,6 +22,7 @@ _LEFT_PX = 14
 _COLUMN_ENDS = (0.36, 0.62, 0.76, 0.86, 0.97)
 _LABEL_COLUMNS = ("range m", "l x w x h m", "points", "trunc.", "occl.")
 _DETECTION_COLUMNS = ("range m", "l x w x h m", "points", "", "score")
+_OBJECT_COLUMNS = ("range m", "l x w x h m", "points", "3D box", "score")
 _OCCLUSION = {-1: "-", 0: "none", 1: "partly", 2: "largely", 3: "unknown"}
 
 
@@ -35,7 +37,7 @@ class _Row:
 
 
 def draw_object_table(
-    objects: ObjectLabels | Detections3D,
+    objects: ObjectLabels | Detections3D | Objects,
     points: Float32[Tensor, "num_points 4"] | None,
     *,
     width_px: int,
@@ -44,13 +46,16 @@ def draw_object_table(
     """Draw a table of the objects with a 3D part, nearest first; objects without room are counted.
 
     Args:
-        objects: Labels (with truncation and occlusion) or detections (with scores).
+        objects: Labels (with truncation and occlusion), detections (with scores) or joined objects
+            (with the origin of the 3D box and their scores).
         points: Sweep for the number of points in each box. None: no numbers.
         width_px: Width of the picture.
         max_height_px: Maximum height of the picture.
     """
     if isinstance(objects, ObjectLabels):
         rows, boxes, columns = _label_rows(objects), objects.boxes3d, _LABEL_COLUMNS
+    elif isinstance(objects, Objects):
+        rows, boxes, columns = _object_rows(objects), objects.boxes3d, _OBJECT_COLUMNS
     else:
         rows, boxes, columns = _detection_rows(objects), objects.boxes, _DETECTION_COLUMNS
     rows.sort(key=lambda row: row.range_m)
@@ -87,6 +92,19 @@ def _detection_rows(detections: Detections3D) -> list[_Row]:
     return [
         _row(name, detections.boxes, index, ("", f"{float(detections.scores[index]):.2f}"))
         for index, name in enumerate(detections.class_names)
+    ]
+
+
+def _object_rows(objects: Objects) -> list[_Row]:
+    names, origins = objects.class_names, objects.origins
+    return [
+        _row(
+            names[index],
+            objects.boxes3d,
+            index,
+            (origins[index], f"{float(objects.scores[index]):.2f}"),
+        )
+        for index in objects.has_box3d.nonzero()[:, 0].tolist()
     ]
 
 

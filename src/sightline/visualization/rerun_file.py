@@ -9,21 +9,24 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float, Float64, UInt8
+from torch import Tensor
 
 from sightline.data.map_png import MAX_DEPTH_M, STEPS_PER_METRE
 from sightline.files.atomic import atomic_path
 from sightline.files.problem import install_command
+from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.structures.level import level_view
 from sightline.structures.predictions import DepthMap, Detections2D, Detections3D, Perception
 from sightline.structures.sample import SENSOR_TITLES, CameraLidarSample
 from sightline.visualization.colors import DEPTH_SCALE, class_color
+from sightline.visualization.objects import support_marks
 
 if TYPE_CHECKING:
     import rerun
@@ -42,6 +45,7 @@ FRAME_TIMELINE: Final = "frame"
 TIME_TIMELINE: Final = "time"
 """Time lines: the number of the frame, and seconds if the data set has them."""
 
+_THICK_M, _THIN_M = 0.03, 0.01  # radii of the edges of measured and lifted boxes
 _JPEG_QUALITY = 85
 _MAX_FLUSH_S: Final = 600.0
 _BLOCK_BYTES: Final = 2**20
@@ -68,7 +72,9 @@ def write_rerun(
     """Writes a file for `rerun FILE` atomically; returns the number of frames.
 
     Image, depth, points, 2D and 3D boxes and further predictions are at each frame's own time;
-    missing parts are cleared, so that nothing of an earlier frame stays on the screen.
+    missing parts are cleared, so that nothing of an earlier frame stays on the screen. Joined
+    objects replace the detections: their labels have `support_marks`, those of 3D boxes also the
+    origin, and the edges of lifted boxes are thin.
 
     Args:
         path: The file; its name ends in .rrd.
@@ -189,7 +195,7 @@ def _log_frame(
     recording.log("frame", rr.TextDocument(_description(sample)))
     recording.log(IMAGE, empty if image is None else _image(image.permute(1, 2, 0).numpy()))
     recording.log(POINTS, empty if points is None else _points(points[:, :3].numpy()))
-    in_2d, in_3d = perception.detections2d, perception.detections3d
+    in_2d, in_3d = _all_boxes(sample, perception)
     recording.log(BOXES_2D, empty if in_2d is None else _boxes_2d(in_2d))
     recording.log(BOXES_3D, empty if in_3d is None else _boxes_3d(in_3d))
     recording.log(DEPTH, empty if perception.depth is None else _depth(perception.depth))
@@ -266,32 +272,80 @@ def _displayed_steps() -> tuple[float, float]:
     return nearest_m * STEPS_PER_METRE, farthest_m * STEPS_PER_METRE
 
 
-def _boxes_2d(found: Detections2D) -> "rerun.Boxes2D":
+class _Labelled(NamedTuple):
+    """Boxes of one kind with their classes and labels."""
+
+    boxes: Float[Tensor, "num_boxes columns"]
+    class_names: tuple[str, ...]
+    labels: tuple[str, ...]
+    radii: tuple[float, ...] | None = None
+    """Radii of the edges [m]. None: the viewer's own."""
+
+
+def _all_boxes(
+    sample: CameraLidarSample, perception: Perception
+) -> tuple[_Labelled | None, _Labelled | None]:
+    """2D and 3D boxes to log; None: not predicted."""
+    objects = perception.objects
+    if objects is None:
+        in_2d, in_3d = perception.detections2d, perception.detections3d
+        return in_2d and _labelled(in_2d), in_3d and _labelled(in_3d)
+    marks = support_marks(objects, sample)
+    labels = [
+        f"{label} {mark}"
+        for label, mark in zip(_labels(objects.class_names, objects.scores), marks, strict=True)
+    ]
+    origins = objects.origins
+
+    def chosen(boxes: Tensor, mask: Tensor, texts: list[str]) -> _Labelled:
+        kept = mask.nonzero()[:, 0].tolist()
+        return _Labelled(
+            boxes=boxes[kept],
+            class_names=tuple(objects.class_names[index] for index in kept),
+            labels=tuple(texts[index] for index in kept),
+            radii=tuple(_THIN_M if origins[index] == "lifted" else _THICK_M for index in kept),
+        )
+
+    in_space = [f"{label} {origin}" for label, origin in zip(labels, origins, strict=True)]
+    return (
+        chosen(objects.boxes2d.tensor, objects.has_box2d, labels),
+        chosen(objects.boxes3d.tensor, objects.has_box3d, in_space),
+    )
+
+
+def _labelled(found: Detections2D | Detections3D) -> _Labelled:
+    labels = _labels(found.class_names, found.scores)
+    return _Labelled(found.boxes.tensor, found.class_names, labels)
+
+
+def _boxes_2d(found: _Labelled) -> "rerun.Boxes2D":
     import rerun as rr
 
     return rr.Boxes2D(
-        array=found.boxes.tensor.numpy(),
+        array=found.boxes.numpy(),
         array_format=rr.Box2DFormat.XYXY,
         colors=[class_color(name) for name in found.class_names],
-        labels=_labels(found),
+        labels=found.labels,
     )
 
 
-def _boxes_3d(found: Detections3D) -> "rerun.Boxes3D":
+def _boxes_3d(found: _Labelled) -> "rerun.Boxes3D":
     import rerun as rr
 
     upright = (0.0, 0.0, 1.0)
+    boxes = Boxes3D(found.boxes)
     return rr.Boxes3D(
-        centers=found.boxes.centers.numpy(),
-        half_sizes=found.boxes.sizes.numpy() / 2,
+        centers=boxes.centers.numpy(),
+        half_sizes=boxes.sizes.numpy() / 2,
         rotation_axis_angles=[
-            rr.RotationAxisAngle(axis=upright, radians=yaw) for yaw in found.boxes.yaws.tolist()
+            rr.RotationAxisAngle(axis=upright, radians=yaw) for yaw in boxes.yaws.tolist()
         ],
         colors=[class_color(name) for name in found.class_names],
-        labels=_labels(found),
+        labels=found.labels,
+        radii=found.radii,
     )
 
 
-def _labels(found: Detections2D | Detections3D) -> list[str]:
-    scores = zip(found.class_names, found.scores.tolist(), strict=True)
-    return [f"{name} {score:.2f}" for name, score in scores]
+def _labels(class_names: tuple[str, ...], scores: Float[Tensor, " num_boxes"]) -> tuple[str, ...]:
+    pairs = zip(class_names, scores.tolist(), strict=True)
+    return tuple(f"{name} {score:.2f}" for name, score in pairs)

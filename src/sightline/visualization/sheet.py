@@ -13,6 +13,7 @@ from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_view
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import (
     DepthMap,
     Detections2D,
@@ -42,6 +43,7 @@ from sightline.visualization.image import (
 )
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.object_table import draw_object_table
+from sightline.visualization.objects import OBJECTS_LEGEND, box_styles, draw_objects
 from sightline.visualization.zoom import zoomed
 
 _LABEL_BESIDE_DETECTION: RGB = (245, 245, 245)
@@ -77,8 +79,16 @@ class _Frame:
 
     @property
     def has_detections(self) -> bool:
-        """Whether there are 2D or 3D detections: labels are white beside them."""
-        return self.perception.detections2d is not None or self.perception.detections3d is not None
+        """Whether there are objects or detections: labels are white beside them."""
+        found = self.perception
+        return any(
+            each is not None for each in (found.objects, found.detections2d, found.detections3d)
+        )
+
+    @property
+    def has_boxes3d(self) -> bool:
+        """Whether there are 3D boxes of objects or detections."""
+        return self.perception.objects is not None or self.perception.detections3d is not None
 
 
 @named_arguments
@@ -89,6 +99,7 @@ def frame_sheet(
     dense_name: str = "",
     detections2d: Detections2D | None = None,
     detections3d: Detections3D | None = None,
+    objects: Objects | None = None,
     further: Mapping[str, FurtherPrediction] | None = None,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw an RGB page of the frame's boxes, sweep and depth maps, with titles and legends.
@@ -113,6 +124,7 @@ def frame_sheet(
         dense_name: Name of the depth map's method or weights, for its title.
         detections2d: Detections drawn on the image.
         detections3d: Detections drawn on the image and from above, and listed.
+        objects: Joined objects, drawn and listed instead of the detections.
         further: Predictions of other kinds, each with a panel of its own.
 
     Raises:
@@ -122,11 +134,12 @@ def frame_sheet(
     for name, found, kind in (
         ("detections2d", detections2d, Detections2D),
         ("detections3d", detections3d, Detections3D),
+        ("objects", objects, Objects),
     ):
         if not isinstance(found, kind | None):
             raise ValueError(
                 f"{name} is a {type(found).__name__}, expected {kind.__name__}; of a "
-                "prediction of detection2d, give its .detections"
+                "prediction of detection2d, give its .detections, of joined its .objects"
             )
     if dense_depth is not None and tuple(dense_depth.depth_m.shape) != sample.image_size:
         raise ValueError(
@@ -137,6 +150,7 @@ def frame_sheet(
     num_columns = 1 if sample.image_size[1] >= _WIDE * sample.image_size[0] else 2
     panel_px = (_COLUMN_PX - (num_columns - 1) * _GAP_PX) // num_columns
     perception = Perception(
+        objects=objects and objects.select(_highest_scores(objects.scores)),
         detections2d=detections2d and detections2d.select(_highest_scores(detections2d.scores)),
         detections3d=detections3d and detections3d.select(_highest_scores(detections3d.scores)),
         depth=dense_depth,
@@ -205,12 +219,15 @@ def _boxes_panel(frame: _Frame) -> _Panel:
     labels = sample.objects
     if labels is not None:
         picture = _with_labels(picture, frame, beside_detections=frame.has_detections)
+    beside = "" if labels is None else ", labels in white"
+    if frame.perception.objects is not None:
+        picture = draw_objects(picture, frame.perception.objects, sample)
+        return _Panel(title=f"Objects: {OBJECTS_LEGEND}{beside}", picture=picture)
     picture = draw_detections(picture, in_2d, in_3d, sample.calibration)
     if frame.has_detections:
         kinds = [*["2D boxes"] * (in_2d is not None), *["3D boxes"] * (in_3d is not None)]
         if len(kinds) > 1:
             kinds = ["2D boxes (corners)", "3D boxes (edges)"]
-        beside = "" if labels is None else ", labels in white"
         title = f"Detections: {', '.join(kinds)}{beside}"
     else:
         title = "2D and 3D boxes: labels" if labels is not None else "Image: no labels"
@@ -221,10 +238,10 @@ def _with_labels(
     picture: UInt8[np.ndarray, "height width 3"], frame: _Frame, *, beside_detections: bool
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw labels in the colours of classes; beside detections in white, of the same dimension."""
-    labels, perception = frame.sample.objects, frame.perception
+    labels = frame.sample.objects
     assert labels is not None, "there are labels to draw"
     color = _LABEL_BESIDE_DETECTION if beside_detections else None
-    if not beside_detections or perception.detections3d is not None:
+    if not beside_detections or frame.has_boxes3d:
         kept = labels.select(labels.has_box3d)
         picture = draw_boxes3d(
             picture,
@@ -234,7 +251,7 @@ def _with_labels(
             color=color,
             tags=False,
         )
-    if not beside_detections or perception.detections3d is None:
+    if not beside_detections or not frame.has_boxes3d:
         picture = draw_boxes2d(
             picture,
             labels.boxes2d,
@@ -297,8 +314,9 @@ def _point_size(depth_m: Float32[Tensor, "height width"]) -> int:
 
 def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 3"]:
     """Draw the bird's-eye view and, if there is room, the table of the objects."""
-    sample, found, labels = frame.sample, frame.perception.detections3d, frame.sample.objects
-    listed = found if found is not None else labels
+    sample, labels = frame.sample, frame.sample.objects
+    objects, found = frame.perception.objects, frame.perception.detections3d
+    listed = objects if objects is not None else found if found is not None else labels
     view = BirdsEyeView(pixels_per_m=_SIDE_PX / (BirdsEyeView.y_max_m - BirdsEyeView.y_min_m))
     room = height - _TITLE_PX
     left_over = room - view.picture_size[0] - _GAP_PX - _TITLE_PX
@@ -315,12 +333,15 @@ def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 
         view=view,
         color=_LABEL_BESIDE_DETECTION if frame.has_detections else None,
     )
-    if found is not None:
+    if objects is not None:
+        styles = box_styles(objects, sample)
+        put_boxes_from_above(picture, view, objects.boxes3d, objects.class_names, styles=styles)
+    elif found is not None:
         put_boxes_from_above(picture, view, found.boxes, found.class_names)
     column = [_titled(_Panel(title="Bird's-eye view", picture=picture), _SIDE_PX)]
     if listed is not None and left_over > 0:
         table = draw_object_table(listed, sample.points, width_px=_SIDE_PX, max_height_px=left_over)
-        title = "Labelled objects" if found is None else "Detected objects"
+        title = "Detected objects" if frame.has_boxes3d else "Labelled objects"
         column += [_blank(_GAP_PX, _SIDE_PX), _titled(_Panel(title=title, picture=table), _SIDE_PX)]
     filled = sum(part.shape[0] for part in column)
     return np.concatenate((*column, _blank(height - filled, _SIDE_PX)))

@@ -14,14 +14,17 @@ def zoomed(
 ) -> tuple[CameraLidarSample, Perception]:
     """Scale both to an image size of (height, width) with the calibration; 3D boxes stay."""
     height, width = sample.image_size
-    depth, detections = perception.depth, perception.detections2d
+    depth, detections, objects = perception.depth, perception.detections2d, perception.objects
+    factors = (size[1] / width, size[0] / height)
     if depth is not None:
         depth = _zoomed_depth(depth, size)
     if detections is not None:
-        detections = replace(
-            detections, boxes=detections.boxes.resize(size[1] / width, size[0] / height)
-        )
-    return resize(sample, *size), replace(perception, depth=depth, detections2d=detections)
+        detections = replace(detections, boxes=detections.boxes.resize(*factors))
+    if objects is not None:
+        objects = replace(objects, boxes2d=objects.boxes2d.resize(*factors))
+    return resize(sample, *size), replace(
+        perception, objects=objects, depth=depth, detections2d=detections
+    )
 
 
 def _zoomed_depth(depth: DepthMap, size: tuple[int, int]) -> DepthMap:
