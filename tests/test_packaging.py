@@ -3,8 +3,11 @@
 import re
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import yaml
+
+from sightline.files.problem import Extra
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -27,7 +30,7 @@ def test_the_notice_names_every_library_that_is_installed_along():
     extras = PROJECT["optional-dependencies"]
     required = [
         *PROJECT["dependencies"],
-        *(each for extra in ("export", "ros", "pretrained", "viz") for each in extras[extra]),
+        *(each for extra in get_args(Extra) for each in extras[extra]),
     ]
     names = [re.match(r"[\w-]+", each).group() for each in required]
     called = {"torch": "pytorch"}

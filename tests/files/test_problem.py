@@ -1,10 +1,12 @@
 import pickle
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from sightline.files.problem import (
+    Extra,
     FileError,
     Problem,
     escaped,
@@ -61,7 +63,7 @@ def test_other_errors_are_no_want_of_memory():
     assert memory_fault(RuntimeError("shapes do not match")) is None
 
 
-@pytest.mark.parametrize("extra", ["export", "pretrained", "ros", "viz"])
+@pytest.mark.parametrize("extra", get_args(Extra))
 def test_a_hint_installs_an_extra_that_the_project_has_from_its_own_folder(extra):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert extra in project["optional-dependencies"]

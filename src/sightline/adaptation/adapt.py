@@ -10,6 +10,7 @@ from sightline.adaptation.measured_rig import measure_rig, rig_text
 from sightline.data.kitti_trees import Part
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_write_text
+from sightline.files.extras import require_library
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
@@ -161,10 +162,12 @@ def adapt(
         rig_file: Rig in YAML, in place of the measured one.
 
     Raises:
-        ValueError: The rig cannot be measured or simulated, or `out` holds another adaptation.
+        ValueError: An extra is not installed, the rig cannot be measured or simulated, or `out`
+            holds another adaptation.
         Interruption: Ctrl-C or SIGTERM; the same command goes on.
     """
     check_outside_dataset(data, [out])
+    require_library("lightning", "train")  # before the simulation, which takes long
     rig, notes = _rig(data, out, rig_file)
     claim = {
         "adapt": data_name(data),

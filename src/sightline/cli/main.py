@@ -38,6 +38,7 @@ from sightline.cli.reproduce import (
     reproduce_two_stage,
 )
 from sightline.cli.robustness import robustness
+from sightline.cli.sharding import shard, unshard
 from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
@@ -67,8 +68,9 @@ def check(data: Path, *, workers: int = 2) -> int:
         workers: Number of reading threads.
     """
     from sightline.data.check import check_tree, summarize_tree
+    from sightline.files.shard_path import data_path
 
-    if not data.is_dir():
+    if not data_path(data).is_dir():
         raise ValueError(f"{data} is no folder; give the folder of a data set")
     num_problems = 0
     with gathered_warnings():
@@ -168,6 +170,8 @@ def _commands() -> dict[str, Any]:
         "demo": demo,
         "import": import_command,
         "check": check,
+        "shard": shard,
+        "unshard": unshard,
         "show": show,
         "simulate": simulate_command(),
         "corrupt": corrupt,

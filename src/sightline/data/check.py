@@ -8,6 +8,7 @@ from pathlib import Path
 from sightline.data.other_layouts import no_data_set
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 from sightline.files.problem import Problem
+from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.jobs.read_ahead import check_threads, map_ahead
@@ -18,7 +19,7 @@ def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
 
     The cloud of a recording's first frame is read for the share of its points inside the image.
     """
-    return tuple(tree.summary for tree in find_trees(Path(root)))
+    return tuple(tree.summary for tree in find_trees(data_path(root)))
 
 
 @named_arguments
@@ -46,7 +47,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     """
     workers = (os.cpu_count() or 1) if num_workers is None else num_workers
     check_threads(workers)
-    root = Path(root)
+    root = data_path(root)
     trees = find_trees(root)
     if not trees:
         yield no_data_set(root)

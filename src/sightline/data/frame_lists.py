@@ -8,6 +8,7 @@ from typing import Final
 
 from sightline.files.plain_text import read_piped_text, read_text, shortened
 from sightline.files.safe_names import relative_parts
+from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import wrong_type
 
 _PACKAGED = Path(__file__).with_name("sample_lists")
@@ -32,7 +33,7 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
             file name.
     """
     if isinstance(sample_list, str | Path):
-        path = _find(sample_list, Path(root))
+        path = _find(sample_list, data_path(root))
         text = read_piped_text(path) if path.is_fifo() else read_text(path)
         lines = (line.strip() for line in text.split("\n"))
         frames, source = tuple(line for line in lines if line), str(path)

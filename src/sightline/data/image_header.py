@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sightline.files.plain_file import check_regular
+from sightline.files.plain_file import as_path, check_regular
 from sightline.files.problem import FileError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -79,7 +79,7 @@ def read_image_size(path: Path | str) -> tuple[int, int]:
             number of pixels.
     """
     file_bytes = check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
-    with Path(path).open("rb") as file:
+    with as_path(path).open("rb") as file:
         return parse_image_header(file.read(_MAX_HEADER_BYTES), path, file_bytes=file_bytes).size
 
 
@@ -92,7 +92,7 @@ def read_orientation(path: Path | str) -> int:
         FileError: The file is no regular file.
     """
     check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
-    with Path(path).open("rb") as file:
+    with as_path(path).open("rb") as file:
         if file.read(len(_JPEG_START)) != _JPEG_START:
             return 1
         content = _JPEG_START + file.read(_MAX_HEADER_BYTES)

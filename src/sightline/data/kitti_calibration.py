@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.files.plain_file import as_path
 from sightline.files.plain_text import (
     MAX_CALIBRATION_BYTES,
     parse_numbers,
@@ -80,7 +81,8 @@ def read_raw_matrices(folder: Path | str) -> CalibrationMatrices:
         FileError: A file lacks P_rect_02, R_rect_00, R or T, or one of them is invalid; see
             `read_object_matrices`.
     """
-    cameras, lidar = Path(folder, "calib_cam_to_cam.txt"), Path(folder, "calib_velo_to_cam.txt")
+    folder = as_path(folder)
+    cameras, lidar = folder / "calib_cam_to_cam.txt", folder / "calib_velo_to_cam.txt"
     entries = _read_entries(cameras)
     projection = _matrix(entries, "P_rect_02", (3, 4), cameras)
     rectification = _matrix(entries, "R_rect_00", (3, 3), cameras)

@@ -21,6 +21,7 @@ from sightline.data.kitti_trees import (
     list_selected_frames,
 )
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import unproject_pixels
@@ -71,11 +72,11 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         Raises:
             ValueError: There are no frames, or some lack a part.
         """
-        self.root = Path(root)
+        self.root = data_path(root)
         self.split = split
         self.load_images = load_images
         if split == "train" or split == "val":  # mypy narrows by `==` only
-            raw = self.root if raw_root is None else Path(raw_root)
+            raw = self.root if raw_root is None else data_path(raw_root)
             frames = list_drive_frames(self.root, split, raw, cameras)
         else:
             frames = list_selected_frames(self.root, split)

@@ -22,6 +22,7 @@ from sightline.data.kitti_trees import (
 )
 from sightline.data.lidar_mount import pose_of_tree, stated_pose, warn_of_mount
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
@@ -68,7 +69,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         Raises:
             ValueError: There are no frames, the list names absent ones, or a frame lacks a part.
         """
-        self.root = Path(root)
+        self.root = data_path(root)
         self.split = split
         self.velodyne = velodyne
         self.parts = frozenset(parts) - ({"objects"} if split == "testing" else set())

@@ -13,6 +13,7 @@ from sightline.data.kitti_files import read_image, read_points, read_raw_calibra
 from sightline.data.kitti_trees import DriveFiles, describe_absent, list_drive
 from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
@@ -48,7 +49,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
             ValueError: There are no frames or no calibration, frames lack a part, or the poses or
                 times do not fit the frames.
         """
-        self.folder = Path(folder)
+        self.folder = data_path(folder)
         files = list_drive(self.folder)
         if not files.frames or files.calibration is None:
             lacking = "frames" if not files.frames else "calib_cam_to_cam.txt"

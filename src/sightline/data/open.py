@@ -46,6 +46,7 @@ from sightline.data.unread_files import (
 )
 from sightline.files.problem import FileError
 from sightline.files.safe_names import unusable_names
+from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import plain_names, plain_path, sample_index
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import KITTI_SPLITS, data_name
@@ -153,7 +154,7 @@ def open_dataset(
             contains only files of other formats; a sweep is not in metres, or has reflectances
             outside 0 to 1.
     """
-    path = plain_path("path", path, "the folder of a data set; give its name")
+    path = data_path(plain_path("path", path, "the folder of a data set; give its name"))
     if velodyne is not None:
         plain_names("velodyne", (velodyne,), get_args(Velodyne))
     parts = None if parts is None else plain_names("parts", parts, get_args(Part))

@@ -46,6 +46,7 @@ from sightline.data.recording_files import (
 )
 from sightline.data.undistortion import undistort
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
@@ -89,7 +90,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             ValueError: There are no frames, the list names absent ones, or a frame lacks a part or
                 a calibration.
         """
-        self.folder = Path(folder)
+        self.folder = data_path(folder)
         self.parts = frozenset(parts)
         files = list_recording(self.folder)
         if not files.frames:

@@ -39,6 +39,7 @@ from sightline.evaluation.depth_scores import (
     score_depth,
     score_predicted_pixels,
 )
+from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.jobs.read_ahead import map_ahead
@@ -194,9 +195,11 @@ def evaluate_depth(
         raise ValueError(
             f"bands must end at ascending distances above 0 m, got {', '.join(map(str, ends[1:]))}"
         )
-    predictions, truth = Path(predictions), Path(truth)
+    predictions, truth = Path(predictions), data_path(truth)
     score = partial(_score_files, truth=truth, workers=workers, progress=progress)
-    images, unused = score(predictions, sparse=None if sparse is None else Path(sparse), ends=ends)
+    images, unused = score(
+        predictions, sparse=None if sparse is None else data_path(sparse), ends=ends
+    )
     report = DepthReport(
         images=images,
         unused_predictions=unused,

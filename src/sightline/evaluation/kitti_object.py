@@ -22,6 +22,7 @@ from sightline.evaluation.kitti_object_scores import check_edges, score_by_dista
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 
@@ -199,7 +200,7 @@ def _read_submission(
     missing_as_empty: bool,
     progress: bool,
 ) -> _Submission:
-    results_dir, labels_dir = Path(results_dir), Path(labels_dir)
+    results_dir, labels_dir = Path(results_dir), data_path(labels_dir)
     names = frame_names(labels_dir, sample_list)
     missing = _missing_results(results_dir, names) if missing_as_empty else set()
     frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from sightline.evaluation.realism_measures import Measures, measure_tree
 from sightline.evaluation.realism_rows import STATISTICS
+from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 
 TOLERANCE: Final = 0.25
@@ -106,11 +107,11 @@ def evaluate_realism(
             f"{simulated} is compared with itself, so every ratio is 1: name a tree of real frames",
             stacklevel=2,
         )
-    simulated_measures = measure_tree(Path(simulated), None, max_frames)
+    simulated_measures = measure_tree(data_path(simulated), None, max_frames)
     real_measures = Measures()
     if real is not None:
-        labels = None if real_labels is None else Path(real_labels)
-        real_measures = measure_tree(Path(real), labels, max_frames)
+        labels = None if real_labels is None else data_path(real_labels)
+        real_measures = measure_tree(data_path(real), labels, max_frames)
     rows = []
     for name, compute in STATISTICS.items():
         rows.append(

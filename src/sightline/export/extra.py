@@ -1,6 +1,5 @@
 """Import of the libraries of the extra `export` at the time of use."""
 
-import importlib
 import os
 import sys
 from collections.abc import Iterator
@@ -8,7 +7,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Literal
 
-from sightline.files.problem import install_command
+from sightline.files.extras import import_library
 
 Library = Literal["onnx", "onnxruntime", "onnxscript", "openvino"]
 
@@ -22,15 +21,8 @@ def import_extra(library: Library) -> ModuleType:
     # From its import on, ONNX Runtime's wheels send usage data to Microsoft and write a device id
     # to the home folder; only this prevents it. An existing value is kept.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    try:
-        with _no_telemetry_of_openvino():
-            return importlib.import_module(library)
-    except ModuleNotFoundError as error:
-        if error.name != library:
-            raise
-        raise ValueError(
-            f"{library} is not installed; install it with: {install_command('export')}"
-        ) from error
+    with _no_telemetry_of_openvino():
+        return import_library(library, "export")
 
 
 @contextmanager

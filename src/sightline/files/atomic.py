@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from sightline.files.shard_path import ShardPath
 from sightline.files.temporary_folder import final_path, temporary_folder
 
 _DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -160,12 +161,15 @@ def atomic_link(path: Path | str, source: Path | str) -> None:
 
     Args:
         path: The new name; an existing file is replaced.
-        source: The file; a symbolic link is resolved.
+        source: The file; a symbolic link is resolved, a file in shards is copied.
 
     Raises:
         ValueError: See `atomic_path`.
         OSError: The source cannot be read.
     """
+    if isinstance(source, ShardPath):
+        atomic_write_bytes(path, source.read_bytes())
+        return
     original = os.path.realpath(source)
     with atomic_path(path) as temporary:
         try:

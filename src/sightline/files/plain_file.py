@@ -13,11 +13,16 @@ _TIMEOUT_S: Final = 60.0
 _BLOCK_BYTES: Final = 2**16
 
 
+def as_path(path: Path | str) -> Path:
+    """Path of a text; a path stays of its own kind, which may read from shards."""
+    return path if isinstance(path, Path) else Path(path)
+
+
 def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
     """Read the bytes of a regular file; arguments and errors as in `check_regular`."""
     size = check_regular(path, max_bytes=max_bytes, remedy=remedy)
     try:
-        with Path(path).open("rb") as file:
+        with as_path(path).open("rb") as file:
             return file.read(min(size + _GROWN_BYTES, max_bytes))  # allocated at once
     except OSError as error:
         raise _unreadable(path, error, remedy) from error
@@ -61,7 +66,7 @@ def check_regular(path: Path | str, *, max_bytes: int, remedy: str) -> int:
             reading from a pipe may block for ever, and some devices have no end.
     """
     try:
-        status = Path(path).stat()
+        status = as_path(path).stat()
     except OSError as error:
         raise _unreadable(path, error, remedy) from error
     if not stat.S_ISREG(status.st_mode):

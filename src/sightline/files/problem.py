@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+Extra = Literal["export", "pretrained", "remote", "ros", "simulate", "train", "viz"]
+"""Optional libraries, as `pyproject.toml` names them."""
+
 
 def escaped(text: str) -> str:
     """Escape invisible characters: control characters, line ends, invalid bytes.
@@ -41,7 +44,7 @@ class Problem:
         return plain_line(f"{self.path}: {self.problem}; {self.remedy}")
 
 
-def install_command(extra: Literal["export", "pretrained", "ros", "viz"]) -> str:
+def install_command(extra: Extra) -> str:
     """Format the command that installs the packages of an extra: Sightline is on no index."""
     return f"pip install '.[{extra}]', in the folder of Sightline's source"
 

@@ -12,6 +12,7 @@ from sightline.files.atomic import atomic_create_text, check_links
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import escaped
+from sightline.files.shard_index import read_manifest
 
 KITTI_SPLITS: Final = ("training", "testing")
 """Folders of KITTI's object data set; an output in one lies inside the data set, too."""
@@ -244,8 +245,12 @@ def data_name(data: Path) -> str:
     """Name of the source data in a claim: the folder's name and its parent's.
 
     This distinguishes trees with equal names, such as a case of two corrupted data sets, and allows
-    the same data at different paths on other machines.
+    the same data at different paths on other machines. Shards have the name of the data that were
+    packed into them.
     """
+    manifest = read_manifest(Path(str(data)))  # also of a path in shards, which hold none
+    if manifest is not None:
+        return str(manifest["data"])
     return escaped("/".join(data.resolve().parts[-2:]))
 
 

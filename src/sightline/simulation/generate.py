@@ -23,6 +23,7 @@ from sightline.data.map_png import write_depth_png, write_instance_png
 from sightline.data.pixels import crop_to_view, sparse_depth_map
 from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
+from sightline.files.extras import require_library
 from sightline.files.problem import FileError
 from sightline.jobs.output_dirs import acquire_output_dir, is_finished
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
@@ -275,9 +276,9 @@ def simulate(
         num_shards: Number of parts; parts can run on separate machines at the same time.
 
     Raises:
-        ValueError: `out` holds data of other settings, or a sweep far beyond the others and the
-            requested frames, or is not writable; or the numbers are invalid. Errors about a frame
-            contain its name; finished frames are kept.
+        ValueError: embreex is not installed; `out` holds data of other settings, or a sweep far
+            beyond the others and the requested frames, or is not writable; or the numbers are
+            invalid. Errors about a frame contain its name; finished frames are kept.
     """
     check_workers(workers)
     if frames < 1 or not 0 <= validation_frames <= frames:
@@ -298,6 +299,7 @@ def simulate(
             "drives have images, whole sweeps and no validation_frames; keep to that, or make "
             "single frames with a sequence_length of 1"
         )
+    require_library("embreex", "simulate")
     _check_readable(sensors_of(config, 0))
     settings = {  # all that affects the bytes, except the number of frames
         "revision": SIMULATOR_REVISION,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from sightline.files.extras import require_library
 from sightline.training.arguments import (
     Subcommand,
     check_data_numbers,
@@ -36,12 +37,14 @@ def run_training(subcommand: Subcommand, arguments: Sequence[str], recipes: Path
         Exit status.
 
     Raises:
-        ValueError: The settings or the data are refused, in one sentence.
+        ValueError: Lightning is not installed, or the settings or the data are refused, in one
+            sentence.
         Interruption: Ctrl-C or SIGTERM; the message explains how to resume.
     """
     if requests_command_help(arguments):
         print(help_text(subcommand, recipes))
         return 0
+    require_library("lightning", "train")
     check_data_numbers(arguments)
     resolved, name = resolve_recipes(arguments, recipes)
     print(f"sightline {subcommand}: {name}", file=sys.stderr, flush=True)  # the rest takes a while

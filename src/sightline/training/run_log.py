@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from sightline.data.image_file import decode_rgb, read_rgb
+from sightline.files.extras import import_library
 from sightline.files.problem import FileError
 
 _EVENTS: Final = "events.out.tfevents.*"
@@ -109,9 +110,8 @@ def _read_events(
     pictures: dict[str, list[tuple[int, LoggedPicture]]],
 ) -> None:
     """Add the scalars and pictures of a folder of event files, in the order of writing."""
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-    events = EventAccumulator(str(folder), size_guidance={"scalars": 0, "images": 0})
+    module = import_library("tensorboard.backend.event_processing.event_accumulator", "train")
+    events = module.EventAccumulator(str(folder), size_guidance={"scalars": 0, "images": 0})
     try:
         events.Reload()
         tags = events.Tags()

@@ -6,7 +6,6 @@ import shutil
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -19,7 +18,7 @@ from torch import Tensor
 
 from sightline.data.map_png import MAX_DEPTH_M, STEPS_PER_METRE
 from sightline.files.atomic import atomic_path
-from sightline.files.problem import install_command
+from sightline.files.extras import import_library
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.structures.level import level_view
@@ -158,14 +157,7 @@ def _recording_to(
 
 
 def _library() -> ModuleType:
-    try:
-        return import_module("rerun")
-    except ModuleNotFoundError as error:
-        if error.name != "rerun":
-            raise
-        raise ValueError(
-            f"rerun-sdk is not installed; install it with: {install_command('viz')}"
-        ) from error
+    return import_library("rerun", "viz", package="rerun-sdk")
 
 
 def _blueprint(further: Sequence[str]) -> "rerun.blueprint.Blueprint":

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
-import embreex.rtcore_scene
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from sightline.files.extras import import_library
 from sightline.ops.compiled import compiled
 from sightline.simulation.arrays import RayRows, RayValues, RayVectors
 from sightline.simulation.scene import Mesh
@@ -26,6 +26,7 @@ def embree_library() -> ctypes.CDLL:
     """Load the library and declare its functions.
 
     Raises:
+        ValueError: `embreex` is not installed.
         ImportError: If this `embreex` does not bring Embree along as a library.
     """
     pointer, number, size = ctypes.c_void_p, ctypes.c_uint, ctypes.c_size_t
@@ -57,7 +58,9 @@ def embree_library() -> ctypes.CDLL:
 
 
 def _library_file() -> Path:
-    module = Path(embreex.rtcore_scene.__file__)
+    file = import_library("embreex.rtcore_scene", "simulate").__file__
+    assert file is not None, "embreex is compiled into a file"
+    module = Path(file)
     if sys.platform == "win32":
         return module.parents[1] / "embreex.libs" / "embree4.dll"
     return module  # elsewhere a library also resolves its dependencies' symbols

@@ -1,0 +1,339 @@
+"""Packs data sets into shards, tars in webdataset's layout, and unpacks them."""
+
+import gzip
+import hashlib
+import io
+import os
+import re
+import tarfile
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.data.point_files import CLOUD_SUFFIXES
+from sightline.files.atomic import atomic_path, atomic_write_bytes, atomic_write_text
+from sightline.files.byte_source import url_of
+from sightline.files.plain_file import read_bytes
+from sightline.files.problem import FileError
+from sightline.files.safe_names import relative_parts
+from sightline.files.shard_index import (
+    FORMAT,
+    MANIFEST,
+    PACKED_SUFFIX,
+    SHARED,
+    Member,
+    ShardIndex,
+    index_path,
+    read_index,
+    read_manifest,
+    tars_of,
+)
+from sightline.jobs.output_dirs import KITTI_SPLITS, acquire_output_dir, data_name
+from sightline.jobs.progress import track
+from sightline.jobs.read_ahead import check_threads, map_ahead
+
+_MAX_FILE_BYTES: Final = 2**30
+_BLOCK: Final = tarfile.BLOCKSIZE
+_READ_BYTES: Final = 2**20
+_DRIVE: Final = re.compile(r"\d{4}_\d\d_\d\d_drive_\d{4}\w*")
+_KINDS_IN_NAMES: Final = ("_velodyne_raw_", "_groundtruth_depth_")  # of the depth benchmark
+_SENSOR_SUFFIXES: Final = (*IMAGE_SUFFIXES, *CLOUD_SUFFIXES)
+_UNPACKED_SUFFIXES: Final = IMAGE_SUFFIXES  # they are compressed already
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ShardReport:
+    """Result of packing or unpacking; a damaged shard does not stop the others."""
+
+    written: int
+    skipped: int
+    """Number of shards that were there already, whole."""
+    faults: tuple[str, ...]
+    """One line for each shard that failed."""
+
+    def __str__(self) -> str:
+        """Formats the numbers for the user."""
+        failed = f", {len(self.faults)} failed" if self.faults else ""
+        return f"{self.written} written, {self.skipped} there already{failed}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Sources:
+    """Files of a data set by their paths in it."""
+
+    root: Path
+    frames: tuple[tuple[str, ...], ...]
+    shared: tuple[str, ...]
+
+
+def write_shards(
+    data: Path, out: Path, *, frames_per_shard: int, compress: bool = False, workers: int = 2
+) -> ShardReport:
+    """Packs a data set into tars of some frames each; the same data give the same bytes.
+
+    A frame's files are those of one name: DIR/A/B/NAME.png becomes the member DIR/NAME.A.B.png,
+    where DIR is a split or drive if there is one, so webdataset reads each frame as a sample. Files
+    that belong to no frame go to shared.tar, hidden ones nowhere. Each tar gets an index with its
+    checksum after it is complete; shards that are whole are skipped, and one that fails does not
+    stop the others.
+
+    Args:
+        data: Folder of a data set, or a split of KITTI's object tree.
+        out: Folder of the shards.
+        frames_per_shard: Number of frames in a shard.
+        compress: Whether to pack all files but pictures by gzip.
+        workers: Number of threads.
+
+    Raises:
+        ValueError: There are no frames, a number is out of range, or `out` holds other shards.
+    """
+    if frames_per_shard < 1:
+        raise ValueError(f"frames_per_shard must be at least 1, got {frames_per_shard}")
+    check_threads(workers)
+    sources = _find_sources(data)
+    count = len(sources.frames)
+    settings = {
+        "format": FORMAT,
+        "data": data_name(sources.root),
+        "frames": count,
+        "frames_per_shard": frames_per_shard,
+        "compress": compress,
+    }
+    acquire_output_dir(out, settings, results=("*.tar",), manifest_name=MANIFEST)
+    contents = [sources.shared] + [
+        tuple(path for frame in sources.frames[first : first + frames_per_shard] for path in frame)
+        for first in range(0, count, frames_per_shard)
+    ]
+    jobs = [
+        partial(_pack, sources.root, tar, files, compress)
+        for tar, files in zip(tars_of(out, count, frames_per_shard), contents, strict=True)
+    ]
+    return _run(jobs, workers, "packing")
+
+
+def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
+    """Unpacks a folder of shards to the tree that they were packed from.
+
+    The checksum of each shard is compared first. Files that are there already are kept if they are
+    the same, and a shard that fails does not stop the others.
+
+    Args:
+        shards: Folder that `write_shards` wrote.
+        out: Folder for the tree.
+        workers: Number of threads.
+
+    Raises:
+        ValueError: `shards` is no such folder.
+    """
+    check_threads(workers)
+    manifest = None if url_of(shards) is not None else read_manifest(shards)
+    if manifest is None:
+        raise FileError(
+            shards, f"holds no {MANIFEST}", "give a folder on this machine that shard wrote"
+        )
+    tars = tars_of(shards, int(manifest["frames"]), int(manifest["frames_per_shard"]))
+    return _run([partial(_unpack, tar, out) for tar in tars], workers, "unpacking")
+
+
+def _run(jobs: Sequence[Callable[[], bool]], workers: int, description: str) -> ShardReport:
+    results = map_ahead(_attempt, jobs, workers=workers)
+    outcomes = list(track(results, description=description, total=len(jobs)))
+    return ShardReport(
+        written=outcomes.count(True),
+        skipped=outcomes.count(False),
+        faults=tuple(each for each in outcomes if isinstance(each, str)),
+    )
+
+
+def _attempt(job: Callable[[], bool]) -> bool | str:
+    """Run the job of a shard: whether it was written, or its fault."""
+    try:
+        return job()
+    except (ValueError, OSError) as error:
+        return str(error)
+
+
+def _find_sources(data: Path) -> _Sources:
+    root, below = data, ""
+    if data.resolve().name in KITTI_SPLITS:  # readers know a split by its folder's name
+        root, below = data.resolve().parent, data.resolve().name
+    frames: dict[tuple[str, str], list[str]] = {}
+    others: list[str] = []
+    for path in _files_below(root, below, frozenset()):
+        relative_parts(path, root, "a file's path")
+        frame = _frame_of(path)
+        if frame is None:
+            others.append(path)
+        else:
+            frames.setdefault(frame, []).append(path)
+    if below:
+        others += _files_below(root, "ImageSets", frozenset())
+    kept = {key: files for key, files in frames.items() if any(map(_is_sensor, files))}
+    if not kept:
+        raise FileError(data, "holds no frames", "give the folder of a data set")
+    shared = [path for key, files in frames.items() if key not in kept for path in files]
+    return _Sources(
+        root=root,
+        frames=tuple(tuple(sorted(kept[key])) for key in sorted(kept)),
+        shared=tuple(sorted([*others, *shared])),
+    )
+
+
+def _files_below(root: Path, folder: str, above: frozenset[str]) -> Iterator[str]:
+    """Yield the paths of all files that are not hidden; links are followed, but in no circle."""
+    place = root / folder
+    real = os.path.realpath(place)
+    if real in above or not place.is_dir():
+        return
+    for entry in sorted(place.iterdir()):
+        if entry.name.startswith("."):
+            continue
+        path = f"{folder}/{entry.name}" if folder else entry.name
+        if entry.is_dir():
+            yield from _files_below(root, path, above | {real})
+        else:  # a pipe or a link to nothing is named when it is read
+            yield path
+
+
+def _frame_of(path: str) -> tuple[str, str] | None:
+    """Split or drive, and name of the frame that a file may belong to; None: a file of the root."""
+    folder, _, name = path.rpartition("/")
+    if not folder:
+        return None
+    stem = Path(name).stem
+    for kind in _KINDS_IN_NAMES:
+        stem = stem.replace(kind, "_image_")
+    return _group(folder.split("/"))[0], stem
+
+
+def _group(folders: Sequence[str]) -> tuple[str, int]:
+    """Split or drive among the folders of a path, and the number of folders up to it."""
+    for number, each in enumerate(folders, start=1):
+        if each in KITTI_SPLITS or _DRIVE.fullmatch(each):
+            return each, number
+    return "", 0
+
+
+def _is_sensor(path: str) -> bool:
+    return path.lower().endswith(_SENSOR_SUFFIXES)
+
+
+def _member_name(path: str) -> str:
+    """Name of a frame's file in webdataset's layout: up to the first dot, it is the sample's."""
+    *folders, name = path.split("/")
+    _, number = _group(folders)
+    stem, suffix = Path(name).stem, Path(name).suffix
+    parts = [_without_dots(each) for each in (stem, *folders[number:])]
+    return "/".join([*folders[:number], ".".join(parts) + suffix])
+
+
+def _without_dots(name: str) -> str:
+    return quote(name, safe=" !#$&'()*+,:;=@[]~", encoding="utf-8").replace(".", "%2E")
+
+
+class _HashedFile:
+    """File that is written once, from its beginning to its end."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb")
+        self.sha256 = hashlib.sha256()
+        self.num_bytes = 0
+
+    def write(self, content: bytes) -> int:
+        """Write and count."""
+        self.sha256.update(content)
+        self.num_bytes += len(content)
+        return self._file.write(content)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _pack(root: Path, tar: Path, files: Sequence[str], compress: bool) -> bool:  # noqa: FBT001 - a partial's
+    """Write a tar and its index, unless they are there and whole."""
+    if _is_whole(tar):
+        return False
+    index_path(tar).unlink(missing_ok=True)
+    members: dict[str, Member] = {}
+    with atomic_path(tar) as temporary:
+        file = _HashedFile(temporary)
+        try:
+            # A stream is never read back, and its members have neither times nor owners.
+            with tarfile.open(fileobj=file, mode="w|", format=tarfile.PAX_FORMAT) as archive:
+                for path in files:
+                    name = path if tar.stem == SHARED else _member_name(path)
+                    members[path] = _add(archive, root / path, tar, name, compress=compress)
+        finally:
+            file.close()
+    index = ShardIndex(
+        tar=tar, sha256=file.sha256.hexdigest(), num_bytes=file.num_bytes, files=members
+    )
+    atomic_write_text(index_path(tar), index.to_json())
+    return True
+
+
+def _add(archive: tarfile.TarFile, source: Path, tar: Path, name: str, *, compress: bool) -> Member:
+    content = read_bytes(source, max_bytes=_MAX_FILE_BYTES, remedy="leave the file out")
+    stored = content
+    if compress and source.suffix.lower() not in _UNPACKED_SUFFIXES:
+        stored, name = gzip.compress(content, mtime=0), f"{name}{PACKED_SUFFIX}"
+    info = tarfile.TarInfo(name)
+    info.size = len(stored)
+    archive.addfile(info, io.BytesIO(stored))
+    return Member(
+        tar=tar,
+        name=name,
+        offset=archive.offset - -(-len(stored) // _BLOCK) * _BLOCK,
+        stored=len(stored),
+        size=len(content),
+        crc32=zlib.crc32(content),
+    )
+
+
+def _is_whole(tar: Path) -> bool:
+    try:
+        index = read_index(tar)
+        return index is not None and _fault(index) is None
+    except ValueError:
+        return False
+
+
+def _fault(index: ShardIndex) -> str | None:
+    """Difference of a tar to its index; None: it is whole."""
+    try:
+        with index.tar.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            length = file.tell()
+    except OSError as error:
+        return f"cannot be read: {(error.strerror or str(error)).lower()}"
+    if length != index.num_bytes:
+        return f"is {length} bytes long, expected {index.num_bytes}"
+    return None if digest == index.sha256 else "is damaged: it has another checksum"
+
+
+def _unpack(tar: Path, out: Path) -> bool:
+    """Write the files of a tar, except those that are there and the same."""
+    remedy = "copy it again, or make it again by `sightline shard`"
+    index = read_index(tar)
+    if index is None:
+        raise FileError(index_path(tar), "is missing", remedy)
+    fault = _fault(index)
+    if fault is not None:
+        raise FileError(tar, fault, remedy)
+    is_written = False
+    for path, member in index.files.items():
+        target = out.joinpath(*relative_parts(path, index_path(tar), "a file's path"))
+        content = member.read()
+        if target.is_file():
+            if target.read_bytes() != content:
+                raise FileError(target, "holds something else", "name an empty folder")
+            continue
+        atomic_write_bytes(target, content)
+        is_written = True
+    return is_written

@@ -1,0 +1,88 @@
+"""Reads ranges of bytes from local files, and from any file system that fsspec opens."""
+
+import re
+from pathlib import Path
+from typing import Any, Final
+
+from sightline.files.extras import import_library
+from sightline.files.problem import FileError
+
+_URL: Final = re.compile(r"([a-z][a-z0-9+.-]+):/+(.+)", re.DOTALL)  # pathlib joins the slashes
+_REMEDY: Final = "check the address, the network and your rights"
+
+
+def url_of(path: Path) -> str | None:
+    """URL of a path such as s3:/bucket/shards; None: a path on this machine."""
+    match = _URL.fullmatch(str(path))
+    return f"{match[1]}://{match[2]}" if match and not path.exists() else None
+
+
+def read_range(path: Path, start: int, length: int) -> bytes:
+    """Read a range of a file, on this machine or by its URL.
+
+    Raises:
+        FileError: The file cannot be read, or ends within the range.
+    """
+    url = url_of(path)
+    try:
+        if url is None:
+            with path.open("rb") as file:
+                file.seek(start)
+                content = file.read(length)
+        else:
+            system, place = _file_system(url)
+            content = system.cat_file(place, start=start, end=start + length)
+    except ValueError:
+        raise  # an extra that is not installed
+    except Exception as error:  # file systems of other packages raise their own types
+        raise _unreadable(path, error) from error
+    if len(content) != length:
+        raise FileError(
+            path,
+            f"ends at byte {start + len(content)}, expected {length} bytes from {start}",
+            "copy it again, or make it again by the same command",
+        )
+    return content
+
+
+def read_small(path: Path, max_bytes: int) -> bytes | None:
+    """Read a whole file of limited length; None: there is none.
+
+    Raises:
+        FileError: The file cannot be read, or is longer.
+    """
+    url = url_of(path)
+    try:
+        if url is None:
+            size = path.stat().st_size
+        else:
+            system, place = _file_system(url)
+            size = int(system.info(place)["size"])
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except ValueError:
+        raise
+    except Exception as error:  # see above
+        raise _unreadable(path, error) from error
+    if size > max_bytes:
+        problem = f"is {size} bytes long, expected up to {max_bytes}"
+        raise FileError(path, problem, "get the data from a source that you trust")
+    return read_range(path, 0, size)
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """File system of a URL, and the place in it; fsspec keeps one for each process."""
+    scheme = url.partition("://")[0]
+    fsspec = import_library("fsspec", "remote")
+    try:
+        system, place = fsspec.core.url_to_fs(url)
+    except ImportError as error:  # s3fs, say, which another package brings
+        raise ValueError(f"{url}: {error}") from error
+    except ValueError as error:
+        raise ValueError(f"{url} cannot be read: {scheme} is no known protocol") from error
+    return system, str(place)
+
+
+def _unreadable(path: Path, error: Exception) -> FileError:
+    reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return FileError(path, f"cannot be read: {reason}", _REMEDY)

@@ -1,0 +1,158 @@
+"""Paths of files in shards, which are read without unpacking them."""
+
+import errno
+import io
+import os
+import stat
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path, PosixPath
+from typing import Any
+
+from sightline.files.byte_source import url_of
+from sightline.files.plain_file import as_path
+from sightline.files.problem import FileError
+from sightline.files.shard_index import Member, ShardTree, open_tree
+
+
+def data_path(path: Path | str) -> Path:
+    """Path of a data set, or of a place in it; a `ShardPath` if it lies in shards.
+
+    Shards are a folder that `sightline shard` wrote, or one of its tars. URLs of such a folder or
+    tar, such as s3://bucket/shards, are read by fsspec.
+
+    Raises:
+        ValueError: The shards are damaged, or cannot be reached.
+    """
+    path = as_path(path)
+    if isinstance(path, ShardPath):
+        return path
+    found = _tree_of(path)
+    if found is None and url_of(path) is not None:
+        raise FileError(
+            path,
+            "holds no shards, or cannot be reached",
+            "give the address of a folder that `sightline shard` wrote, or of one of its tars",
+        )
+    if found is None or (found[1] and path.exists()):  # a real file beside the tars
+        return path
+    return ShardPath(path)
+
+
+_remote_trees: dict[Path, ShardTree] = {}
+
+
+def _tree_of(path: Path) -> tuple[ShardTree, str] | None:
+    """Shards in which a path lies, and its place in them."""
+    is_remote = url_of(path) is not None
+    for opened in (_known_remote_tree, _open_remote_tree) if is_remote else (open_tree,):
+        for root in (path, *path.parents):
+            tree = opened(root)
+            if tree is not None:
+                place = path.relative_to(root).as_posix()
+                return tree, "" if place == "." else place
+    return None
+
+
+def _known_remote_tree(root: Path) -> ShardTree | None:
+    """Tree of remote shards that have been opened, or of a tar: each question takes requests."""
+    known = _remote_trees.get(root)
+    return _open_remote_tree(root) if known is None and root.suffix == ".tar" else known
+
+
+def _open_remote_tree(root: Path) -> ShardTree | None:
+    tree = open_tree(root)
+    if tree is not None:
+        _remote_trees[root] = tree
+    return tree
+
+
+class ShardPath(PosixPath):
+    """Path of a file or folder in shards, as if they were unpacked there; nothing can be written.
+
+    `_tree_of` keeps what it has read, so a path needs no more state than its text and can be sent
+    to worker processes.
+    """
+
+    __slots__ = ()
+
+    def _entry(self) -> Member | tuple[str, ...] | None:
+        """File, or names in a folder; None: neither."""
+        found = _tree_of(Path(str(self)))
+        if found is None:
+            return None
+        tree, place = found
+        return tree.files.get(place) or tree.folders.get(place)
+
+    def _file(self) -> Member:
+        entry = self._entry()
+        if isinstance(entry, Member):
+            return entry
+        number = errno.ENOENT if entry is None else errno.EISDIR
+        raise OSError(number, os.strerror(number), str(self))
+
+    def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
+        """Kind and length; there are no links, times or owners."""
+        del follow_symlinks
+        entry = self._entry()
+        if entry is None:
+            raise OSError(errno.ENOENT, os.strerror(errno.ENOENT), str(self))
+        mode, size = (stat.S_IFREG, entry.size) if isinstance(entry, Member) else (stat.S_IFDIR, 0)
+        return os.stat_result((mode | 0o444, 0, 0, 1, 0, 0, size, 0, 0, 0))
+
+    def exists(self, *, follow_symlinks: bool = True) -> bool:
+        """Whether there is such a file or folder."""
+        del follow_symlinks
+        return self._entry() is not None
+
+    def is_dir(self, *, follow_symlinks: bool = True) -> bool:
+        """Whether this is a folder."""
+        del follow_symlinks
+        return isinstance(self._entry(), tuple)
+
+    def is_file(self, *, follow_symlinks: bool = True) -> bool:
+        """Whether this is a file."""
+        del follow_symlinks
+        return isinstance(self._entry(), Member)
+
+    def is_symlink(self) -> bool:
+        """Shards hold no links."""
+        return False
+
+    def is_fifo(self) -> bool:
+        """Shards hold no pipes."""
+        return False
+
+    def iterdir(self) -> "Iterator[ShardPath]":  # type: ignore[override]
+        """Yield the files and folders of a folder, sorted."""
+        entry = self._entry()
+        if not isinstance(entry, tuple):
+            number = errno.ENOENT if entry is None else errno.ENOTDIR
+            raise OSError(number, os.strerror(number), str(self))
+        return (ShardPath(self, name) for name in entry)
+
+    def glob(self, pattern: Any, **_: Any) -> "Iterator[ShardPath]":  # type: ignore[override]  # noqa: ANN401 - as pathlib's
+        """Yield the paths that match a pattern of names, sorted."""
+        first, *rest = str(pattern).split("/", 1)
+        for each in self.iterdir() if self.is_dir() else ():
+            if fnmatchcase(each.name, first):
+                yield from each.glob(*rest) if rest else (each,)
+
+    def rglob(self, pattern: Any, **_: Any) -> "Iterator[ShardPath]":  # type: ignore[override]  # noqa: ANN401 - as pathlib's
+        """Yield the paths below this folder that match a pattern of names."""
+        yield from self.glob(pattern)
+        for each in self.iterdir() if self.is_dir() else ():
+            if each.is_dir():
+                yield from each.rglob(pattern)
+
+    def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401 - as pathlib's
+        """Open a file for reading, in bytes or as UTF-8."""
+        member = self._file()
+        if set(mode) - set("rbt"):
+            raise OSError(errno.EROFS, "shards cannot be written to", str(self))
+        content = member.read()
+        return io.BytesIO(content) if "b" in mode else io.StringIO(content.decode())
+
+    def read_bytes(self) -> bytes:
+        """Read a file."""
+        return self._file().read()

@@ -1,0 +1,126 @@
+"""Shards on a web server of this machine, and in other file systems of fsspec."""
+
+import threading
+from functools import partial
+from http import HTTPStatus
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import fsspec
+import pytest
+import torch
+
+from sightline.cli.main import main
+from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
+from sightline.files.byte_source import url_of
+from tests.data.trees import write_object_tree
+
+
+class RangeHandler(SimpleHTTPRequestHandler):
+    """Serves whole files and ranges of them, as object stores do."""
+
+    sent = 0  # bytes of contents
+
+    def log_message(self, *_):
+        pass
+
+    def do_GET(self):
+        try:
+            content = Path(self.translate_path(self.path)).read_bytes()
+        except OSError:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        given = self.headers.get("Range")
+        total = len(content)
+        if given:
+            first, last = given.removeprefix("bytes=").split("-")
+            content = content[int(first) : int(last) + 1]
+            self.send_response(HTTPStatus.PARTIAL_CONTENT)
+            self.send_header("Content-Range", f"bytes {first}-{last}/{total}")
+        else:
+            self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
+        RangeHandler.sent += len(content)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    tree = write_object_tree(tmp_path / "tree", "000000", "000001", "000002")
+    write_shards(tree, tmp_path / "shards", frames_per_shard=2, compress=True)
+    return tmp_path
+
+
+@pytest.fixture
+def address(folder):
+    handler = partial(RangeHandler, directory=str(folder))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+def test_shards_on_a_server_give_the_samples_of_the_tree(folder, address):
+    one, other = open_dataset(folder / "tree"), open_dataset(f"{address}/shards")
+    assert one.sample_ids == other.sample_ids
+    assert torch.equal(one[2].image, other[2].image)
+    assert torch.equal(one[2].points, other[2].points)
+    sample_ids = open_dataset(f"{address}/shards/000001.tar").sample_ids
+    assert sample_ids == ("000002",)
+
+
+def test_a_frame_is_read_without_its_shard(folder, address):
+    dataset = open_dataset(f"{address}/shards")
+    RangeHandler.sent = 0
+    dataset[0]
+    assert 0 < RangeHandler.sent < (folder / "shards" / "000000.tar").stat().st_size / 2
+
+
+def test_commands_give_the_bytes_of_the_tree_by_several_workers(folder, address, capfd):
+    for data, name in ((folder / "tree", "one"), (f"{address}/shards", "two")):
+        arguments = ["predict", "depth-completion", data, folder / name, "--method", "nearest"]
+        assert main([*map(str, arguments), "--workers", "2"]) == 0
+        assert main(["check", str(data)]) in (0, 1)
+    printed = capfd.readouterr().out.replace(str(folder / "tree"), "DATA")
+    _, second = printed.split("two: depth of frames:")
+    assert "3 written" in second
+    files = sorted(path.name for path in (folder / "one").iterdir())
+    assert files == ["000000.png", "000001.png", "000002.png", "sightline.json"]
+    for name in files:
+        assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes()
+
+
+def test_any_file_system_of_fsspec_is_read(folder):
+    memory = fsspec.filesystem("memory")
+    for path in (folder / "shards").iterdir():
+        memory.pipe_file(f"/bucket/{path.name}", path.read_bytes())
+    dataset = open_dataset("memory://bucket")
+    assert dataset.sample_ids == ("000000", "000001", "000002")
+    assert dataset[0].image is not None
+    memory.rm("/bucket", recursive=True)
+
+
+def test_what_cannot_be_reached_is_named(address):
+    with pytest.raises(ValueError, match="/nothing: holds no shards, or cannot be reached; give"):
+        open_dataset(f"{address}/nothing")
+    with pytest.raises(
+        ValueError, match=r"^http:/127\.0\.0\.1:9/shards: holds no shards, or cannot"
+    ):
+        open_dataset("http://127.0.0.1:9/shards")
+    with pytest.raises(
+        ValueError, match=r"steam://x/shards\.json cannot be read: steam is no known"
+    ):
+        open_dataset("steam://x")
+
+
+def test_a_path_of_this_machine_is_no_url(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert url_of(tmp_path) is None
+    (tmp_path / "s3:").mkdir()
+    (tmp_path / "s3:" / "x").touch()
+    assert url_of(Path("s3:/x")) is None
+    assert url_of(Path("s3:/y/z")) == "s3://y/z"

@@ -1,0 +1,303 @@
+"""Data sets in shards: their bytes, reading without unpacking, damage and resumption."""
+
+import gzip
+import hashlib
+import json
+import shutil
+import tarfile
+import zlib
+from pathlib import Path
+
+import pytest
+import torch
+
+from sightline.cli.main import main
+from sightline.data.check import check_tree
+from sightline.data.open import list_sample_files, open_dataset
+from sightline.data.sharding import unpack_shards, write_shards
+from sightline.files.shard_path import ShardPath, data_path
+from tests.data.recordings import write_recording
+from tests.data.trees import write_drive, write_object_frame
+
+NAMES = tuple(f"{number:06d}" for number in range(5))
+
+
+def write_tree(root):
+    for seed, name in enumerate(NAMES):
+        write_object_frame(root, name, seed=seed)
+    write_object_frame(root, "000000", "testing", seed=9)
+    (root / "ImageSets").mkdir()
+    (root / "ImageSets" / "val.txt").write_text("000003\n000001\n")
+    (root / ".hidden").write_text("not packed")
+    return root
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return write_tree(tmp_path / "tree")
+
+
+@pytest.fixture
+def shards(tree, tmp_path):
+    write_shards(tree, tmp_path / "shards", frames_per_shard=2)
+    return tmp_path / "shards"
+
+
+def contents(root):
+    """Contents of the files of a folder that are not hidden, by their paths."""
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and not path.name.startswith(".")
+    }
+
+
+def damage(tar, path):
+    """Change one byte of a file in a tar."""
+    rows = json.loads(tar.with_suffix(".json").read_text())["files"]
+    offset = next(row[2] for row in rows if row[0] == path)
+    content = bytearray(tar.read_bytes())
+    content[offset + 5] ^= 1
+    tar.write_bytes(content)
+
+
+def test_a_frame_is_a_sample_of_webdataset(shards):
+    with tarfile.open(shards / "000000.tar") as tar:
+        members = tar.getmembers()
+    kinds = ["calib.txt", "image_2.png", "label_2.txt", "velodyne.bin"]
+    assert [each.name for each in members] == [
+        *(f"testing/000000.{kind}" for kind in kinds if kind != "label_2.txt"),
+        *(f"training/000000.{kind}" for kind in kinds),
+    ]
+    assert {(each.mtime, each.uid, each.gid, each.uname) for each in members} == {(0, 0, 0, "")}
+    with tarfile.open(shards / "shared.tar") as tar:
+        assert tar.getnames() == ["ImageSets/val.txt"]
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_equal_data_give_equal_bytes_and_come_back(compress, tree, tmp_path):
+    for name, workers in (("one", 1), ("two", 3)):
+        report = write_shards(
+            tree, tmp_path / name, frames_per_shard=4, compress=compress, workers=workers
+        )
+        assert str(report) == "3 written, 0 there already"
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+    for tar in (tmp_path / "one").glob("*.tar"):
+        index = json.loads(tar.with_suffix(".json").read_text())
+        assert index["sha256"] == hashlib.sha256(tar.read_bytes()).hexdigest()
+        assert index["bytes"] == tar.stat().st_size
+    unpack_shards(tmp_path / "one", tmp_path / "back")
+    assert contents(tmp_path / "back") == contents(tree)
+
+
+def test_shards_give_the_samples_and_findings_of_the_tree(tree, shards):
+    label = tree / "training" / "label_2" / "000002.txt"
+    label.write_text(label.read_text().replace("Car", "Car Car"))
+    faulty = tree.with_name("faulty")
+    write_shards(tree, faulty, frames_per_shard=3, compress=True)
+    one, other = open_dataset(tree), open_dataset(shards)
+    assert one.sample_ids == other.sample_ids == NAMES
+    for index in (0, 4):
+        assert torch.equal(one[index].image, other[index].image)
+        assert torch.equal(one[index].points, other[index].points)
+        assert torch.equal(one[index].objects.boxes3d.bev, other[index].objects.boxes3d.bev)
+    chosen = open_dataset(shards, sample_list="val")
+    assert chosen.sample_ids == ("000003", "000001")
+    expected = [str(each).replace(str(tree), "DATA") for each in check_tree(tree)]
+    assert len(expected) >= 1
+    assert [str(each).replace(str(faulty), "DATA") for each in check_tree(faulty)] == expected
+
+
+@pytest.mark.usefixtures("shards")
+def test_commands_give_the_bytes_of_the_unpacked_tree(tree, capsys):
+    folder = tree.parent  # which gets a shards.json of another kind
+    for name in ("tree", "shards"):
+        arguments = ["predict", "depth-completion", folder / name, folder / f"{name}-out"]
+        assert main([*map(str, arguments), "--method", "nearest", "--workers", "1"]) == 0
+    assert contents(folder / "tree-out") == contents(folder / "shards-out")
+    results = folder / "results"
+    results.mkdir()
+    for path in (tree / "training" / "label_2").iterdir():
+        lines = [f"{line} 0.9" for line in path.read_text().splitlines() if "DontCare" not in line]
+        (results / path.name).write_text("".join(f"{line}\n" for line in lines))
+    capsys.readouterr()
+    printed = []
+    for name in ("tree", "shards"):
+        report = folder / f"{name}.json"
+        labels = folder / name / "training" / "label_2"
+        arguments = ["evaluate", "objects", results, labels, "--json", report]
+        assert main([*map(str, arguments)]) == 0
+        assert main(["check", str(folder / name), "--workers", "1"]) in (0, 1)
+        printed.append(capsys.readouterr().out.replace(f"{name}", "DATA"))
+    assert printed[0] == printed[1]
+    assert (folder / "tree.json").read_bytes() == (folder / "shards.json").read_bytes()
+
+
+def test_a_recording_and_a_drive_are_read_from_shards(tmp_path):
+    recording = write_recording(tmp_path / "recording", ("a.1", "b"), cloud=".pcd")
+    write_shards(recording, tmp_path / "packed", frames_per_shard=1)
+    (tmp_path / "packed").rename(tmp_path / "elsewhere")
+    names = [row[1] for row in rows_of(tmp_path / "elsewhere" / "000000.tar")]
+    assert names[0].startswith("a%2E1.")
+    one, other = open_dataset(recording), open_dataset(tmp_path / "elsewhere")
+    assert one.sample_ids == other.sample_ids == ("a.1", "b")
+    assert torch.equal(one[0].points, other[0].points)
+    assert torch.equal(one[1].image, other[1].image)
+    day, drive = tmp_path / "2011_09_26", "2011_09_26_drive_0001_sync"
+    write_drive(day / drive)
+    write_shards(day, tmp_path / "packed-day", frames_per_shard=2)
+    one, other = open_dataset(day / drive), open_dataset(tmp_path / "packed-day" / drive)
+    assert one.sample_ids == other.sample_ids
+    assert torch.equal(one[1].points, other[1].points)
+
+
+def rows_of(tar):
+    return json.loads(tar.with_suffix(".json").read_text())["files"]
+
+
+def test_one_tar_is_a_data_set_of_its_own(shards):
+    dataset = open_dataset(shards / "000001.tar")
+    assert dataset.sample_ids == ("000001", "000002")
+    assert dataset[1].points is not None
+    files = list_sample_files(dataset)[0]
+    assert files["image"] == shards / "000001.tar" / "training" / "image_2" / "000001.png"
+
+
+def test_paths_in_shards_behave_like_those_of_the_tree(tree, shards):
+    packed = data_path(shards)
+    assert isinstance(packed, ShardPath)
+    for pattern in ("*", "training/*", "*/calib/00000?.txt", "nothing/*"):
+        expected = sorted(each.relative_to(tree) for each in tree.glob(pattern))
+        found = [each.relative_to(packed) for each in packed.glob(pattern)]
+        assert found == [Path(each) for each in expected if each.name != ".hidden"]
+    assert {str(each.relative_to(packed)) for each in packed.rglob("*.bin")} == {
+        str(each.relative_to(tree)) for each in tree.rglob("*.bin")
+    }
+    path = packed / "training" / "calib" / "000001.txt"
+    assert (path.exists(), path.is_file(), path.is_dir(), path.parent.is_dir()) == (1, 1, 0, 1)
+    assert path.read_text() == (tree / "training" / "calib" / "000001.txt").read_text()
+    with pytest.raises(FileNotFoundError):
+        (packed / "training" / "calib" / "7.txt").read_bytes()
+    with pytest.raises(IsADirectoryError):
+        path.parent.read_bytes()
+    with pytest.raises(OSError, match="cannot be written"):
+        path.open("wb")
+    assert data_path(tree / "training") == tree / "training"
+    assert not isinstance(data_path(tree), ShardPath)
+
+
+def test_whole_shards_are_kept_and_a_damaged_one_is_made_again(tree, shards):
+    before = {path.name: path.stat().st_mtime_ns for path in shards.glob("*.tar")}
+    damage(shards / "000001.tar", "training/velodyne/000001.bin")
+    (shards / "000002.json").unlink()
+    report = write_shards(tree, shards, frames_per_shard=2)
+    assert str(report) == "2 written, 2 there already"
+    after = {path.name: path.stat().st_mtime_ns for path in shards.glob("*.tar")}
+    assert {name for name in after if after[name] != before[name]} == {"000001.tar", "000002.tar"}
+
+
+def test_a_damaged_shard_is_named_and_the_rest_is_unpacked(tree, shards, tmp_path, capsys):
+    whole = (shards / "000001.tar").read_bytes()
+    damage(shards / "000001.tar", "training/velodyne/000001.bin")
+    arguments = ["unshard", str(shards), str(tmp_path / "back")]
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    assert "shards: 3 written, 0 there already, 1 failed" in printed.out
+    (line,) = printed.err.splitlines()
+    assert line.startswith(f"sightline: {shards}/000001.tar: is damaged: it has another checksum; ")
+    assert not (tmp_path / "back" / "training" / "velodyne" / "000001.bin").exists()
+    (shards / "000001.tar").write_bytes(whole)
+    assert main(arguments) == 0
+    assert "shards: 1 written, 3 there already" in capsys.readouterr().out
+    assert contents(tmp_path / "back") == contents(tree)
+
+
+def test_a_damaged_file_in_a_shard_is_named_when_it_is_read(shards):
+    damage(shards / "000001.tar", "training/velodyne/000002.bin")
+    dataset = open_dataset(shards / "000001.tar", parts=("points",))
+    assert dataset[0].points is not None
+    message = r"000001\.tar: is damaged: training/000002\.velodyne\.bin in it has another checksum"
+    with pytest.raises(ValueError, match=message):
+        dataset[1]
+
+
+def test_a_file_that_cannot_be_read_fails_its_shard_alone(tree, tmp_path, capsys):
+    path = tree / "training" / "calib" / "000003.txt"
+    content = path.read_bytes()
+    path.unlink()
+    path.symlink_to(tree / "absent")
+    arguments = ["shard", str(tree), str(tmp_path / "out"), "--frames-per-shard", "2"]
+    assert main(arguments) == 1
+    printed = capsys.readouterr()
+    assert "shards: 3 written, 0 there already, 1 failed" in printed.out
+    assert f"sightline: {path}: cannot be read: no such file or directory; " in printed.err
+    path.unlink()
+    path.write_bytes(content)
+    assert main(arguments) == 0
+    assert "shards: 1 written, 3 there already" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda row: row.__setitem__(0, "../outside.txt"), "is '../outside.txt', expected a rel"),
+        (lambda row: row.__setitem__(0, "/etc/passwd"), "expected a relative path"),
+        (lambda row: row.__setitem__(2, 10**9), "is no index of a shard"),
+        (lambda row: row.__setitem__(3, -1), "is no index of a shard"),
+        (lambda row: row.__setitem__(4, "many"), "is no index of a shard"),
+        (lambda row: row.pop(), "is no index of a shard"),
+    ],
+)
+def test_a_harmful_index_is_refused(change, message, shards, tmp_path):
+    index = shards / "000000.json"
+    content = json.loads(index.read_text())
+    change(content["files"][0])
+    index.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=message):
+        open_dataset(shards / "000000.tar")
+    report = unpack_shards(shards, tmp_path / "back")
+    assert len(report.faults) == 1
+    assert not (tmp_path / "outside.txt").exists()
+
+
+def test_a_bomb_is_not_unpacked_beyond_its_stated_length(shards):
+    bomb = gzip.compress(bytes(10**7), mtime=0)
+    tar = shards / "000000.tar"
+    tar.write_bytes(bomb)
+    row = ["training/velodyne/0.bin", "training/0.velodyne.bin.gz", 0, len(bomb), 64,
+           zlib.crc32(bytes(64))]  # fmt: skip
+    index = {"format": "sightline shard 1", "sha256": "", "bytes": len(bomb), "files": [row]}
+    tar.with_suffix(".json").write_text(json.dumps(index))
+    path = data_path(tar) / "training" / "velodyne" / "0.bin"
+    with pytest.raises(ValueError, match="has another checksum"):
+        path.read_bytes()
+
+
+def test_an_absent_shard_is_named_before_the_work(shards):
+    shutil.move(shards / "000001.json", shards / "000001.gone")
+    with pytest.raises(ValueError, match=r"000001\.json: is missing: the shard is not whole"):
+        open_dataset(shards)
+
+
+def test_other_data_in_the_folder_are_refused(tree, shards):
+    with pytest.raises(ValueError, match="frames_per_shard"):
+        write_shards(tree, shards, frames_per_shard=3)
+    with pytest.raises(ValueError, match="holds no frames"):
+        write_shards(tree / "ImageSets", shards.with_name("new"), frames_per_shard=3)
+    with pytest.raises(ValueError, match="frames_per_shard must be at least 1, got 0"):
+        write_shards(tree, shards.with_name("new"), frames_per_shard=0)
+    unpacked = shards.with_name("back")
+    (unpacked / "ImageSets").mkdir(parents=True)
+    (unpacked / "ImageSets" / "val.txt").write_text("mine")
+    report = unpack_shards(shards, unpacked)
+    assert "holds something else; name an empty folder" in report.faults[0]
+    assert (unpacked / "ImageSets" / "val.txt").read_text() == "mine"
+
+
+def test_a_split_keeps_its_name_and_the_lists(tree, tmp_path):
+    write_shards(tree / "training", tmp_path / "one", frames_per_shard=10)
+    dataset = open_dataset(tmp_path / "one", sample_list="val")
+    assert dataset.sample_ids == ("000003", "000001")
+    assert [row[0].split("/")[0] for row in rows_of(tmp_path / "one" / "000000.tar")] == [
+        "training"
+    ] * 20
