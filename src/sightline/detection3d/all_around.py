@@ -26,8 +26,10 @@ from sightline.inference.network import LoadedNetwork
 from sightline.structures.predictions import Detections3D
 
 QUARTERS: Final = 4
-AROUND_M: Final = 70.4
-"""Distance up to which all directions are searched: as far as the networks' own grid ahead."""
+NEAR_M, FAR_M = 70.4, 100.8
+"""Distances up to which all directions are searched: that of the networks' own grid ahead, and a
+longer one, at twice the work."""
+_FAR_SHARE: Final = 0.001  # of the points, beyond the near distance, from which the far one is used
 _SEAM_M: Final = 1.0  # by which a quarter's detections may reach into the next one
 _BLOCK_CELLS: Final = 8  # a grid has whole blocks of so many cells along each side
 _SEED: Final = 0  # for drawing points: results are reproducible
@@ -69,6 +71,12 @@ def wide_config(config: Detection3DConfig, range_m: float) -> Detection3DConfig:
 
 def _whole(length_m: float, block_m: float) -> float:
     return math.ceil(length_m / block_m - 1e-6) * block_m
+
+
+def search_range_m(points: Float32[Tensor, "num_points 4"]) -> float:
+    """Choose the distance to search by the reach of a sweep; many have hardly a far point."""
+    is_far = points[:, :2].norm(dim=1) > NEAR_M
+    return FAR_M if int(is_far.sum()) > _FAR_SHARE * len(points) else NEAR_M
 
 
 def quarter_sweeps(

@@ -1,6 +1,7 @@
 """Predictor for 3D detection in sweeps, on any engine."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -9,9 +10,9 @@ from torch import Tensor
 
 from sightline.data.kitti_trees import Part
 from sightline.detection3d.all_around import (
-    AROUND_M,
     join_quarters,
     quarter_sweeps,
+    search_range_m,
     wide_network,
 )
 from sightline.detection3d.detector import Detector3D, propose, refine
@@ -130,7 +131,7 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         self._loaded = loaded
         self._start_stages = partial(StageRunners, engine=engine, device=device, threads=threads)
         self._stages = self._start_stages(loaded)
-        self._wide_stages: StageRunners | None = None
+        self._wide_stages: dict[float, StageRunners] = {}  # by their range
         return self._stages.engine
 
     def predict(self, sample: CameraLidarSample) -> Detections3D:
@@ -145,11 +146,14 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
 
     def _detect_around(self, sample: CameraLidarSample) -> Detections3D:
         """Detect in the quarters of a sweep, in a frame like KITTI's."""
-        if self._wide_stages is None:  # made when first needed: exports take seconds
-            self._wide_stages = self._start_stages(wide_network(self._loaded, AROUND_M))
-        stages, level = self._wide_stages, to_kitti_frame(sample)
-        points = cut_to_view(level, stages.detector.config.input).points
+        level = cut_to_view(to_kitti_frame(sample), replace(self._config.input, in_view=False))
+        points = level.points
         assert points is not None, "checked when it was cut"
+        range_m = search_range_m(points)
+        if range_m not in self._wide_stages:  # made when first needed: exports take seconds
+            wide = wide_network(self._loaded, range_m)
+            self._wide_stages[range_m] = self._start_stages(wide)
+        stages = self._wide_stages[range_m]
         sweeps = quarter_sweeps(points, stages.detector.config)
         found = [stages.refine(sweep, stages.propose(sweep)) for sweep in sweeps]
         return join_quarters(found, self._config)
