@@ -76,6 +76,11 @@ class Task(Protocol):
         ...
 
     @property
+    def detects_around(self) -> bool:
+        """Whether it can search whole turns of the LiDAR (`CameraLidarSample.all_around`)."""
+        ...
+
+    @property
     def switches(self) -> "tuple[OutputFilter, ...]":
         """Optional filters of the written predictions."""
         ...

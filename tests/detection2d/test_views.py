@@ -11,7 +11,7 @@ from sightline.data.open import open_dataset
 from sightline.detection2d.config import InputConfig, PostprocessConfig
 from sightline.detection2d.placement import Candidates, camera_image, lidar_image, padded
 from sightline.detection2d.predictor import DetectionPredictor
-from sightline.detection2d.views import gate_over_frame, views_of
+from sightline.detection2d.views import draw_band, gate_over_frame, views_of
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -211,6 +211,29 @@ def test_a_tall_frame_gets_boxes_and_gates_in_its_own_pixels(tmp_path):
     boxes = result.detections.boxes.tensor
     assert ((boxes[:, 2:] <= torch.tensor([299.0, 999.0])) & (boxes[:, :2] >= 0)).all()
     assert len(boxes) == 100
+
+
+def test_training_draws_each_of_a_tall_frames_bands_at_its_scale_and_range():
+    sample = frame((1200, 1920), 1400.0)
+    expected = {(each.sample.image_size[0], each.range_m) for each in views(sample)}
+    assert len(expected) == 3
+    drawn = set()
+    for seed in range(20):
+        part, scale, range_m = draw_band(sample, KEPT, 32, np.random.default_rng(seed))
+        rows = round(part.image_size[0] * scale)
+        (height,) = (each for each, known_m in expected if known_m == range_m)
+        assert abs(rows - height) <= 1
+        assert part.image_size[1] == 1920
+        drawn.add((height, range_m))
+    assert drawn == expected
+
+
+def test_training_shows_kittis_frames_whole():
+    for seed in range(5):
+        sample = frame((375, 1242), 721.5377, principal_y=172.854)
+        part, scale, range_m = draw_band(sample, KEPT, 32, np.random.default_rng(seed))
+        assert part is sample
+        assert (scale, range_m) == (1.0, 80.0)
 
 
 def test_a_packaged_frame_is_one_view():

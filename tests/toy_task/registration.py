@@ -59,6 +59,7 @@ class FinderTask:
         Output(name="highest", suffix=".json", summary="The likeliest.", write=_write_highest),
     )
     switches = ()
+    detects_around = False
 
     def config_type(self):
         from tests.toy_task.config import FinderConfig

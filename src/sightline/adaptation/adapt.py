@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from sightline.adaptation.measured_rig import measure_rig, rig_text
 from sightline.data.kitti_trees import Part
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_write_text
@@ -15,6 +14,7 @@ from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
 from sightline.simulation.generate import simulate
+from sightline.simulation.measured_rig import measure_rig, rig_text
 from sightline.simulation.rigs import Rig, read_rig
 from sightline.simulation.settings import SimulationConfig
 from sightline.tasks import PACKAGE_RECIPES, find_task

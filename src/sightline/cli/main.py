@@ -14,6 +14,7 @@ import jsonargparse
 
 from sightline.cli.adapt import adapt
 from sightline.cli.calibration import evaluate_calibration
+from sightline.cli.check import check
 from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
     depth_command,
@@ -25,7 +26,7 @@ from sightline.cli.evaluate import (
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
 from sightline.cli.interrupts import HOW_TO_FINISH, raised_signal
-from sightline.cli.output import fail, gathered_warnings, say, warn
+from sightline.cli.output import fail, say, warn
 from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
@@ -55,32 +56,6 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130  # exit status of a program ended by Ctrl-C
 _LINK_LOOP = "Symlink loop"  # how `Path.resolve` begins its RuntimeError
 _BROKEN_PIPE = 141  # exit status of a program ended by SIGPIPE
-
-
-def check(data: Path, *, workers: int = 2) -> int:
-    """Validates a data set: missing, truncated, non-finite and inconsistent files.
-
-    Prints one line per problem with the file and the remedy. Exit status: 0 if there is none, 1
-    otherwise.
-
-    Args:
-        data: A recording, or a KITTI object tree, depth completion tree or raw drive.
-        workers: Number of reading threads.
-    """
-    from sightline.data.check import check_tree, summarize_tree
-    from sightline.files.shard_path import data_path
-
-    if not data_path(data).is_dir():
-        raise ValueError(f"{data} is no folder; give the folder of a data set")
-    num_problems = 0
-    with gathered_warnings():
-        for summary in summarize_tree(data):
-            say(summary)
-        for problem in check_tree(data, num_workers=workers):
-            say(problem)
-            num_problems += 1
-    say(f"{num_problems or 'no'} problem{'' if num_problems == 1 else 's'}")
-    return int(num_problems > 0)
 
 
 def export(

@@ -6,9 +6,11 @@ from typing import Any
 
 from sightline.cli.declared import declare
 from sightline.cli.engine import announce_engine
+from sightline.cli.field import Around, chosen_field
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
+from sightline.cli.rig_line import warn_of_rig
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
@@ -42,6 +44,8 @@ Args:
         pip install '.[viz]'.
     fps: Frames per second of the video.
     min_score: Score threshold of drawn detections; the results contain all of them.
+    around: Field of 3D detection: yes for the whole turn of the LiDAR, no for the camera's view,
+        or auto: the whole turn for recordings whose sweeps have one.
 """
 _TASK_HELP = """    {argument}: Weights of {name}: name ({known}) or file
         (.safetensors, .ckpt){methods}, or none to leave the task out. Default: {default}.
@@ -73,6 +77,7 @@ def perceive_command() -> Callable[..., None]:
         "rerun": (Path | None, None),
         "fps": (float, 10.0),
         "min_score": (float, 0.3),
+        "around": (Around, "auto"),
     }
     return declare(command, {"data": Path, "out": Path}, tasks | options, help_text=text)
 
@@ -99,6 +104,7 @@ def _run(
     out: Path,
     engine: EngineChoice,
     device: Device,
+    around: Around,
     **job: Any,  # noqa: ANN401 - the options of `perceive`
 ) -> None:
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
@@ -111,6 +117,8 @@ def _run(
     perceiver = MultiTaskPredictor.load(weights, engine=engine, device=device, threads=1)
     engines = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
     announce_engine(engine, next(iter(engines), None), device)
-    result = perceive(data, out, perceiver=perceiver, **job)
+    names = [each.name for each in perceiver.predictors.values()]
+    warn_of_rig(data, names, sample_list=job["sample_list"], velodyne=job["velodyne"])
+    result = perceive(data, out, perceiver=perceiver, around=chosen_field(around), **job)
     predicted = ", ".join(f"{task} {count}" for task, count in result.predicted.items())
     say(f"{out / LINES_NAME}: frames: {result}; predicted: {predicted}")

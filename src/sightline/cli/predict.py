@@ -6,9 +6,11 @@ from typing import Any, Literal
 
 from sightline.cli.declared import declare
 from sightline.cli.engine import announce_engine
+from sightline.cli.field import Around, chosen_field
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
+from sightline.cli.rig_line import warn_of_rig
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
@@ -38,6 +40,10 @@ Args:
     num_shards: Number of shards, each of which can run on another machine.
 """
 
+_AROUND_HELP = """    around: Field of 3D detection: yes for the whole turn of the LiDAR, no for the
+        camera's view, or auto: the whole turn for recordings whose sweeps have one.
+"""
+
 
 def predict_commands() -> dict[str, Any]:
     """Create the commands by task name, for jsonargparse."""
@@ -55,6 +61,8 @@ def _command(task: Task) -> Callable[..., None]:
         f"    {output.name}: Folder for a further output: {output.summary}\n"
         for output in task.outputs[1:]
     ]
+    if task.detects_around:
+        task_options.append(_AROUND_HELP)
     task_options += [f"    {switch.name}: {switch.summary}\n" for switch in task.switches]
     text = _HELP.format(
         summary=task.summary,
@@ -76,6 +84,7 @@ def _options(task: Task) -> dict[str, tuple[Any, object]]:
         "engine": (EngineChoice, "auto"),
         "device": (Device, "cpu"),
         **{output.name: (Path | None, None) for output in task.outputs[1:]},
+        **({"around": (Around, "auto")} if task.detects_around else {}),
         **{switch.name: (bool, False) for switch in task.switches},
         "sample_list": (str | None, None),
         "velodyne": (Velodyne | None, None),
@@ -101,6 +110,7 @@ def _run(
     shard_index: int,
     num_shards: int,
     method: str | None = None,
+    around: Around = "auto",
     **task_options: Any,  # noqa: ANN401 - folders of further outputs, and switches
 ) -> None:
     also = {
@@ -120,6 +130,7 @@ def _run(
         threads=1,  # per worker; with several threads PyTorch's last digits differ
     )
     announce_engine(engine, predictor.made_by.get("engine"), device)
+    warn_of_rig(data, [predictor.name], sample_list=sample_list, velodyne=velodyne)
     result = predict(
         task,
         predictor,
@@ -133,5 +144,6 @@ def _run(
         overwrite=overwrite,
         shard_index=shard_index,
         num_shards=num_shards,
+        around=chosen_field(around),
     )
     say(f"{out}: {task.outputs[0].name} of frames: {result}")

@@ -78,12 +78,17 @@ def _tensor(column: np.ndarray) -> Tensor:
 
 
 def kitti_from_detections(
-    found: Detections2D | Detections3D, calibration: Calibration, image_size: tuple[int, int]
+    found: Detections2D | Detections3D,
+    calibration: Calibration,
+    image_size: tuple[int, int],
+    *,
+    keeps_unseen: bool = False,
 ) -> KittiObjects:
     """Convert detections inside the image to the columns of a frame's result file.
 
-    Detections outside the image are left out, because KITTI neither labels nor scores them. The
-    rest keeps its order. Truncation and occlusion are unknown (-1).
+    Detections outside the image are left out, because KITTI neither labels nor scores them; with
+    `keeps_unseen`, 3D detections there have a 2D box of -1. The rest keeps its order. Truncation
+    and occlusion are unknown (-1).
 
     * 2D detections: boxes are clipped to the image; there is no 3D part and no alpha.
     * 3D detections: the 2D box bounds the 3D box's edges within the image (`project_boxes`), and
@@ -96,6 +101,7 @@ def kitti_from_detections(
         found: Detections in the LiDAR frame, or in the image.
         calibration: Calibration of the frame.
         image_size: Height, width [px] of its image.
+        keeps_unseen: Whether 3D detections outside the image are kept.
     """
     if isinstance(found, Detections2D):
         return kitti_from_detections2d(found, image_size)
@@ -108,10 +114,11 @@ def kitti_from_detections(
         corners = transform_points(calibration.camera_from_lidar, boxes.corners())
     boxes2d = project_boxes(corners, calibration.image_from_camera, image_size).tensor
     bearing = torch.atan2(locations[:, 0], locations[:, 2])
+    is_seen = ~boxes2d.isnan().any(dim=1)
     return _results(
         found,
-        ~boxes2d.isnan().any(dim=1),
-        boxes2d=boxes2d,
+        torch.ones_like(is_seen) if keeps_unseen else is_seen,
+        boxes2d=torch.where(is_seen[:, None], boxes2d, UNKNOWN),
         dimensions_hwl=dimensions_hwl,
         locations=locations,
         rotation_y=rotation_y,

@@ -44,6 +44,7 @@ from sightline.data.recording_files import (
     unpaired,
     unused_files,
 )
+from sightline.data.rings import covers_turn
 from sightline.data.undistortion import undistort
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
@@ -203,6 +204,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 timestamp_s=self._time_of(frame.sample_id),
                 lidar_height_m=self._lidar_height_m(contents) if points is not None else None,
                 level_from_lidar=level_from_lidar,
+                all_around=points is not None and covers_turn(points.numpy()),
             )
         except FileError:
             raise

@@ -29,6 +29,7 @@ _MIN_EXPLAINED_SHARE = 0.5  # of the elevations' variance, explained by ring num
 _MAX_START_DEG = 5.0  # largest usual start azimuth of whole sweeps in KITTI's order
 _MAX_STUB_POINTS = 3  # at a seam, where azimuths alternate
 _MIN_STEP_RATIO = 0.5  # share of another order's step between rings that KITTI's order must reach
+_SECTOR_DEG, _MIN_TURN_SHARE = 10.0, 0.9  # of a whole turn, in which points must lie
 _MIN_CORRELATION = 0.9  # correlation of ordered numbers with elevations
 
 
@@ -264,6 +265,12 @@ def check_spacing(
 def is_whole_turn(points: Float[np.ndarray, "num_points fields"]) -> bool:
     """Whether a sweep has points behind the LiDAR, so that it is not cropped to the image."""
     return bool((points[:, 0] < 0).any())
+
+
+def covers_turn(points: Float[np.ndarray, "num_points fields"]) -> bool:
+    """Whether a sweep has points in nearly all directions: in 9 of 10 sectors of 10 degrees."""
+    sectors = np.unique(np.floor(_azimuth_deg(points) % 360 / _SECTOR_DEG).astype(np.int64))
+    return len(sectors) >= _MIN_TURN_SHARE * 360 / _SECTOR_DEG
 
 
 def _count_starts(

@@ -82,6 +82,7 @@ class DepthCompletionTask(DepthNetworkTask):
         ),
     )
 
+    detects_around: bool = False
     switches: tuple[OutputFilter, ...] = (
         OutputFilter(
             name="valid_only",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float32, Float64
 from torch import Tensor
 
 from sightline.augmentation.camera_chain import CameraChainConfig, change_camera
@@ -17,7 +17,9 @@ from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
 from sightline.data.kitti_conversion import kitti_from_labels
+from sightline.detection2d import graded_health
 from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig, check_range
+from sightline.detection2d.graded_health import with_point_health
 from sightline.detection2d.loss import health, known_by_points
 from sightline.detection2d.placement import (
     camera_image,
@@ -28,8 +30,10 @@ from sightline.detection2d.placement import (
     whole_strides,
 )
 from sightline.detection2d.targets import DetectionBatch, FrameTruth, TargetConfig, make_targets
+from sightline.detection2d.views import draw_band
 from sightline.files.settings import NetworkConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.projection import DHI_RANGE_M
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
@@ -55,6 +59,9 @@ class ViewConfig:
     the frame's classes, since rare ones would hardly appear otherwise."""
     mirror: bool = True
     """Whether every second example is mirrored."""
+    bands: bool = False
+    """Whether crops of a fixed size are cut from the bands along the horizon that the network is
+    shown in use, one of a frame's bands each time, at its scale (`detection2d.views`)."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -185,6 +192,9 @@ class ExampleConfig:
     health: bool = False
     """Whether training examples have health maps: the parts of the sensors' images that their case
     has not broken."""
+    graded: bool = False
+    """Whether health is graded for every kind of corruption: the signal that is left in each cell,
+    with noise, blur and moved points (`detection2d.graded_health`), not only what is gone."""
     fault_share: float = 0.5
     """Share of training examples with an additional fault. Of these faults, health contains only a
     missing camera."""
@@ -195,8 +205,14 @@ class ExampleConfig:
         """Checks the ranges, and that related settings match."""
         check_range("fault_share", self.fault_share, 0, 1)
         check_range("pad_to", self.pad_to, 1, 1024)
+        if self.graded and not self.health:
+            raise ValueError("graded is of health maps: set health to true, or graded to false")
         if self.crop_size is not None and self.view.min_iou_crop:
             raise ValueError("view.min_iou_crop cuts patches of its own: set crop_size to null")
+        if self.crop_size is None and self.view.bands:
+            raise ValueError(
+                "view.bands is of crops of a fixed size: set crop_size, or it to false"
+            )
 
     @property
     def network_input(self) -> InputConfig:
@@ -285,19 +301,22 @@ def training_example(
     (case,) = (config.cases or _SOUND).draw(rng)
     corrupted = case.corruption.corrupt(sample, rng)
     seed = int(rng.integers(2**63))  # the same view for sample, masks and intact sweep
-    view = _view(corrupted.sample, config, np.random.default_rng(seed))
+    view, range_m = _ranged_view(corrupted.sample, config, np.random.default_rng(seed))
     assert view.objects is not None, "checked when it was prepared"
     targets = make_targets(view.objects, config.targets)
     camera_mask = lidar_mask = torch.zeros(view.image_size, dtype=torch.bool)
     are_masks_used = config.health or config.camera is not None
     if are_masks_used and (corrupted.camera_mask.any() or corrupted.lidar_mask.any()):
         camera_mask, lidar_mask = _seen_masks(corrupted, config, np.random.default_rng(seed))
+    before_lens = view
     if config.camera is not None:
         view = _through_camera(view, camera_mask, config.camera, rng)
     size = whole_strides(config.crop_size or view.image_size, config.pad_to)
-    maps = _maps(view, config.network_input, size)
+    maps = _maps(view, config.network_input, size, range_m=range_m)
     camera_health = lidar_health = None
-    if config.health:
+    if config.graded:
+        camera_health, lidar_health = _graded_health(sample, corrupted, before_lens, config, seed)
+    elif config.health:
         nothing_left = case.corruption.leaves_nothing
         sound = maps["lidar"]
         if lidar_mask.any():
@@ -316,6 +335,22 @@ def training_example(
         camera_health=camera_health,
         lidar_health=lidar_health,
     )
+
+
+def _graded_health(
+    sound: CameraLidarSample,
+    corrupted: Corrupted,
+    view: CameraLidarSample,
+    config: ExampleConfig,
+    seed: int,
+) -> tuple[Float32[Tensor, "1 1 rows columns"], Float32[Tensor, "1 1 rows columns"]]:
+    """Compute the graded health of both sensors; `view` is the corrupted sample's of the seed."""
+    size = whole_strides(config.crop_size or view.image_size, config.pad_to)
+    valued = _view(with_point_health(sound, corrupted), config, np.random.default_rng(seed))
+    of_camera = graded_health.camera_health(camera_image(valued), camera_image(view), size)
+    if view.image is None:  # missing in the data
+        of_camera = torch.zeros_like(of_camera)
+    return of_camera[None], graded_health.lidar_health(valued, size)[None]
 
 
 def scoring_example(sample: CameraLidarSample, config: ExampleConfig) -> DetectionBatch:
@@ -342,14 +377,23 @@ def scoring_example(sample: CameraLidarSample, config: ExampleConfig) -> Detecti
 def _view(
     sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator
 ) -> CameraLidarSample:
+    return _ranged_view(sample, config, rng)[0]
+
+
+def _ranged_view(
+    sample: CameraLidarSample, config: ExampleConfig, rng: np.random.Generator
+) -> tuple[CameraLidarSample, float]:
+    """Draw a view, and the far end of its LiDAR image's depth [m]."""
     # The depth map of simulated frames is not needed, and takes as long to resize as the image.
     sample = draw_mirror(replace(sample, depth=None), config.view, rng)
     if config.crop_size is not None:
-        scale = scale_of(sample, config.network_input)
-        return scaled_crop(sample, config.crop_size, scale, config.view, rng)
+        scale, range_m = scale_of(sample, config.network_input), DHI_RANGE_M
+        if config.view.bands:
+            sample, scale, range_m = draw_band(sample, config.network_input, config.pad_to, rng)
+        return scaled_crop(sample, config.crop_size, scale, config.view, rng), range_m
     if config.view.min_iou_crop:
         sample = min_iou_crop(sample, rng)
-    return place(sample, config.network_input)[0]
+    return place(sample, config.network_input)[0], DHI_RANGE_M
 
 
 def _seen_masks(
@@ -378,10 +422,14 @@ def _through_camera(
 
 
 def _maps(
-    sample: CameraLidarSample, config: InputConfig, size: tuple[int, int]
+    sample: CameraLidarSample,
+    config: InputConfig,
+    size: tuple[int, int],
+    *,
+    range_m: float = DHI_RANGE_M,
 ) -> dict[str, Tensor]:
     """Make the sensors' images, padded to a size."""
     return {
         "image": padded(camera_image(sample), size),
-        "lidar": padded(lidar_image(sample, config), size),
+        "lidar": padded(lidar_image(sample, config, range_m=range_m), size),
     }

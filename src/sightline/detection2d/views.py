@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
 import torch
 from jaxtyping import Float32
 from torch import Tensor
@@ -130,6 +131,26 @@ def views_of(
         given, placement = place(sample, config)
         return (View(sample=given, placement=placement),)
     return tuple(views)
+
+
+def draw_band(
+    sample: CameraLidarSample, config: InputConfig, stride: int, rng: np.random.Generator
+) -> tuple[CameraLidarSample, float, float]:
+    """Draw one of a frame's views for training; a frame with a single whole view stays whole.
+
+    Returns:
+        The rows of the frame that the view shows, not resized; its scale; its `range_m`.
+    """
+    bare = replace(sample, image=None, points=None)  # of which only the geometry is resized
+    views = views_of(bare, config, stride=stride, smallest_px=stride)
+    view = views[int(rng.integers(len(views)))]
+    scale = view.placement.scale_y
+    if not view.is_cut:
+        return sample, scale, view.range_m
+    height, width = sample.image_size
+    top = min(round(view.placement.top / scale), height - 1)
+    rows = min(max(round(view.sample.image_size[0] / scale), 1), height - top)
+    return crop(sample, top, 0, rows, width), scale, view.range_m
 
 
 def _beside(first: View, other: View) -> View:

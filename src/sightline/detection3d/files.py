@@ -11,13 +11,18 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def write_results(path: Path, sample: CameraLidarSample, detections: Detections3D) -> None:
-    """Write KITTI's result file; its 2D boxes are the projections of the 3D boxes."""
+    """Write KITTI's result file; its 2D boxes are the projections of the 3D boxes.
+
+    Boxes outside the image are left out, as in KITTI's labels; of samples with `all_around` they
+    have a 2D box of -1, without an area.
+    """
     kitti_labels.write_objects(
         path,
         kitti_from_detections(
             level_detections(detections, sample),
             level_calibration(sample.calibration, sample.level_from_lidar),
             sample.image_size,
+            keeps_unseen=sample.all_around,
         ),
     )
 

@@ -1,6 +1,7 @@
 """Predictor for 3D detection in sweeps, on any engine."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -8,12 +9,24 @@ import torch
 from torch import Tensor
 
 from sightline.data.kitti_trees import Part
+from sightline.detection3d.all_around import (
+    join_quarters,
+    quarter_sweeps,
+    search_range_m,
+    wide_network,
+)
 from sightline.detection3d.detector import Detector3D, propose, refine
 from sightline.detection3d.export_graph import REGIONS_A_RUN, export_graphs, region_portions
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.stages import Proposed
 from sightline.detection3d.suppression import align
-from sightline.detection3d.sweeps import Sweep, from_kitti_frame, network_sweep, to_kitti_frame
+from sightline.detection3d.sweeps import (
+    Sweep,
+    cut_to_view,
+    from_kitti_frame,
+    network_sweep,
+    to_kitti_frame,
+)
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.inference.network import LoadedNetwork
@@ -96,6 +109,9 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
     Takes sweeps with any number of points and beams, from LiDARs mounted at any height above the
     road, tilted or turned, if the sample contains the mount. Boxes are in the LiDAR's own frame. A
     sweep without points in range has no objects. May be pickled, and called in a forked process.
+
+    Detections are those in the camera's view, or all around the LiDAR for samples with
+    `all_around`, which networks of points do not support.
     """
 
     parts: tuple[Part, ...] = ("points",)
@@ -112,7 +128,10 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         threads: int | None,
     ) -> EngineName:
         self._config = loaded.network.config
-        self._stages = StageRunners(loaded, engine=engine, device=device, threads=threads)
+        self._loaded = loaded
+        self._start_stages = partial(StageRunners, engine=engine, device=device, threads=threads)
+        self._stages = self._start_stages(loaded)
+        self._wide_stages: dict[float, StageRunners] = {}  # by their range
         return self._stages.engine
 
     def predict(self, sample: CameraLidarSample) -> Detections3D:
@@ -121,7 +140,23 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         Raises:
             ValueError: The sample has no sweep, or points that are not finite.
         """
+        if sample.all_around and self._config.pillars is not None:
+            return self._align(self._detect_around(sample), sample)
         return self.both_stages(sample)[1]
+
+    def _detect_around(self, sample: CameraLidarSample) -> Detections3D:
+        """Detect in the quarters of a sweep, in a frame like KITTI's."""
+        level = cut_to_view(to_kitti_frame(sample), replace(self._config.input, in_view=False))
+        points = level.points
+        assert points is not None, "checked when it was cut"
+        range_m = search_range_m(points)
+        if range_m not in self._wide_stages:  # made when first needed: exports take seconds
+            wide = wide_network(self._loaded, range_m)
+            self._wide_stages[range_m] = self._start_stages(wide)
+        stages = self._wide_stages[range_m]
+        sweeps = quarter_sweeps(points, stages.detector.config)
+        found = [stages.refine(sweep, stages.propose(sweep)) for sweep in sweeps]
+        return join_quarters(found, self._config)
 
     def both_stages(self, sample: CameraLidarSample) -> tuple[Detections3D, Detections3D]:
         """Compute proposals and detections of a sample; see `predict`.

@@ -50,6 +50,7 @@ class Detection3DTask(Detection3DNetworkTask, NetworkOnlyTask["Detection3DPredic
         "data.init_args.validation": "[{path: ., sample_list: val}]",
     }
     default_weights: str = "detection3d-best"
+    detects_around: bool = True
     outputs: tuple[Output, ...] = (
         Output(
             name="results",

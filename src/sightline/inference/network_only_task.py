@@ -19,6 +19,7 @@ class NetworkOnlyTask(ABC, Generic[LoadedPredictor]):
 
     default_weights: str
     methods: tuple[str, ...] = ()
+    detects_around: bool = False
     switches: tuple[OutputFilter, ...] = ()
 
     @property

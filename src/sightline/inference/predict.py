@@ -1,7 +1,7 @@
 """Prediction of a whole data set to files for each sample, resumable and in parallel."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ def predict(
     overwrite: bool = False,
     shard_index: int = 0,
     num_shards: int = 1,
+    around: bool | None = None,
 ) -> JobResult:
     """Predicts every sample of a recording or of one of KITTI's trees, and writes files.
 
@@ -57,6 +58,7 @@ def predict(
         overwrite: Whether to replace existing files.
         shard_index: Index of the shard to process, from 0.
         num_shards: Number of shards; shards can run on different machines at the same time.
+        around: Whether 3D detection searches whole turns of the LiDAR. None: as the samples say.
 
     Raises:
         ValueError: The data cannot be read, a folder lies in them, contains other results or cannot
@@ -80,9 +82,12 @@ def predict(
     present = predicted_samples(places)
     pending = [index for index in indices if overwrite or names[index] not in present]
     sweeps = sweeps_folder(dataset)
-    claim_folders(output_claims(task, predictor, places, data, sweeps, switches=changes))
+    chosen = {**dict.fromkeys(changes, True), **around_entry(around=around)}
+    claim_folders(output_claims(task, predictor, places, data, sweeps, chosen=chosen))
     works = [
-        _SampleWork(dataset, index, names[index], predictor, tuple(changes.values()), places)
+        _SampleWork(
+            dataset, index, names[index], predictor, tuple(changes.values()), places, around
+        )
         for index in pending
     ]
     run_job(works, workers, description=f"{task.name} by {predictor.name}", leave_out=LEAVE_OUT)
@@ -99,16 +104,27 @@ class _SampleWork:
     predictor: Predictor
     changes: tuple[Callable[[Any], Any], ...]
     places: Places
+    around: bool | None
 
     def __str__(self) -> str:
         return f"sample {self.name}"
 
     def run(self) -> None:
-        sample = self.dataset[self.index]
+        sample = with_field(self.dataset[self.index], around=self.around)
         prediction = self.predictor(sample)
         for change in self.changes:
             prediction = change(prediction)
         write_prediction(self.places, sample, prediction)
+
+
+def with_field(sample: CameraLidarSample, *, around: bool | None) -> CameraLidarSample:
+    """Set whether a sample's whole turn is searched; None: as it is."""
+    return sample if around is None else replace(sample, all_around=around)
+
+
+def around_entry(*, around: bool | None) -> dict[str, bool]:
+    """Entry of a manifest for a chosen field of 3D detection."""
+    return {} if around is None else {"around": around}
 
 
 def _changes(task: PredictingTask, switches: Collection[str]) -> dict[str, Callable[[Any], Any]]:
@@ -160,14 +176,14 @@ def output_claims(
     data: Path,
     velodyne: Velodyne,
     *,
-    switches: Collection[str] = (),
+    chosen: Mapping[str, bool] | None = None,
 ) -> list[Claim]:
-    """Create the claims on the output folders for the predictor, the data and the switches."""
+    """Create the claims on the output folders for predictor, data and chosen options."""
     made_from = {"data": data_name(data), "velodyne": velodyne}
     made_by = {
         "sightline": version("sightline"),
         **predictor.made_by,
-        **dict.fromkeys(switches, True),
+        **(chosen or {}),
     }
     claims = []
     for output, folder in places:

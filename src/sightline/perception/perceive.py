@@ -13,9 +13,11 @@ from sightline.files.atomic import atomic_write_text
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predict import (
     Places,
+    around_entry,
     output_claims,
     output_places,
     predicted_samples,
+    with_field,
     write_prediction,
 )
 from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
@@ -73,6 +75,7 @@ def perceive(
     rerun: Path | str | None = None,
     fps: float = 10.0,
     min_score: float = 0.3,
+    around: bool | None = None,
 ) -> PerceiveResult:
     """Runs all tasks on every frame of a data set; each frame is loaded once.
 
@@ -111,6 +114,7 @@ def perceive(
         rerun: Additional file of the Rerun viewer (.rrd); see `PictureFiles`.
         fps: Frames per second of the video.
         min_score: Score threshold of drawn detections; the results contain all of them.
+        around: Whether 3D detection searches whole turns of the LiDAR. None: as the samples say.
 
     Raises:
         ValueError: The data cannot be read, `out` lies in them, contains other results or cannot be
@@ -141,11 +145,11 @@ def perceive(
     names = [dataset.sample_ids[index] for index in indices]
     places = _places(perceiver, out, all_outputs=all_outputs)
     made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
-    _claim(perceiver, places, data, out, sweeps_folder(dataset))
+    _claim(perceiver, places, data, out, sweeps_folder(dataset), around=around)
     folder = out / LINES_FOLDER
     done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
     works = [
-        _FrameWork(dataset, index, name, perceiver, places, made_by, out)
+        _FrameWork(dataset, index, name, perceiver, places, made_by, out, around)
         for index, name in zip(indices, names, strict=True)
         if name not in done
     ]
@@ -176,12 +180,13 @@ class _FrameWork:
     places: Mapping[str, Places]
     made_by: Mapping[str, str]
     out: Path
+    around: bool | None
 
     def __str__(self) -> str:
         return f"sample {self.name}"
 
     def run(self) -> None:
-        sample = self.dataset[self.index]
+        sample = with_field(self.dataset[self.index], around=self.around)
         predictions = self.perceiver.predict_by_task(sample)
         for task, prediction in predictions.by_task.items():
             write_prediction(self.places[task], sample, prediction)
@@ -217,6 +222,8 @@ def _claim(
     data: Path,
     out: Path,
     velodyne: Velodyne,
+    *,
+    around: bool | None,
 ) -> None:
     """Claims the whole folder, and each task's folder as `predict` does."""
     made_by = {
@@ -229,11 +236,13 @@ def _claim(
         "data": data_name(data),
         "velodyne": velodyne,
         "sightline": version("sightline"),
+        **around_entry(around=around),
         **made_by,
     }
     claims = [Claim(folder=out, settings=settings, results=(f"{LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():
-        claims += output_claims(find_task(name), predictor, places[name], data, velodyne)
+        task, chosen = find_task(name), around_entry(around=around)
+        claims += output_claims(task, predictor, places[name], data, velodyne, chosen=chosen)
     models = perceiver.join_models
     if models is not None:
         joined = {key: settings[key] for key in ("job", "data", "velodyne", "sightline")}

@@ -74,6 +74,9 @@ class CameraLidarSample:
     """Rotation from a tilted or rotated LiDAR's frame to the level frame: x along the camera's
     view, z up. None: the LiDAR's own frame is level. Predictors work in the level frame; their
     predictions are in the LiDAR's own frame, like points and labels."""
+    all_around: bool = False
+    """Whether 3D detection searches the whole turn of the LiDAR. False: the camera's view alone, as
+    for KITTI's frames."""
 
     def __post_init__(self) -> None:
         """Checks that all maps have one size."""
@@ -109,6 +112,7 @@ class CameraLidarSample:
         lidar_height_m: SupportsFloat | None = None,
         lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor | None = None,
         sample_id: str = "sample",
+        all_around: bool = False,
     ) -> "CameraLidarSample":
         """Creates a sample from your arrays; warns of doubtful input and of assumptions.
 
@@ -149,6 +153,8 @@ class CameraLidarSample:
                 pitch lowers its front. None: estimated from the road in the points, from 4 degrees
                 on, with a warning; hills and verges change single sweeps by some 3 degrees.
             sample_id: Name of the sample in errors.
+            all_around: Whether 3D detection searches the whole turn of the LiDAR, at four times the
+                work; else the camera's view alone.
 
         Raises:
             TypeError: The calibration or the name has another type.
@@ -178,6 +184,7 @@ class CameraLidarSample:
             level_from_lidar=None
             if level_from_lidar is None
             else torch.from_numpy(level_from_lidar),
+            all_around=all_around,
         )
 
 

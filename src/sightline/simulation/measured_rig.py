@@ -51,13 +51,8 @@ def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
     Raises:
         ValueError: No frame has enough points, or a number is beyond what can be simulated.
     """
-    positions = np.linspace(0, len(dataset) - 1, min(_FRAMES, len(dataset))).round().astype(int)
-    samples = [dataset[int(position)] for position in positions]
-    swept = [
-        sample
-        for sample in samples
-        if sample.points is not None and len(sample.points) >= _MIN_POINTS
-    ]
+    samples = spread_samples(dataset, _FRAMES)
+    swept = swept_samples(samples)
     if not swept:
         raise ValueError(
             f"none of {len(samples)} frames has {_MIN_POINTS} points, by which the LiDAR is "
@@ -68,16 +63,31 @@ def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
     if sample.lidar_height_m is None:
         notes.append(f"the LiDAR's height is not known: {KITTI_LIDAR_HEIGHT_M} m is assumed")
     try:
-        lidar, lidar_notes = _measure_lidar(swept, sample)
+        lidar, lidar_notes = measure_lidar(swept)
         rig = Rig(
             name=name,
-            camera=_measure_camera(sample),
+            camera=measure_camera(sample),
             lidar=lidar,
             source="measured from a recording",
         )
     except ValueError as error:
         raise ValueError(f"the rig cannot be simulated: {error}; {_REMEDY}") from error
     return MeasuredRig(rig=rig, notes=(*notes, *lidar_notes))
+
+
+def spread_samples(dataset: SampleDataset, number: int) -> list[CameraLidarSample]:
+    """Read up to `number` samples, evenly spread over a data set."""
+    positions = np.linspace(0, len(dataset) - 1, min(number, len(dataset))).round().astype(int)
+    return [dataset[int(position)] for position in positions]
+
+
+def swept_samples(samples: Sequence[CameraLidarSample]) -> list[CameraLidarSample]:
+    """Select the samples with enough points to measure their LiDAR."""
+    return [
+        sample
+        for sample in samples
+        if sample.points is not None and len(sample.points) >= _MIN_POINTS
+    ]
 
 
 def rig_text(rig: Rig) -> str:
@@ -115,8 +125,12 @@ def _lidar_height_m(sample: CameraLidarSample) -> float:
     return KITTI_LIDAR_HEIGHT_M if height_m is None else height_m
 
 
-def _measure_camera(sample: CameraLidarSample) -> CameraRig:
-    """Measure intrinsics, and the mount in the level frame, whose x axis lies along the view."""
+def measure_camera(sample: CameraLidarSample) -> CameraRig:
+    """Measure intrinsics, and the mount in the level frame, whose x axis lies along the view.
+
+    Raises:
+        ValueError: A number is beyond what can be simulated.
+    """
     projection = sample.calibration.image_from_camera.numpy()
     camera_from_lidar = sample.calibration.camera_from_lidar.numpy()
     camera_from_level = camera_from_lidar[:3, :3] @ _level_from_lidar(sample).T
@@ -137,9 +151,13 @@ def _measure_camera(sample: CameraLidarSample) -> CameraRig:
     )
 
 
-def _measure_lidar(
-    samples: Sequence[CameraLidarSample], middle: CameraLidarSample
-) -> tuple[LidarRig, tuple[str, ...]]:
+def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple[str, ...]]:
+    """Measure a LiDAR by some samples, its mount by the middle one; also returns assumptions.
+
+    Raises:
+        ValueError: No ring has enough points, or a number is beyond what can be simulated.
+    """
+    middle = samples[len(samples) // 2]
     sweeps = [sample.points.double().numpy() for sample in samples if sample.points is not None]
     ranges_m = np.concatenate([np.linalg.norm(sweep[:, :3], axis=1) for sweep in sweeps])
     reach_m = np.quantile(ranges_m, _FARTHEST_SHARE)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.adaptation.measured_rig import measure_rig, rig_text
 from sightline.data.open import open_dataset
 from sightline.simulation.generate import simulate
+from sightline.simulation.measured_rig import measure_rig, rig_text
 from sightline.simulation.rigs import named_rig, read_rig
 from sightline.simulation.settings import SimulationConfig
 
@@ -101,6 +101,6 @@ def test_without_points_or_height_it_says_what_is_missing(sample_of):
 
 
 def test_rings_of_too_few_points_are_refused_with_the_remedy(sample_of, monkeypatch):
-    monkeypatch.setattr("sightline.adaptation.measured_rig._MIN_RING_POINTS", 10**6)
+    monkeypatch.setattr("sightline.simulation.measured_rig._MIN_RING_POINTS", 10**6)
     with pytest.raises(ValueError, match=r"no ring of its LiDAR has 1000000 points; .*--rig"):
         measure_rig(Samples(sample_of("nuscenes")), "own")
