@@ -38,6 +38,7 @@ from sightline.cli.reproduce import (
     reproduce_two_stage,
 )
 from sightline.cli.robustness import robustness
+from sightline.cli.serve import serve
 from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
@@ -151,6 +152,7 @@ def _commands() -> dict[str, Any]:
         "import": import_command,
         "check": check,
         "show": show,
+        "serve": serve,
         "simulate": simulate_command(),
         "corrupt": corrupt,
         "health": health,

@@ -41,7 +41,7 @@ class Problem:
         return plain_line(f"{self.path}: {self.problem}; {self.remedy}")
 
 
-def install_command(extra: Literal["export", "pretrained", "ros", "viz"]) -> str:
+def install_command(extra: Literal["app", "export", "pretrained", "ros", "viz"]) -> str:
     """Format the command that installs the packages of an extra: Sightline is on no index."""
     return f"pip install '.[{extra}]', in the folder of Sightline's source"
 
