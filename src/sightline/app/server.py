@@ -4,7 +4,7 @@ import asyncio
 import json
 import mimetypes
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
-from contextlib import aclosing, asynccontextmanager, suppress
+from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -50,6 +50,7 @@ _PARTS_OF_FILES: Final[dict[str, PartName]] = {
     "depth": "depth-completion",
     "uncertainty": "depth-completion",
 }
+_CLOSING: Final[set["asyncio.Task[None]"]] = set()
 _STATIC: Final = files("sightline.app").joinpath("static")
 
 
@@ -206,7 +207,7 @@ class _Page:
 
 async def _until(
     events: AsyncGenerator[tuple[str, Any]], ended: asyncio.Event
-) -> AsyncIterator[tuple[str, Any]]:
+) -> AsyncGenerator[tuple[str, Any]]:
     """Yield events until there is none or a newer request has ended these."""
     end = asyncio.create_task(ended.wait())
     following = asyncio.ensure_future(anext(events))
@@ -224,9 +225,15 @@ async def _until(
     finally:
         end.cancel()
         following.cancel()
-        with suppress(asyncio.CancelledError, StopAsyncIteration):
-            await following
-        await events.aclose()
+        closing = asyncio.create_task(_close(events, following))
+        _CLOSING.add(closing)
+        closing.add_done_callback(_CLOSING.discard)
+
+
+async def _close(events: AsyncGenerator[Any], following: "asyncio.Future[Any]") -> None:
+    """Close a generator whose next event is no longer waited for."""
+    await asyncio.wait((following,))
+    await events.aclose()
 
 
 def _event(name: str, content: object) -> bytes:
