@@ -31,7 +31,8 @@ from sightline.tasks import find_task
 from sightline.visualization.colors import UNCERTAINTY_SCALE
 from sightline.visualization.depth import colorize_depth
 
-_Key, _Value = TypeVar("_Key"), TypeVar("_Value")
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
 PartName = Literal["scene", "health", "detection2d", "detection3d", "depth-completion", "joined"]
 
 _KEPT_SAMPLES: Final = 4

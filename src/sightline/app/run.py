@@ -56,6 +56,7 @@ def serve_page(
     settings = PageSettings(
         data=folder,
         dataset=dataset,
+        title="packaged frames" if data is None else data.resolve().name,
         workers=workers,
         engine=engine,
         hosts=LOOPBACK if host is None else _names(host),

@@ -60,6 +60,8 @@ class PageSettings:
 
     data: Path
     dataset: SampleDataset
+    title: str
+    """Name of the data on the page."""
     workers: int = 2
     engine: EngineChoice = "auto"
     hosts: tuple[str, ...] = ()
@@ -110,7 +112,7 @@ class _Page:
         del request
         return JSONResponse(
             {
-                "data": self._settings.data.name,
+                "data": self._settings.title,
                 "frames": list(self._frames),
                 "timeline": frames_shown(self._frames),
                 "kinds": [

@@ -45,4 +45,4 @@ async def health_along(
 
 
 def _health(judged: dict[str, Any] | None) -> Health | None:
-    return judged and Health(score=judged["score"], worst_check=judged["worst"])
+    return None if judged is None else Health(score=judged["score"], worst_check=judged["worst"])

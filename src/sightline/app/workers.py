@@ -6,6 +6,7 @@ import itertools
 import multiprocessing
 import pickle
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Final
@@ -38,6 +39,8 @@ class _Worker:
 
     process: BaseProcess
     channel: Connection
+    done: set[str] = field(default_factory=set)
+    """Parts that it has computed: it has their networks."""
 
 
 @dataclass(order=True, slots=True)
@@ -72,9 +75,10 @@ class Workers:
             ValueError: The data cannot be used, the queue is full, or the worker ended twice.
         """
         for _ in range(2):
-            worker = await self._turn(_URGENCY.get(task.part, _LATER))
+            worker = await self._turn(task.part)
+            worker.done.add(task.part)
             finished = asyncio.ensure_future(asyncio.to_thread(_ask, worker, task))
-            finished.add_done_callback(lambda done, used=worker: self._return(used, done))
+            finished.add_done_callback(partial(self._return, worker))
             answer = await asyncio.shield(finished)
             if isinstance(answer, Answer):
                 return answer
@@ -93,12 +97,16 @@ class Workers:
             worker.process.join(_PATIENCE_S)
             worker.process.kill()
 
-    async def _turn(self, urgency: int) -> _Worker:
+    async def _turn(self, part: str) -> _Worker:
         if self._idle:
-            return self._idle.pop(0)
+            known = [worker for worker in self._idle if part in worker.done]
+            worker = (known or self._idle)[0]
+            self._idle.remove(worker)
+            return worker
         if len(self._waiting) >= MAX_WAITING:
             raise BusyError(f"{MAX_WAITING} tasks wait already; try again in some seconds")
-        waiting = _Waiting(urgency, next(self._numbers), asyncio.get_running_loop().create_future())
+        turn = asyncio.get_running_loop().create_future()
+        waiting = _Waiting(_URGENCY.get(part, _LATER), next(self._numbers), turn)
         self._waiting.append(waiting)
         try:
             return await waiting.turn

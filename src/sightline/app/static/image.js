@@ -1,6 +1,6 @@
 // The camera's image with boxes, labels and gates on a canvas.
 
-import { EDGES, boxOf, corners, project } from "./geometry.js";
+import { EDGES, boxOf, corners, iou, project } from "./geometry.js";
 
 const WIDTH = 1242; // pixels of the canvas, whatever the camera's
 
@@ -15,6 +15,7 @@ export function drawImage(canvas, scene, side) {
   if (side.gate) drawGate(pen, side.gate, canvas);
   pen.lineJoin = "round";
   if (side.view.labels) drawLabels(pen, scene, scale);
+  const taken = [];
   for (const { object, id } of side.objects) {
     const color = `rgb(${(side.colors[object.class] ?? [235, 235, 235]).join(",")})`;
     const isSelected = id === side.selected;
@@ -22,14 +23,18 @@ export function drawImage(canvas, scene, side) {
     pen.globalAlpha = isFaded ? 0.45 : 1;
     const box = boxOf(object);
     if (side.view.projected && box) wire(pen, scene, box, color, scale, isSelected ? 3 : 1.5);
-    if (side.view.boxes2d && object.box_px) frame(pen, object, color, scale, isSelected);
+    if (side.view.boxes2d && object.box_px) frame(pen, object, color, scale, isSelected, taken);
     pen.globalAlpha = 1;
   }
 }
 
-function frame(pen, object, color, scale, isSelected) {
+// A 2D box; its text is left out where a surer object's stands.
+function frame(pen, object, color, scale, isSelected, taken) {
   const [left, top, right, bottom] = object.box_px.map((each) => each * scale);
   outlined(pen, color, isSelected ? 4 : 2.5, () => pen.rect(left, top, right - left, bottom - top));
+  const place = [left, top - 20, left + 110, top];
+  if (!isSelected && taken.some((each) => iou(each, place) > 0)) return;
+  taken.push(place);
   write(pen, `${object.class} ${object.score.toFixed(2)}`, left, top - 5, color);
 }
 

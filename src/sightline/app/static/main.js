@@ -64,7 +64,7 @@ async function askSide(name, query) {
   side.query = query;
   if (name === "broken") {
     document.body.dataset.busy = "true";
-    at("status").textContent = "breaking ...";
+    at("status").textContent = "asking ... (the first answer starts the networks)";
     showCommands(query, mine.abort.signal);
   }
   try {
@@ -127,7 +127,8 @@ function render() {
   const view = state.view;
   document.body.dataset.compare = isBroken(state) ? view.compare : "broken";
   const score = view.score;
-  const [sound, broken] = ["clean", "broken"].map((name) => found(shownSide(name).parts, score));
+  const broken = found(sides.broken.parts, score);
+  const sound = isBroken(state) ? found(sides.clean.parts, score) : broken;
   rows = pairUp(sound, broken);
   if (view.selected && !rows.some((each) => each.id === view.selected) && sound && broken) {
     view.selected = null;
@@ -161,7 +162,8 @@ function renderSide(name) {
   else if (part) picture.hidden = true;
   if (name !== "broken" || !side.scene) return;
   const { sensors } = side.scene;
-  at("image-note").textContent = sensors.camera ? "" : "the camera delivered nothing";
+  at("image-note").textContent = !sensors.camera ? "the camera delivered nothing"
+    : view.gates === "none" ? "" : `orange: the ${view.gates}'s features are used; dark: they are not`;
   at("cloud-note").textContent = sensors.lidar
     ? `${side.scene.num_points.toLocaleString("en")} points` : "the LiDAR delivered nothing";
   at("depth-note").textContent = depthNote(part, view.depth);

@@ -38,6 +38,7 @@ export function pairUp(cleanObjects, brokenObjects) {
   for (const index of free) {
     rows.push({ id: `b${index}`, clean: null, broken: brokenObjects[index], state: "new" });
   }
+  if (cleanObjects === brokenObjects) return rows.map((each) => ({ ...each, state: "found" }));
   if (!brokenObjects) return rows.map((each) => ({ ...each, state: "..." }));
   return cleanObjects ? rows : rows.map((each) => ({ ...each, state: "..." }));
 }
