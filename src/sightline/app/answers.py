@@ -2,12 +2,11 @@
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import AsyncGenerator, Hashable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Hashable
 from typing import Final, get_args
 
 from sightline.app.parts import Answer, PartName, Task
 from sightline.app.state import PageState
-from sightline.app.workers import Workers
 from sightline.joining.models import JOINED
 
 MAX_KEPT_BYTES: Final = 96 * 2**20
@@ -19,9 +18,16 @@ _DETECTORS: Final[tuple[PartName, PartName]] = ("detection2d", "detection3d")
 class Answers:
     """Parts of answers by state, the last used of them kept."""
 
-    def __init__(self, workers: Workers, max_bytes: int = MAX_KEPT_BYTES) -> None:
-        """Begin with none."""
-        self._workers = workers
+    def __init__(
+        self, compute: Callable[[Task], Awaitable[Answer]], max_bytes: int = MAX_KEPT_BYTES
+    ) -> None:
+        """Begin with none.
+
+        Args:
+            compute: Computes a part, such as `Workers.run`.
+            max_bytes: Most memory of kept answers.
+        """
+        self._compute = compute
         self._max_bytes = max_bytes
         self._kept: OrderedDict[Hashable, Answer] = OrderedDict()
         self._num_bytes = 0
@@ -31,7 +37,7 @@ class Answers:
         """Compute a part of the answer, or take the kept one.
 
         Raises:
-            ValueError: See `Workers.run`.
+            ValueError: From `compute`.
         """
         key = _key(name, state)
         if key in self._kept:
@@ -72,7 +78,7 @@ class Answers:
         if name == JOINED:
             image, sweep = await asyncio.gather(*(self.part(each, state) for each in _DETECTORS))
             found = (image.found, sweep.found)
-        return await self._workers.run(Task(part=name, state=state, found=found))
+        return await self._compute(Task(part=name, state=state, found=found))
 
     def _keep(self, key: Hashable, answer: Answer) -> None:
         self._kept[key] = answer

@@ -59,7 +59,7 @@ def _script(state: PageState, data: Path) -> str:
         for each, _ in _in_order(broken)
     )
     if broken.yaw_deg:
-        faults += f"sample = TurnedLidar(yaw_deg={broken.yaw_deg:g})(sample, fault_rng(sample))\n"
+        faults += f"sample = TurnedLidar(yaw_deg={broken.yaw_deg})(sample, fault_rng(sample))\n"
     return f"""import sightline
 from sightline.augmentation.faults import TurnedLidar, fault_rng
 from sightline.corruptions.kinds import find_kind

@@ -9,6 +9,7 @@ from pathlib import Path
 import uvicorn
 
 from sightline.app.guard import LOOPBACK
+from sightline.app.parts import PartMaker
 from sightline.app.server import PageSettings, make_app
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
@@ -58,7 +59,6 @@ def serve_page(
         dataset=dataset,
         title="packaged frames" if data is None else data.resolve().name,
         workers=workers,
-        engine=engine,
         hosts=LOOPBACK if host is None else _names(host),
         token=token,
     )
@@ -66,7 +66,11 @@ def serve_page(
     address = f"http://{_shown(host)}:{listening.getsockname()[1]}/"
     address += f"?token={token}" if token else ""
     config = uvicorn.Config(
-        make_app(settings), log_level="error", access_log=False, server_header=False, ws="none"
+        make_app(settings, PartMaker(dataset, folder, engine)),
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        ws="none",
     )
     with listening:
         announce(address)

@@ -34,7 +34,6 @@ from sightline.app.timeline import frames_shown, health_along
 from sightline.app.workers import Workers
 from sightline.corruptions.kinds import KINDS, SEVERITIES
 from sightline.data.open import SampleDataset
-from sightline.export.names import EngineChoice
 from sightline.files.problem import plain_line
 from sightline.structures.sample import SENSOR_FIELDS
 from sightline.tasks import find_task, task_names
@@ -63,20 +62,18 @@ class PageSettings:
     title: str
     """Name of the data on the page."""
     workers: int = 2
-    engine: EngineChoice = "auto"
     hosts: tuple[str, ...] = ()
     """Names by which the server may be called, without port."""
     token: str | None = None
 
 
-def make_app(settings: PageSettings) -> Starlette:
-    """Make the server's application; its worker processes live as long as it runs."""
+def make_app(settings: PageSettings, maker: PartMaker) -> Starlette:
+    """Make the server's application; its worker processes have copies of the maker."""
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        maker = PartMaker(settings.dataset, settings.data, settings.engine)
         workers = Workers(maker, settings.workers)
-        app.state.page = _Page(settings, Answers(workers), workers)
+        app.state.page = _Page(settings, Answers(workers.run), workers)
         try:
             yield
         finally:
@@ -273,7 +270,8 @@ def _fault(reason: str, status: int) -> Response:
 
 
 def _scale(scale: ColorScale) -> dict[str, object]:
-    """Colours of a scale for a legend: eight steps, and the marks in metres."""
+    """Colours of a scale for a legend, and its marks: metres and place from 0 to 1."""
     steps = scale.table[:: len(scale.table) // 16].tolist()
-    marks = [[mark, round(float(scale.positions(np.array(mark))), 4)] for mark in scale.ticks_m]
+    places = scale.positions(np.array(scale.ticks_m)).round(4).tolist()
+    marks = list(zip(scale.ticks_m, places, strict=True))
     return {"colors": steps, "marks": marks}

@@ -3,7 +3,7 @@
 import { EDGES, boxOf, corners, lookAt, multiply, perspective } from "./geometry.js";
 import { COLOURS } from "./state.js";
 
-const FIRST = [Math.PI, 0.36, 27, 13, 0, 0]; // azimuth, elevation [rad], distance, target [m]
+const FIRST = [Math.PI, 0.36, 25, 13, 0, -0.5]; // azimuth, elevation [rad], distance, target [m]
 const POINTS = `#version 300 es
 in vec3 steps; in float reflectance; in float fault;
 uniform mat4 clip; uniform mat4 pixel; uniform float metres; uniform float size;

@@ -64,7 +64,7 @@ async function askSide(name, query) {
   side.query = query;
   if (name === "broken") {
     document.body.dataset.busy = "true";
-    at("status").textContent = "asking ... (the first answer starts the networks)";
+    at("status").textContent = "asking ... (the first answer starts the networks: seconds, once minutes)";
     showCommands(query, mine.abort.signal);
   }
   try {
