@@ -39,6 +39,7 @@ from sightline.cli.reproduce import (
     reproduce_two_stage,
 )
 from sightline.cli.robustness import robustness
+from sightline.cli.serve import serve
 from sightline.cli.sharding import shard, unshard
 from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
@@ -148,6 +149,7 @@ def _commands() -> dict[str, Any]:
         "shard": shard,
         "unshard": unshard,
         "show": show,
+        "serve": serve,
         "simulate": simulate_command(),
         "corrupt": corrupt,
         "health": health,

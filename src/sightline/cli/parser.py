@@ -28,7 +28,7 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
 }
 """Options with several values: their type, and their number if it is fixed."""
 
-_MAY_BE_LEFT_OUT = ("--out-folder",)
+_MAY_BE_LEFT_OUT = {"--out-folder": "out_folder", "--data": "data"}
 """Optional positional arguments; commands that need them check them themselves."""
 _SEVERAL = ("frames",)
 """Positional arguments with one or more values."""
@@ -104,7 +104,7 @@ class OneLineParser(jsonargparse.ArgumentParser):
         if dashed[0] in _LISTS:
             settings["action"] = _ValueList
         if dashed[0] in _MAY_BE_LEFT_OUT:
-            dashed, settings["nargs"] = ["out_folder"], "?"
+            dashed, settings["nargs"] = [_MAY_BE_LEFT_OUT[dashed[0]]], "?"
         if dashed[0] in _SEVERAL:
             settings |= {"action": "store", "type": str, "nargs": "+"}
         if dashed[0] in _SHORT:

@@ -1,0 +1,1 @@
+"""Page in the browser on which sensors are broken and predictions watched (`sightline serve`)."""

@@ -1,0 +1,74 @@
+"""Samples with the faults of a page's state, and commands that make the same."""
+
+import shlex
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from sightline.app.state import Breakage, FaultChoice, PageState
+from sightline.augmentation.faults import TurnedLidar, fault_rng
+from sightline.corruptions.corruption import Corruption
+from sightline.corruptions.kinds import find_kind
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.open import SampleDataset
+from sightline.structures.sample import CameraLidarSample
+
+_LIST: Final = "frame.txt"
+
+
+def break_sample(sample: CameraLidarSample, broken: Breakage) -> CameraLidarSample:
+    """Apply the faults: the camera's first, as they may use the sound sweep, then the LiDAR's.
+
+    Each fault draws as in `sightline corrupt --suite KIND --seed SEED`; the yaw comes last.
+    """
+    for fault, corruption in _in_order(broken):
+        sample = corruption(sample, fault_rng(sample, fault.seed, fault.kind))
+    if broken.yaw_deg and sample.points is not None:
+        turned = TurnedLidar(yaw_deg=broken.yaw_deg)
+        sample = turned(sample, np.random.default_rng(0))  # draws nothing
+    return sample
+
+
+def reproducing_commands(state: PageState, data: Path, dataset: SampleDataset) -> str:
+    """Write commands that give the same predictions: of the shell, else a script in Python.
+
+    `corrupt` writes object trees alone, and no command turns a LiDAR by a given angle.
+    """
+    is_sound = not state.broken.faults and not state.broken.yaw_deg
+    if state.broken.yaw_deg or not (is_sound or isinstance(dataset, KittiObjectDataset)):
+        return _script(state, data)
+    folder, lines = str(data), [f"printf '%s\\n' {shlex.quote(state.broken.frame)} > {_LIST}"]
+    for number, (fault, _) in enumerate(_in_order(state.broken), 1):
+        case = f"{fault.kind}-{fault.severity}"
+        lines.append(
+            f"sightline corrupt {shlex.quote(folder)} broken{number} --suite {fault.kind} "
+            f"--cases {case} --seed {fault.seed} --sample-list {_LIST}"
+        )
+        folder = f"broken{number}/{case}"
+    weights = " ".join(f"--{task} {shlex.quote(chosen)}" for task, chosen in state.weights)
+    lines.append(f"sightline perceive {shlex.quote(folder)} found --sample-list {_LIST} {weights}")
+    return "\n".join(lines)
+
+
+def _script(state: PageState, data: Path) -> str:
+    broken = state.broken
+    faults = "".join(
+        f'sample = find_kind("{each.kind}").at({each.severity})'
+        f'(sample, fault_rng(sample, {each.seed}, "{each.kind}"))\n'
+        for each, _ in _in_order(broken)
+    )
+    if broken.yaw_deg:
+        faults += f"sample = TurnedLidar(yaw_deg={broken.yaw_deg})(sample, fault_rng(sample))\n"
+    return f"""import sightline
+from sightline.augmentation.faults import TurnedLidar, fault_rng
+from sightline.corruptions.kinds import find_kind
+
+sample = sightline.open_dataset({str(data)!r}, sample_list=[{broken.frame!r}])[0]
+{faults}perceiver = sightline.MultiTaskPredictor.load({dict(state.weights)!r})
+print(perceiver(sample).to_json())"""
+
+
+def _in_order(broken: Breakage) -> list[tuple[FaultChoice, Corruption]]:
+    chosen = [(each, find_kind(each.kind).at(each.severity)) for each in broken.faults]
+    return sorted(chosen, key=lambda pair: "lidar" in pair[1].sensors)

@@ -1,0 +1,112 @@
+"""The page's server from opening the data to its end."""
+
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+
+from sightline.app.guard import LOOPBACK
+from sightline.app.parts import PartMaker
+from sightline.app.server import PageSettings, make_app
+from sightline.data.kitti_trees import Velodyne
+from sightline.data.open import open_dataset
+from sightline.export.names import EngineChoice
+from sightline.jobs.run import check_workers
+from sightline.simulation.packaged import PACKAGED_FRAMES
+
+
+def serve_page(
+    data: Path | None,
+    *,
+    host: str | None,
+    port: int,
+    browser: bool,
+    workers: int,
+    velodyne: Velodyne | None,
+    engine: EngineChoice,
+    announce: Callable[[str], None],
+) -> None:
+    """Serve the page until Ctrl-C.
+
+    Args:
+        data: Folder of the data set; None: the packaged frames.
+        host: Address to listen on, for other machines, too; None: only this machine.
+        port: Port; 0: any free one.
+        browser: Whether to open the browser.
+        workers: Number of worker processes.
+        velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
+        engine: Engine of the networks.
+        announce: Called with the page's address.
+
+    Raises:
+        ValueError: The data cannot be opened, or the server cannot listen there.
+    """
+    check_workers(workers)
+    if not 0 <= port <= 65535:
+        raise ValueError(f"--port must be from 0 to 65535, got {port}; give 8000, or 0 for any")
+    folder = data or PACKAGED_FRAMES
+    dataset = open_dataset(
+        folder, velodyne=velodyne, parts=("image", "points", "objects"), needs=()
+    )
+    if not len(dataset):
+        raise ValueError(f"{folder} has no frames; give a folder of a data set with some")
+    token = None if host is None else secrets.token_urlsafe(24)
+    settings = PageSettings(
+        data=folder,
+        dataset=dataset,
+        title="packaged frames" if data is None else data.resolve().name,
+        workers=workers,
+        hosts=LOOPBACK if host is None else _names(host),
+        token=token,
+    )
+    listening = _listen(host or LOOPBACK[0], port)
+    address = f"http://{_shown(host)}:{listening.getsockname()[1]}/"
+    address += f"?token={token}" if token else ""
+    config = uvicorn.Config(
+        make_app(settings, PartMaker(dataset, folder, engine)),
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        ws="none",
+    )
+    with listening:
+        announce(address)
+        if browser:
+            webbrowser.open(address)
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def _names(host: str) -> tuple[str, ...]:
+    """Names by which browsers may call a server on an address; any address: also this machine's."""
+    if host in ("0.0.0.0", "::"):  # noqa: S104 - asked for by --host
+        own = socket.gethostname().lower()
+        addresses = {each[4][0] for each in socket.getaddrinfo(own, None)}
+        return (*LOOPBACK, own, *(_bracketed(str(each)) for each in addresses))
+    return (*LOOPBACK, _bracketed(host.lower()))
+
+
+def _shown(host: str | None) -> str:
+    if host is None:
+        return LOOPBACK[0]
+    if host in ("0.0.0.0", "::"):  # noqa: S104 - asked for by --host
+        return socket.gethostname()
+    return _bracketed(host)
+
+
+def _bracketed(address: str) -> str:
+    return f"[{address}]" if ":" in address else address
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    try:
+        return socket.create_server(
+            (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+        )
+    except OSError as error:
+        raise ValueError(
+            f"the page cannot be served on {host}, port {port}: "
+            f"{(error.strerror or str(error)).lower()}; give another --port, or 0 for any"
+        ) from error

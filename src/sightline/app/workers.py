@@ -1,0 +1,185 @@
+"""Worker processes that compute parts of answers, the most urgent first; a dead one is replaced."""
+
+import asyncio
+import contextlib
+import itertools
+import multiprocessing
+import pickle
+from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Final
+
+from sightline.app.parts import Answer, PartMaker, Task
+from sightline.files.problem import memory_fault, plain_line
+from sightline.jobs.pool import holding_signals, ignore_interrupts, one_blas_thread
+
+MAX_WAITING: Final = 64
+"""Most tasks that wait for a worker."""
+
+_PATIENCE_S: Final = 2.0
+_URGENCY: Final = {"scene": 0, "joined": 1, "detection2d": 2, "detection3d": 3}
+_LATER: Final = 4
+_STARTS: Final = multiprocessing.get_context("forkserver")
+_STARTS.set_forkserver_preload(["sightline.app.parts"])
+
+
+class WorkerLostError(ValueError):
+    """Error of a task whose worker ended twice."""
+
+
+class BusyError(ValueError):
+    """Error of a task for which there is no place in the queue."""
+
+
+@dataclass(eq=False, slots=True)
+class _Worker:
+    """Process with its channel."""
+
+    process: BaseProcess
+    channel: Connection
+    done: set[str] = field(default_factory=set)
+    """Parts that it has computed: it has their networks."""
+
+
+@dataclass(order=True, slots=True)
+class _Waiting:
+    """Task that waits for a worker, ordered by urgency."""
+
+    urgency: int
+    number: int
+    turn: "asyncio.Future[_Worker]" = field(compare=False)
+
+
+class Workers:
+    """Processes that run one task at a time each; to be used in one event loop.
+
+    A task whose caller is cancelled leaves the queue; one that already runs is finished, and its
+    answer dropped.
+    """
+
+    def __init__(self, maker: PartMaker, count: int) -> None:
+        """Start the processes."""
+        self._maker = maker
+        self._idle = [self._started() for _ in range(count)]
+        self._waiting: list[_Waiting] = []
+        self._numbers = itertools.count()
+        self.all = list(self._idle)
+        self.num_replaced = 0
+
+    async def run(self, task: Task) -> Answer:
+        """Compute a part, a second time if its worker is ended from outside.
+
+        Raises:
+            ValueError: The data cannot be used, the queue is full, or the worker ended twice.
+        """
+        for _ in range(2):
+            worker = await self._turn(task.part)
+            worker.done.add(task.part)
+            finished = asyncio.ensure_future(asyncio.to_thread(_ask, worker, task))
+            finished.add_done_callback(partial(self._return, worker))
+            answer = await asyncio.shield(finished)
+            if isinstance(answer, Answer):
+                return answer
+            if isinstance(answer, str):
+                raise ValueError(answer)
+        raise WorkerLostError(
+            "a worker process was ended from outside twice; where memory ran out, use --workers 1"
+        )
+
+    def close(self) -> None:
+        """End the processes, by force if necessary."""
+        for worker in self.all:
+            with contextlib.suppress(OSError):
+                worker.channel.send_bytes(b"")
+        for worker in self.all:
+            worker.process.join(_PATIENCE_S)
+            worker.process.kill()
+
+    async def _turn(self, part: str) -> _Worker:
+        if self._idle:
+            known = [worker for worker in self._idle if part in worker.done]
+            worker = (known or self._idle)[0]
+            self._idle.remove(worker)
+            return worker
+        if len(self._waiting) >= MAX_WAITING:
+            raise BusyError(f"{MAX_WAITING} tasks wait already; try again in some seconds")
+        turn = asyncio.get_running_loop().create_future()
+        waiting = _Waiting(_URGENCY.get(part, _LATER), next(self._numbers), turn)
+        self._waiting.append(waiting)
+        try:
+            return await waiting.turn
+        except asyncio.CancelledError:
+            if waiting in self._waiting:
+                self._waiting.remove(waiting)
+            elif waiting.turn.done() and not waiting.turn.cancelled():
+                self._hand_on(waiting.turn.result())
+            raise
+
+    def _return(self, worker: _Worker, done: "asyncio.Future[Answer | str | None]") -> None:
+        is_lost = done.cancelled() or done.exception() is not None or done.result() is None
+        if is_lost:
+            worker.process.kill()
+            self.all.remove(worker)
+            worker = self._started()
+            self.all.append(worker)
+            self.num_replaced += 1
+        self._hand_on(worker)
+
+    def _hand_on(self, worker: _Worker) -> None:
+        while self._waiting:
+            first = min(self._waiting)
+            self._waiting.remove(first)
+            if not first.turn.done():
+                first.turn.set_result(worker)
+                return
+        self._idle.append(worker)
+
+    def _started(self) -> _Worker:
+        own_end, worker_end = _STARTS.Pipe()
+        process = _STARTS.Process(target=_work, args=(self._maker, worker_end), daemon=True)
+        with holding_signals():
+            process.start()
+        worker_end.close()
+        return _Worker(process, own_end)
+
+
+def _ask(worker: _Worker, task: Task) -> Answer | str | None:
+    """Have a worker compute a part: the answer, an error's text, or None if the worker ended."""
+    try:
+        worker.channel.send_bytes(pickle.dumps(task))
+        answer: Answer | str = pickle.loads(worker.channel.recv_bytes())  # noqa: S301 - own worker
+    except (EOFError, OSError):
+        return None
+    return answer
+
+
+def _work(maker: PartMaker, channel: Connection) -> None:
+    """Compute the tasks that come through the channel, until an empty one or the parent's end."""
+    import cv2
+    import torch
+
+    ignore_interrupts()
+    cv2.setNumThreads(0)
+    one_blas_thread()
+    torch.set_num_threads(1)
+    parent = multiprocessing.parent_process()
+    assert parent is not None, "a worker has a parent"
+    with contextlib.suppress(EOFError, OSError):
+        while parent.sentinel not in wait([channel, parent.sentinel]):
+            data = channel.recv_bytes()
+            if not data:
+                return
+            channel.send_bytes(pickle.dumps(_outcome(maker, pickle.loads(data))))  # noqa: S301
+
+
+def _outcome(maker: PartMaker, task: Task) -> Answer | str:
+    try:
+        return maker.make(task)
+    except Exception as error:
+        if isinstance(error, (ValueError, OSError)):
+            return plain_line(str(error))
+        if (fault := memory_fault(error)) is None:
+            raise
+        return fault

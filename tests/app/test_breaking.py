@@ -1,0 +1,84 @@
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from sightline.app.breaking import break_sample, reproducing_commands
+from sightline.app.state import Breakage, FaultChoice, parse_state
+from sightline.augmentation.faults import fault_rng
+from sightline.corruptions.kinds import find_kind
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.app.makers import dataset
+
+FRAMES = ("000000", "000001")
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return dataset()[0]
+
+
+def test_sound_sensors_stay_as_they_are(sample):
+    assert break_sample(sample, Breakage("000000")) is sample
+
+
+def test_a_fault_is_the_library_s_with_its_seed(sample):
+    broken = break_sample(sample, Breakage("000000", (FaultChoice("lidar_beams", 4, 3),)))
+    expected = find_kind("lidar_beams").at(4)(sample, fault_rng(sample, 3, "lidar_beams"))
+    assert torch.equal(broken.points, expected.points)
+    other = break_sample(sample, Breakage("000000", (FaultChoice("lidar_beams", 4, 4),)))
+    assert not torch.equal(broken.points, other.points)
+
+
+def test_the_camera_s_faults_come_first_in_any_order_so_that_fog_sees_the_sound_sweep(sample):
+    fog, blank = FaultChoice("camera_fog", 3, 0), FaultChoice("lidar_blank", 5, 0)
+    one, other = (
+        break_sample(sample, Breakage("000000", faults)) for faults in ((fog, blank), (blank, fog))
+    )
+    assert torch.equal(one.image, other.image)
+    assert len(one.points) == 0
+
+
+def test_the_yaw_turns_the_points_counter_clockwise(sample):
+    broken = break_sample(sample, Breakage("000000", (), 90.0))
+    expected = torch.stack((-sample.points[:, 1], sample.points[:, 0]), dim=1)
+    assert torch.allclose(broken.points[:, :2], expected, atol=1e-4)
+    assert torch.equal(broken.image, sample.image)
+
+
+def test_the_commands_of_an_object_tree_make_the_same_sensors(tmp_path, sample):
+    state = parse_state("fault=lidar_beams.4.7&fault=camera_jpeg.2.1", FRAMES)
+    lines = reproducing_commands(state, PACKAGED_FRAMES, dataset()).splitlines()
+    assert lines[0] == "printf '%s\\n' 000000 > frame.txt"
+    (tmp_path / "frame.txt").write_text("000000\n")
+    for line in lines[1:-1]:
+        words = shlex.split(line)
+        assert words[:2] == ["sightline", "corrupt"]
+        subprocess.run([sys.executable, "-m", *words], cwd=tmp_path, check=True)
+    words = shlex.split(lines[-1])
+    assert words[:2] == ["sightline", "perceive"]
+    assert words[words.index("--detection2d") + 1] == "detection2d-fast-cpu"
+    made = dataset(tmp_path / words[2])[0]
+    expected = break_sample(sample, state.broken)
+    assert torch.equal(made.points, expected.points)
+    assert np.array_equal(made.image, expected.image)
+
+
+def test_what_no_command_makes_is_a_script_that_runs_to_the_same_sensors(sample):
+    state = parse_state("yaw=3&fault=lidar_fog.2.5", FRAMES)
+    script = reproducing_commands(state, PACKAGED_FRAMES, dataset())
+    before, _, rest = script.partition("perceiver = ")
+    assert "detection3d-fast-cpu" in rest
+    made: dict = {}
+    exec(before, made)
+    assert torch.equal(made["sample"].points, break_sample(sample, state.broken).points)
+
+
+def test_names_with_blanks_and_quotes_are_quoted_for_the_shell():
+    state = parse_state("", FRAMES)
+    text = reproducing_commands(state, Path("my 'data'; rm -rf x"), dataset())
+    assert shlex.split(text.splitlines()[-1])[2] == "my 'data'; rm -rf x"

@@ -1,0 +1,312 @@
+"""The page in a real browser: headless Chromium by playwright, where both are installed."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from sightline.simulation.packaged import PACKAGED_FRAMES
+
+AXE = Path(__file__).with_name("axe.min.js")
+PATIENCE_MS = 600_000  # machines may be busy: the networks are converted, and graphics computed
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+# Names of the objects of the first frame are in tests of predictors; here it counts that there are.
+SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader", "--disable-background-networking")  # fmt: skip
+DARK_OF_256 = 12
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+if CHROMIUM is None:
+    pytest.skip("there is no Chromium; apt-get install chromium", allow_module_level=True)
+
+
+def serving(data):
+    command = [sys.executable, "-m", "sightline", "serve", *data, "--no-browser", "--port", "0"]
+    return subprocess.Popen(
+        [*command, "--engine", "torch"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+
+
+@pytest.fixture(scope="module")
+def address():
+    with serving([]) as server:
+        yield re.match(r"http://127\.0\.0\.1:\d+/", server.stdout.readline()).group()
+        server.terminate()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE))
+        yield chromium
+        chromium.close()
+
+
+class Shown:
+    """A page that is shown, with what it asked for and complained of."""
+
+    def __init__(self, browser, address, query="", width=1280, scheme="dark"):
+        self.context = browser.new_context(
+            viewport={"width": width, "height": 844}, color_scheme=scheme, accept_downloads=True
+        )
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.hosts, self.complaints, self.dropped = set(), [], []
+        self.page.on("request", lambda each: self.hosts.add(urlsplit(each.url).netloc))
+        self.page.on("requestfailed", lambda each: self.dropped.append(each.url))
+        self.page.on("pageerror", lambda each: self.complaints.append(str(each)))
+        self.page.on("console", self._hear)
+        self.page.goto(f"{address}?{query}")
+        self.settle()
+
+    def _hear(self, message):
+        if message.type == "error":
+            self.complaints.append(message.text)
+
+    def settle(self):
+        self.page.wait_for_timeout(50)
+        self.page.wait_for_selector("body[data-busy=false]")
+
+    @property
+    def link(self):
+        return parse_qs(urlsplit(self.page.url).query)
+
+    def slide(self, name, value):
+        self.page.locator(f"#{name}").fill(str(value))
+        self.settle()
+
+    def num_colors(self, name):
+        """Colours of a canvas, 16 levels a channel, each of more than three pixels."""
+        return self.page.evaluate(
+            """(id) => {
+              const seen = document.getElementById(id);
+              const copy = new OffscreenCanvas(seen.width, seen.height).getContext("2d");
+              copy.drawImage(seen, 0, 0);
+              const { data } = copy.getImageData(0, 0, seen.width, seen.height);
+              const counts = new Map();
+              for (let k = 0; k < data.length; k += 4) {
+                const key = (data[k] >> 4) * 256 + (data[k + 1] >> 4) * 16 + (data[k + 2] >> 4);
+                counts.set(key, (counts.get(key) ?? 0) + 1);
+              }
+              return [...counts.values()].filter((count) => count > 3).length;
+            }""",
+            name,
+        )
+
+    def mean_level(self, name):
+        return self.page.evaluate(
+            """(id) => {
+              const seen = document.getElementById(id);
+              const { data } = seen.getContext("2d").getImageData(0, 0, seen.width, 60);
+              let sum = 0;
+              for (let k = 0; k < data.length; k += 4) sum += data[k + 1];
+              return (4 * sum) / data.length;
+            }""",
+            name,
+        )
+
+
+@pytest.fixture
+def show(browser, address):
+    shown = []
+
+    def open_page(*given, **settings):
+        shown.append(Shown(browser, address, *given, **settings))
+        return shown[-1]
+
+    yield open_page
+    for each in shown:
+        assert each.complaints == []
+        assert each.hosts == {urlsplit(address).netloc}  # nothing from another host
+        each.context.close()
+
+
+def test_sound_sensors_show_objects_points_depth_and_health(show):
+    shown = show()
+    page = shown.page
+    assert page.locator("#objects tr").count() >= 3
+    assert {each.inner_text() for each in page.locator("#objects td.found").all()} == {"found"}
+    assert shown.num_colors("image-broken") > 100
+    assert shown.num_colors("cloud") > 20
+    assert page.locator("#depth-broken").is_visible()
+    assert not page.locator("#image-clean").is_visible()
+    assert "ok" in page.locator("#health").inner_text()
+    assert page.locator("#notice").is_hidden()
+    assert "sightline perceive" in page.locator("#commands").inner_text()
+
+
+def test_a_blank_camera_is_seen_noticed_and_kept_in_the_link(show):
+    shown = show()
+    shown.page.get_by_role("button", name="Camera blank").click()
+    shown.settle()
+    shown.page.wait_for_selector(".alarm")
+    assert shown.link["fault"] == ["camera_blank.5.0"]
+    assert shown.mean_level("image-broken") < DARK_OF_256 < shown.mean_level("image-clean")
+    assert "covered" in shown.page.locator("#health").inner_text()
+    assert shown.page.locator("#objects td.kept").count() >= 1
+    again = show(urlsplit(shown.page.url).query)
+    assert again.link == shown.link
+    assert again.mean_level("image-broken") < DARK_OF_256
+
+
+def test_each_control_changes_the_link_and_each_is_restored_from_it(show):
+    shown = show()
+    page = shown.page
+    page.get_by_role("button", name="Next frame").click()
+    page.get_by_role("button", name="Add a fault").click()
+    page.get_by_label("Kind of fault").select_option("camera_jpeg")
+    page.get_by_label("Severity").fill("2")
+    page.get_by_label("Seed").fill("5")
+    page.get_by_label("Seed").press("Tab")
+    shown.slide("beams", 4)
+    shown.slide("yaw", -1.5)
+    shown.slide("score", 0.5)
+    page.get_by_label("own", exact=True).check()
+    page.locator("#weights-depth-completion").select_option("nearest")
+    for name in ("2D boxes", "3D boxes in the image", "labels of the data", "view follows"):
+        page.get_by_label(name).click()
+    for name, value in {"gates": "lidar", "colour": "range", "depth": "uncertainty"}.items():
+        page.locator(f"#{name}").select_option(value)
+    page.get_by_label("clean", exact=True).check()
+    page.get_by_role("button", name="Light").click()
+    shown.settle()
+    expected = {
+        "frame": ["000001"],
+        "fault": ["camera_jpeg.2.5", "lidar_beams.4.0"],
+        "yaw": ["-1.5"],
+        "depth-completion": ["nearest"],
+        "score": ["0.5"],
+        "compare": ["clean"],
+        "boxes2d": ["0"],
+        "projected": ["0"],
+        "labels": ["1"],
+        "follow": ["1"],
+        "gates": ["lidar"],
+        "colour": ["range"],
+        "depth": ["uncertainty"],
+        "theme": ["light"],
+    }
+    assert shown.link == expected
+    again = show(urlsplit(page.url).query)
+    assert again.link == expected
+    assert again.page.locator("#beams-out").inner_text() == "8 of 64"
+    assert again.page.locator("html").get_attribute("data-theme") == "light"
+    again.page.get_by_role("button", name="Remove this fault").first.click()
+    again.settle()
+    assert again.link["fault"] == ["lidar_beams.4.0"]
+
+
+def test_everything_can_be_done_by_keys(show):
+    shown = show()
+    page = shown.page
+    page.locator("main").focus()
+    for key in (".", "c", "l", "g", "3", "n"):
+        page.keyboard.press(key)
+    shown.settle()
+    expected = {
+        "frame": ["000001"],
+        "compare": ["broken"],
+        "labels": ["1"],
+        "gates": ["camera"],
+        "colour": ["reflectance"],
+        "selected": ["c0"],
+    }
+    assert {name: shown.link.get(name) for name in expected} == expected
+    assert page.locator("tr[data-selected=true]").count() == 1
+    page.keyboard.press("Escape")
+    assert "selected" not in shown.link
+    page.locator("#cloud").focus()
+    for key in ("ArrowLeft", "Shift+ArrowUp", "+"):
+        page.keyboard.press(key)
+    assert len(shown.link["camera"][0].split(",")) == 6
+
+
+def test_a_selected_object_is_selected_in_all_views(show):
+    shown = show("compare=broken")
+    before = shown.page.evaluate("document.getElementById('image-broken').toDataURL()")
+    shown.page.locator("#objects button").first.click()
+    assert shown.link["selected"] == ["c0"]
+    after = shown.page.evaluate("document.getElementById('image-broken').toDataURL()")
+    assert before != after
+    assert shown.page.locator("#objects button").first.get_attribute("aria-pressed") == "true"
+
+
+def test_a_newer_request_cancels_the_older_and_the_last_state_is_shown(show):
+    shown = show()
+    for value in (0.5, 1.0, 1.5, 2.0):
+        shown.page.locator("#yaw").fill(str(value))
+    shown.settle()
+    assert any("api/answers" in url and "yaw=0.5" in url for url in shown.dropped)
+    assert not any("yaw=2&" in url for url in shown.dropped)
+    assert "turned" in shown.page.locator("#health").inner_text()
+
+
+def test_the_drive_is_played_and_judged(show):
+    shown = show()
+    shown.page.get_by_role("button", name="Play").click()
+    shown.page.wait_for_url("**frame=000001*")
+    shown.settle()
+    before = shown.num_colors("timeline")
+    shown.page.get_by_role("button", name="Judge all frames").click()
+    shown.page.wait_for_timeout(3000)
+    assert shown.num_colors("timeline") >= before > 2
+
+
+def test_what_is_seen_is_saved_as_png_and_as_a_line_of_json(show, tmp_path):
+    shown = show("fault=lidar_blank.5.0")
+    for name in ("PNG", "JSON"):
+        with shown.page.expect_download() as saved:
+            shown.page.get_by_role("button", name=f"Save {name}").click()
+        saved.value.save_as(tmp_path / saved.value.suggested_filename)
+    assert (tmp_path / "sightline-000000.png").read_bytes()[:4] == b"\x89PNG"
+    line = json.loads((tmp_path / "sightline-000000.json").read_text())
+    assert line["faults"] == [{"kind": "lidar_blank", "severity": 5, "seed": 0}]
+    assert line["num_points"] == 0
+    assert line["tasks"]["detection2d"] == {"by": "detection2d-fast-cpu"}
+    assert {"class", "score", "box_px", "box_3d", "support"} == line["objects"][0].keys()
+
+
+def test_a_damaged_frame_is_told_in_one_line_and_the_next_one_is_shown(browser, tmp_path):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    with serving([str(tmp_path / "tree")]) as server:
+        address = server.stdout.readline().split()[0]
+        (tmp_path / "tree/training/velodyne/000001.bin").write_bytes(b"123")
+        shown = Shown(browser, address, "frame=000001")
+        notice = shown.page.locator("#notice")
+        assert "000001.bin" in notice.inner_text()
+        assert "\n" not in notice.inner_text()
+        shown.page.get_by_role("button", name="Previous frame").click()
+        shown.settle()
+        assert notice.is_hidden()
+        assert shown.page.locator("#objects tr").count() >= 3
+        shown.context.close()
+        server.terminate()
+
+
+def test_a_phone_shows_all_without_scrolling_aside(show):
+    shown = show(width=390)
+    assert shown.page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert shown.page.locator("#image-broken").bounding_box()["y"] < 300
+    assert shown.num_colors("cloud") > 10
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_axe_finds_nothing_serious(show, scheme):
+    shown = show("fault=camera_fog.3.0", scheme=scheme)
+    shown.page.evaluate(AXE.read_text())
+    found = shown.page.evaluate("axe.run()")
+    serious = [
+        (each["id"], [node["html"][:120] for node in each["nodes"]])
+        for each in found["violations"]
+        if each["impact"] in ("serious", "critical")
+    ]
+    assert serious == []

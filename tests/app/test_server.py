@@ -1,0 +1,156 @@
+import json
+import shutil
+import struct
+
+import cv2
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from sightline.app.guard import HEADERS
+from sightline.app.server import make_app
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.app.makers import QuickMaker, dataset, settings
+
+
+def client_of(folder=PACKAGED_FRAMES, **changes):
+    maker = QuickMaker(dataset(folder), folder, "torch")
+    return TestClient(make_app(settings(folder, **changes), maker))
+
+
+@pytest.fixture(scope="module")
+def client():
+    with client_of() as client:
+        yield client
+
+
+def events_of(response):
+    blocks = response.text.strip().split("\n\n")
+    pairs = [block.split("\n") for block in blocks]
+    return [(name[len("event: ") :], json.loads(data[len("data: ") :])) for name, data in pairs]
+
+
+def test_the_page_and_its_files_come_from_the_package_with_strict_headers(client):
+    page = client.get("/")
+    assert page.status_code == 200
+    assert page.headers["content-type"].startswith("text/html")
+    for name, value in HEADERS.items():
+        assert page.headers[name] == value
+    assert "default-src 'self'" in page.headers["content-security-policy"]
+    script = client.get("/static/main.js")
+    assert script.headers["content-type"].startswith("text/javascript")
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/static/../server.py", "/static/%2e%2e%2fserver.py", "/static/__init__.py", "/api/file/x"],
+)
+def test_there_are_no_other_files(client, path):
+    assert client.get(path).status_code == 404
+
+
+def test_the_page_is_light(client):
+    names = ("main", "api", "cloud", "controls", "drive", "exporting", "geometry", "image",
+             "objects", "state")  # fmt: skip
+    weight = len(client.get("/").content) + len(client.get("/static/page.css").content)
+    weight += sum(len(client.get(f"/static/{name}.js").content) for name in names)
+    assert weight < 400_000
+
+
+def test_setup_lists_frames_kinds_and_weights(client):
+    setup = client.get("/api/setup").json()
+    assert setup["frames"] == ["000000", "000001"]
+    assert len(setup["kinds"]) == 34
+    assert setup["kinds"][0]["levels"][4] == "chance of a picture to be lost 1"
+    assert setup["tasks"]["detection2d"] == ["detection2d-best", "detection2d-fast-cpu", "none"]
+    assert setup["best"]["detection3d"] == "detection3d-best"
+
+
+def test_the_picture_of_a_fault_is_a_jpeg_and_points_of_eight_bytes_zipped(client):
+    image = client.get("/api/file/image?fault=camera_blank.5.0")
+    pixels = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
+    assert pixels.shape == (375, 1242, 3)
+    assert pixels.max() == 0
+    points = client.get("/api/file/points?fault=lidar_beams.4.0")
+    assert points.headers["content-encoding"] == "gzip"
+    (count,) = struct.unpack_from("<I", points.content)
+    assert len(points.content) == 8 + 8 * count
+    scene = client.get("/api/scene?fault=lidar_beams.4.0").json()
+    assert scene["num_points"] == count < client.get("/api/scene").json()["num_points"]
+    assert scene["sensors"] == {"camera": True, "lidar": True}
+
+
+def test_all_parts_come_as_events_and_then_the_end(client):
+    response = client.get("/api/answers?client=a&fault=lidar_fog.3.1")
+    assert response.headers["content-type"].startswith("text/event-stream")
+    events = events_of(response)
+    assert events[-1] == ("done", {})
+    parts = [content["part"] for name, content in events if name == "part"]
+    assert sorted(parts) == [
+        "depth-completion", "detection2d", "detection3d", "health", "joined",
+    ]  # fmt: skip
+    assert parts.index("joined") > parts.index("detection2d")
+
+
+def test_a_part_that_fails_is_told_in_one_line_and_the_others_come(client):
+    events = events_of(client.get("/api/answers?client=a&fault=lidar_fog.3.8"))
+    faults = [content for name, content in events if name == "fault"]
+    assert {fault["part"] for fault in faults} == {"detection3d", "joined"}
+    assert all("damaged" in fault["reason"] and "\n" not in fault["reason"] for fault in faults)
+    assert {content["part"] for name, content in events if name == "part"} == {
+        "detection2d", "depth-completion", "health",
+    }  # fmt: skip
+
+
+def test_a_worker_that_is_killed_is_told_and_the_page_goes_on(client):
+    events = events_of(client.get("/api/answers?client=a&fault=lidar_fog.3.9"))
+    reasons = {content["reason"] for name, content in events if name == "fault"}
+    assert any("ended from outside twice" in reason for reason in reasons)
+    after = events_of(client.get("/api/answers?client=a"))
+    assert [name for name, _ in after].count("part") == 5
+
+
+def test_a_state_that_does_not_exist_is_refused_in_one_line(client):
+    for path in ("scene", "file/image", "answers", "timeline", "commands"):
+        refused = client.get(f"/api/{path}?frame=000009")
+        assert refused.status_code == 422
+        assert refused.json()["reason"].startswith("the data has no frame '000009'")
+
+
+def test_the_time_line_judges_each_frame_with_alarms(client):
+    events = events_of(client.get("/api/timeline?client=t&fault=camera_blank.5.0"))
+    assert [content.get("frame") for _, content in events[:-1]] == ["000000", "000001"]
+    assert events[0][1]["scores"]["camera"] < 0.01
+    assert events[0][1]["alarms"] == ["camera"]  # without data, one frame is enough
+    sound = events_of(client.get("/api/timeline?client=t"))
+    assert [content.get("alarms") for _, content in sound[:-1]] == [[], []]
+
+
+def test_a_damaged_frame_is_told_and_the_next_one_works(tmp_path):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    with client_of(tmp_path / "tree") as client:
+        (tmp_path / "tree/training/image_2/000000.png").write_bytes(b"\x89PNG cut")
+        refused = client.get("/api/scene?frame=000000")
+        assert refused.status_code == 422
+        assert "000000.png" in refused.json()["reason"]
+        assert client.get("/api/scene?frame=000001").status_code == 200
+
+
+def test_a_link_that_leads_out_of_the_data_is_refused(tmp_path):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    sweep = tmp_path / "tree/training/velodyne/000000.bin"
+    sweep.rename(tmp_path / "outside.bin")
+    sweep.symlink_to(tmp_path / "outside.bin")
+    with client_of(tmp_path / "tree") as client:
+        refused = client.get("/api/scene?frame=000000")
+        assert refused.status_code == 422
+        assert "is a link that leads out of the data" in refused.json()["reason"]
+
+
+def test_nothing_is_written_to_the_data(tmp_path):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    before = sorted(path.stat().st_mtime_ns for path in tmp_path.rglob("*"))
+    with client_of(tmp_path / "tree") as client:
+        client.get("/api/answers?client=a&fault=camera_fog.3.0")
+        client.get("/api/commands?fault=camera_fog.3.0")
+    assert sorted(path.stat().st_mtime_ns for path in tmp_path.rglob("*")) == before

@@ -1,0 +1,85 @@
+import asyncio
+import os
+import signal
+
+import pytest
+
+from sightline.app.parts import Task
+from sightline.app.state import parse_state
+from sightline.app.workers import MAX_WAITING, BusyError, Workers
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.app.makers import QuickMaker, dataset
+
+FRAMES = ("000000", "000001")
+
+
+def task(part, query=""):
+    return Task(part=part, state=parse_state(query, FRAMES))
+
+
+@pytest.fixture
+def workers():
+    made = Workers(QuickMaker(dataset(), PACKAGED_FRAMES, "torch"), 1)
+    yield made
+    made.close()
+    assert not any(worker.process.is_alive() for worker in made.all)
+
+
+def test_a_killed_worker_is_replaced_and_its_task_done_again(workers):
+    async def run():
+        await workers.run(task("detection2d"))
+        slow = asyncio.create_task(workers.run(task("detection2d", "fault=lidar_fog.1.7")))
+        await asyncio.sleep(0.2)
+        os.kill(workers.all[0].process.pid, signal.SIGKILL)
+        answer = await slow
+        assert answer.content == {"by": "detection2d-fast-cpu"}
+        assert workers.num_replaced == 1
+
+    asyncio.run(run())
+
+
+def test_pictures_overtake_what_waits_and_a_cancelled_task_leaves_the_queue(workers):
+    async def run():
+        order = []
+
+        async def note(part, query=""):
+            await workers.run(task(part, query))
+            order.append(part)
+
+        first = asyncio.create_task(note("detection3d", "fault=lidar_fog.1.7"))
+        await asyncio.sleep(0.1)
+        later = [asyncio.create_task(note(part)) for part in ("depth-completion", "detection2d")]
+        dropped = asyncio.create_task(note("detection3d"))
+        urgent = asyncio.create_task(note("scene"))
+        await asyncio.sleep(0)
+        dropped.cancel()
+        await asyncio.gather(first, *later, urgent)
+        assert order == ["detection3d", "scene", "detection2d", "depth-completion"]
+
+    asyncio.run(run())
+
+
+def test_the_queue_is_bounded(workers):
+    async def run():
+        waiting = [
+            asyncio.create_task(workers.run(task("health", "fault=lidar_fog.1.7")))
+            for _ in range(MAX_WAITING + 1)
+        ]
+        await asyncio.sleep(0.05)
+        with pytest.raises(BusyError, match="64 tasks wait already"):
+            await workers.run(task("health"))
+        for each in waiting:
+            each.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+
+    asyncio.run(run())
+
+
+def test_errors_of_a_frame_come_as_one_line(workers):
+    async def run():
+        with pytest.raises(ValueError, match="damaged") as fault:
+            await workers.run(task("detection3d", "fault=lidar_fog.1.8"))
+        assert "\n" not in str(fault.value)
+        assert workers.num_replaced == 0
+
+    asyncio.run(run())
