@@ -28,13 +28,11 @@ def install() -> None:
     jaxtyping.jaxtyped = _dispatch
 
 
-def _dispatch(target: Any = None, *, typechecker: Any = None) -> Any:
+def _dispatch(*target: Any, **settings: Any) -> Any:
     """Leave alone what the source itself decorates: checks that stay in production."""
-    if typechecker in Typechecker.lookup.values():
-        return checked if target is None else checked(target)
-    if target is None:
-        return _jaxtyped(typechecker=typechecker)
-    return _jaxtyped(target, typechecker=typechecker)
+    if settings.get("typechecker") in Typechecker.lookup.values():
+        return checked(*target) if target else checked
+    return _jaxtyped(*target, **settings)
 
 
 def checked(target: Any) -> Any:
