@@ -3,7 +3,6 @@
 from typing import Any
 
 from benchmarks.own_sensor_rigs import RIGS
-from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 Record = dict[str, Any]
 Rows = list[list[str]]
@@ -70,18 +69,6 @@ def yaw(simulated: Record, real: Record) -> Rows:
             keys = ("median_deg", "p90_deg", "own_median_deg", "own_p90_deg")
             cells = [f"{row[key]:.3f}" for key in keys]
             rows.append([name, f"{row['frames']}", f"{row['estimates']}", *cells])
-    return rows
-
-
-def lidar_height(in_3d: Record, in_2d: Record) -> Rows:
-    """Give the rows of LiDARs at another height: AP of both detectors by the height given."""
-    classes = ("Car", "Pedestrian", "Cyclist")
-    columns = [f"{metric}: {name}" for metric in ("3D", "2D") for name in classes]
-    rows: Rows = [["LiDAR raised by [m]", "given", "height used [m]", *columns]]
-    for row, other in zip(in_3d["results"], in_2d["results"], strict=True):
-        used = KITTI_LIDAR_HEIGHT_M if row["height_m"] is None else row["height_m"]
-        aps = [f"{each[name]:.1f}" for each in (row, other) for name in classes]
-        rows.append([f"{row['up_m']:+.1f}", row["told"], f"{used:.2f}", *aps])
     return rows
 
 

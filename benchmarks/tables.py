@@ -61,9 +61,6 @@ TABLES: Final = {
     "depth-faults": Table(("depth_robustness",), table_sensors.depth_faults),
     "sensor-health": Table(("sensor_health",), table_sensors.sensor_health),
     "yaw": Table(("yaw_error",), table_sensors.yaw),
-    "lidar-height": Table(
-        ("lidar_height_3d", "lidar_height_2d"), table_sensors.lidar_height
-    ),
     "own-sensor": Table(("own_sensor",), table_sensors.own_sensor),
     "sim-or-real": Table(("sim_or_real",), table_sensors.sim_or_real),
     "gated-fusion-table-1": Table(("gated_fusion_table_1",), table_papers.table_1),

@@ -28,13 +28,11 @@ def install() -> None:
     jaxtyping.jaxtyped = _dispatch
 
 
-def _dispatch(target: Any = None, *, typechecker: Any = None) -> Any:
+def _dispatch(*target: Any, **settings: Any) -> Any:
     """Leave alone what the source itself decorates: checks that stay in production."""
-    if typechecker in Typechecker.lookup.values():
-        return checked if target is None else checked(target)
-    if target is None:
-        return _jaxtyped(typechecker=typechecker)
-    return _jaxtyped(target, typechecker=typechecker)
+    if settings.get("typechecker") in Typechecker.lookup.values():
+        return checked(*target) if target else checked
+    return _jaxtyped(*target, **settings)
 
 
 def checked(target: Any) -> Any:
@@ -55,21 +53,25 @@ def checked(target: Any) -> Any:
     if computed or inspect.isgeneratorfunction(target):  # whose call is checked, not its first item
         return _jaxtyped(target, typechecker=_beartyped)
     once = update_wrapper(_beartyped(_twin(target, hints)), target)
-    return _with_own_axes(once) if axes else once
+    return _with_own_axes(once, target) if axes else once
 
 
-def _with_own_axes(function: Callable[..., Any]) -> Callable[..., Any]:
+def _with_own_axes(
+    checked_once: Callable[..., Any], function: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Keep the axes of each call apart from those of its caller."""
+
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         __tracebackhide__ = True
         with _new_axes:
-            return function(*args, **kwargs)
+            return checked_once(*args, **kwargs)
 
-    return update_wrapper(call, inspect.unwrap(function))
+    return call
 
 
 def _twin(function: FunctionType, hints: dict[str, Any]) -> FunctionType:
-    """The same function with other annotations."""
+    """Copy a function and give it other annotations."""
     twin = FunctionType(
         function.__code__,
         function.__globals__,
@@ -84,7 +86,7 @@ def _twin(function: FunctionType, hints: dict[str, Any]) -> FunctionType:
 
 
 def _resolved(hint: Any, function: FunctionType) -> Any:
-    """A hint without forward references; anything goes if they lead nowhere, as to jaxtyping."""
+    """Annotation without forward references; Any if they lead nowhere, as in jaxtyping."""
 
     def carrier() -> None: ...
 

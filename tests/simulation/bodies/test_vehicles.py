@@ -323,11 +323,17 @@ def face_profile(mesh, size, facing):
     return np.clip((hits.distances - 1) * 12.0, -0.3, 1.2)
 
 
-@pytest.mark.parametrize("facing", [1, -1])
-def test_what_is_seen_of_one_face_does_not_tell_the_length(facing):
+@pytest.fixture(scope="module")
+def meshes_and_sizes():
+    """200 cars."""
     cars = [make_car(np.random.default_rng(seed)) for seed in range(200)]
-    sizes = np.array([car.size_lwh for car in cars])
-    seen = np.array([face_profile(car.shape.at(0.0), car.size_lwh, facing) for car in cars])
+    return [(car.shape.at(0.0), car.size_lwh) for car in cars]
+
+
+@pytest.mark.parametrize("facing", [1, -1])
+def test_what_is_seen_of_one_face_does_not_tell_the_length(meshes_and_sizes, facing):
+    sizes = np.array([size for _, size in meshes_and_sizes])
+    seen = np.array([face_profile(mesh, size, facing) for mesh, size in meshes_and_sizes])
     learned, judged = slice(0, 140), slice(140, 200)
     offsets = seen - seen[learned].mean(axis=0)
     axes = np.linalg.svd(offsets[learned], full_matrices=False)[2][:15]

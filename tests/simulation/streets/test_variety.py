@@ -1,6 +1,7 @@
 """Streets as varied as other rigs than KITTI's meet them."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -219,6 +220,7 @@ def test_a_wide_junction_has_several_lanes_each_way_on_both_roads():
                 assert 2 <= len(lanes) <= 3
 
 
+@cache  # several tests compare with the same plain street
 def crowd_of(variety, seed):
     rng = np.random.default_rng(seed)
     layout = draw_layout(rng, StreetKind.CITY)
