@@ -24,7 +24,7 @@ class Boxes(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What is joined."""
+    """Boxes and returns of a frame, to be joined."""
 
     frame: Frame
     size: tuple[int, int]

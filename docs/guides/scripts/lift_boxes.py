@@ -51,7 +51,7 @@ def lift(scene: Scene, index: int) -> tuple[Array, Array]:
 
 
 def misfit(guesses: Guesses, bottoms: Array, above: Array, name: str) -> Array:
-    """How badly each yaw explains the box: its width and height, the road, the street's way."""
+    """Misfit of each yaw: width and height of the box, road, direction of the street."""
     box, seen, cost = guesses.box, bounds(guesses, bottoms), np.zeros(len(bottoms))
     spread = 0.08 * (box[3] - box[1]) + 2
     if not (guesses.at_left or guesses.at_right):

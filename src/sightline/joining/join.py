@@ -221,18 +221,19 @@ def _unmatched(
 def _without_repeats(rows: list[_Row], config: JoinConfig) -> list[_Row]:
     """Leave out objects with an image box alone that repeat a surer one of their class."""
     rows = sorted(rows, key=lambda row: -row.score)
-    kept: list[_Row] = []
-    for row in rows:
-        surer = [each.box2d for each in kept if each.name == row.name]
+    boxes = np.array([row.box2d for row in rows]).reshape(-1, 4)
+    iou = image_iou(boxes, boxes)
+    kept: list[int] = []
+    for index, row in enumerate(rows):
+        surer = [each for each in kept if rows[each].name == row.name]
         is_repeat = (
             config.associate
             and row.origin != "measured"
-            and len(surer) > 0
-            and image_iou(row.box2d[None], np.stack(surer)).max() > config.max_iou
+            and iou[index, surer].max(initial=0.0) > config.max_iou
         )
         if not is_repeat:
-            kept.append(row)
-    return kept
+            kept.append(index)
+    return [rows[index] for index in kept]
 
 
 def _as_objects(rows: list[_Row], sample: CameraLidarSample) -> Objects:

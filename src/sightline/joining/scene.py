@@ -130,10 +130,11 @@ def _image_boxes(
     boxes = found.boxes.to("cpu").clip(image_size)
     kept = (boxes.area() > 0).nonzero()[:, 0]
     corners = boxes.tensor[kept].detach().double().numpy()
-    inside = (pixels[None] >= corners[:, None, :2]) & (pixels[None] <= corners[:, None, 2:])
+    (x, y), (x_min, y_min, x_max, y_max) = pixels.T, corners.T[:, :, None]
+    inside = (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
     return Boxes(
         names=tuple(found.class_names[index] for index in kept.tolist()),
         scores=found.scores.detach().cpu()[kept].double().numpy(),
         in_image=corners,
-        num_points=inside.all(axis=2).sum(axis=1),
+        num_points=inside.sum(axis=1),
     )

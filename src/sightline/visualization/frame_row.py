@@ -14,7 +14,8 @@ from jaxtyping import UInt8
 
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.level import level_view
-from sightline.structures.predictions import Perception
+from sightline.structures.objects import Objects
+from sightline.structures.predictions import Detections2D, Detections3D, Perception
 from sightline.structures.sample import SENSOR_TITLES, CameraLidarSample
 from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
 from sightline.visualization.canvas import scaled_into
@@ -218,6 +219,7 @@ def _put_head(
         text = f"no {SENSOR_TITLES[sensor]}"
         put_text(page, text, left, baseline, height_px=11, color=_ALARM)
         left += text_width(text, 11) + 18
+    counted: dict[str, Detections2D | Detections3D | Objects | None]
     counted = {"2D": perception.detections2d, "3D": perception.detections3d}
     if perception.objects is not None:
         counted = {"objects": perception.objects}

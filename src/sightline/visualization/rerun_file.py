@@ -280,8 +280,7 @@ def _all_boxes(
     """2D and 3D boxes to log; None: not predicted."""
     objects = perception.objects
     if objects is None:
-        in_2d, in_3d = perception.detections2d, perception.detections3d
-        return in_2d and _labelled(in_2d), in_3d and _labelled(in_3d)
+        return _labelled(perception.detections2d), _labelled(perception.detections3d)
     marks = support_marks(objects, sample)
     labels = [
         f"{label} {mark}"
@@ -305,7 +304,9 @@ def _all_boxes(
     )
 
 
-def _labelled(found: Detections2D | Detections3D) -> _Labelled:
+def _labelled(found: Detections2D | Detections3D | None) -> _Labelled | None:
+    if found is None:
+        return None
     labels = _labels(found.class_names, found.scores)
     return _Labelled(found.boxes.tensor, found.class_names, labels)
 
