@@ -48,7 +48,9 @@ def camera_health(
     is_image = torch.ones_like(sound[:1])
     sums = _cell_sums(torch.cat((products, is_image)), size)
     means = sums[:-1] / sums[-1:].clamp(min=1)
-    mean_sound, mean_broken, square_sound, square_broken, product = means.unflatten(0, (5, 3))
+    mean_sound, mean_broken, square_sound, square_broken, product = means.reshape(
+        5, 3, *means.shape[1:]
+    )
     variance = (square_sound - mean_sound**2).mean(dim=0).clamp(min=0)
     broken_variance = (square_broken - mean_broken**2).mean(dim=0).clamp(min=0)
     covariance = (product - mean_sound * mean_broken).mean(dim=0).clamp(min=0)

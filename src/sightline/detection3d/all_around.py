@@ -1,8 +1,8 @@
 """3D detection all around the LiDAR: a whole turn in four quarters, each turned to look ahead.
 
-The networks have learned what road users look like from a sensor that looks at them along x. Seen
-from there, a quarter of the turn is like the view ahead; on one large grid, the objects behind
-would show their other sides.
+The networks have learned from objects ahead. Each quarter shows its objects from where the network
+knows them, and turning the sweep by right angles turns the detections, which one grid over the
+whole turn does not.
 """
 
 import math
@@ -31,6 +31,7 @@ NEAR_M, FAR_M = 70.4, 100.8
 longer one, at twice the work."""
 _FAR_SHARE: Final = 0.001  # of the points, beyond the near distance, from which the far one is used
 _SEAM_M: Final = 1.0  # by which a quarter's detections may reach into the next one
+_OWN_CAR_M: Final = 0.5  # from a box to the LiDAR that its car carries
 _BLOCK_CELLS: Final = 8  # a grid has whole blocks of so many cells along each side
 _SEED: Final = 0  # for drawing points: results are reproducible
 
@@ -100,11 +101,12 @@ def join_quarters(found: Sequence[Detections3D], config: Detection3DConfig) -> D
     """Turn the quarters' detections back, and keep each object once, by descending score.
 
     A quarter answers for its own sector and a metre beyond; of overlapping boxes of a class, the
-    best-scored one stays.
+    best-scored one stays. A box around the LiDAR itself is that of its own car, and is left out.
     """
     kept = []
     for quarter, each in enumerate(found):
-        own = _is_own(each.boxes.tensor).nonzero()[:, 0]
+        is_kept = _is_ahead(each.boxes.tensor) & ~_holds_lidar(each.boxes.tensor)
+        own = is_kept.nonzero()[:, 0]
         boxes = _turned(each.boxes.tensor[own], quarter)
         boxes[:, 6] = wrap_angle(boxes[:, 6] + quarter * (math.pi / 2))
         names = tuple(each.class_names[index] for index in own.tolist())
@@ -122,9 +124,17 @@ def join_quarters(found: Sequence[Detections3D], config: Detection3DConfig) -> D
     )
 
 
-def _is_own(boxes: Float[Tensor, "num_boxes 7"]) -> Bool[Tensor, " num_boxes"]:
+def _is_ahead(boxes: Float[Tensor, "num_boxes 7"]) -> Bool[Tensor, " num_boxes"]:
     """Test whether centres lie within 45 degrees of straight ahead, or at most a metre beyond."""
     return boxes[:, 1].abs() - boxes[:, 0] <= math.sqrt(2) * _SEAM_M
+
+
+def _holds_lidar(boxes: Float[Tensor, "num_boxes 7"]) -> Bool[Tensor, " num_boxes"]:
+    """Test whether the LiDAR lies in a box, seen from above, or hardly beside it."""
+    x, y, cos, sin = boxes[:, 0], boxes[:, 1], boxes[:, 6].cos(), boxes[:, 6].sin()
+    along, across = (x * cos + y * sin).abs(), (y * cos - x * sin).abs()
+    length, width = boxes[:, 3], boxes[:, 4]
+    return (along <= length / 2 + _OWN_CAR_M) & (across <= width / 2 + _OWN_CAR_M)
 
 
 def _turned(rows: Float[Tensor, "rows columns"], quarters: int) -> Float[Tensor, "rows columns"]:
