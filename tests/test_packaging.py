@@ -27,7 +27,7 @@ def test_the_notice_names_every_library_that_is_installed_along():
     extras = PROJECT["optional-dependencies"]
     required = [
         *PROJECT["dependencies"],
-        *(each for extra in ("export", "ros", "pretrained", "viz") for each in extras[extra]),
+        *(each for extra in ("app", "export", "ros", "pretrained", "viz") for each in extras[extra]),
     ]
     names = [re.match(r"[\w-]+", each).group() for each in required]
     called = {"torch": "pytorch"}
