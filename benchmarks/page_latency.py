@@ -41,7 +41,7 @@ def main() -> None:
     times: dict[str, list[float]] = {name: [] for name in get_args(PartName)}
     for number in range(given.states + 1):
         state = parse_state(f"yaw={_FIRST_DEG + number * _STEP_DEG:.2f}", dataset.sample_ids)
-        found = {}
+        found: dict[str, bytes] = {}
         for name in get_args(PartName):
             start = time.process_time()
             task = Task(

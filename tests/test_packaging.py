@@ -9,6 +9,7 @@ import yaml
 ROOT = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = SETTINGS["project"]
+EXTRAS = ("app", "export", "ros", "pretrained", "viz")
 
 
 def test_the_description_for_a_package_index_has_no_links_to_files_that_are_not_there():
@@ -27,7 +28,7 @@ def test_the_notice_names_every_library_that_is_installed_along():
     extras = PROJECT["optional-dependencies"]
     required = [
         *PROJECT["dependencies"],
-        *(each for extra in ("app", "export", "ros", "pretrained", "viz") for each in extras[extra]),
+        *(each for extra in EXTRAS for each in extras[extra]),
     ]
     names = [re.match(r"[\w-]+", each).group() for each in required]
     called = {"torch": "pytorch"}

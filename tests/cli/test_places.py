@@ -21,7 +21,8 @@ FILES = {"sample_list", "fit_list", "weights", "weights_without", "baseline", "h
          "improved", "rig",
          *TASKS}  # fmt: skip
 NO_FILES = {"method", "task", "suite", "cases", "show", "frames", "overlaps", "figure_frame",
-            "camera_topic", "lidar_topic", "info_topic", "tasks", "training_frame", "host"}  # fmt: skip
+            "camera_topic", "lidar_topic", "info_topic", "tasks", "training_frame",
+            "host"}  # fmt: skip
 NEVER_TOGETHER = {
     "robustness": [
         ("page", (FILES | RESULTS | {"data"}) - {"compare"}),
