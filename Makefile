@@ -17,6 +17,7 @@ TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
 demo: $(READY)
 	$(BIN)/sightline demo --out demo
+	@echo "Break a sensor in the browser: $(BIN)/sightline serve"
 
 # numba does not rebuild a cached kernel when one that it calls in another file has changed.
 KERNELS := $(shell grep -rl --include='*.py' 'ops.compiled' src)

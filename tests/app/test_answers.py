@@ -91,6 +91,21 @@ def test_what_nobody_waits_for_any_more_is_cancelled_and_what_another_waits_for_
     asyncio.run(run())
 
 
+def test_who_asks_again_while_an_abandoned_computation_ends_gets_a_new_one():
+    async def run():
+        workers = Recorder()
+        answers = Answers(workers.run)
+        older = asyncio.create_task(answers.part("health", SOUND))
+        await asyncio.sleep(0.01)
+        older.cancel()
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        workers.go.set()
+        assert (await answers.part("health", SOUND)).content == {"by": "health"}
+
+    asyncio.run(run())
+
+
 def test_a_stream_that_is_closed_cancels_its_parts():
     async def run():
         workers = Recorder()

@@ -209,9 +209,10 @@ def test_everything_can_be_done_by_keys(show):
     shown = show()
     page = shown.page
     page.locator("main").focus()
-    for key in (".", "c", "l", "g", "3", "n"):
+    for key in (".", "c", "l", "g", "3"):
         page.keyboard.press(key)
     shown.settle()
+    page.keyboard.press("n")
     expected = {
         "frame": ["000001"],
         "compare": ["broken"],

@@ -3,6 +3,7 @@
 import asyncio
 from collections import OrderedDict
 from collections.abc import AsyncGenerator, Awaitable, Callable, Hashable
+from functools import partial
 from typing import Final, get_args
 
 from sightline.app.parts import Answer, PartName, Task
@@ -44,9 +45,9 @@ class Answers:
             self._kept.move_to_end(key)
             return self._kept[key]
         shared = self._running.get(key)
-        if shared is None:
+        if shared is None or shared.is_abandoned:
             shared = self._running[key] = _Shared(asyncio.create_task(self._make(name, state)))
-            shared.task.add_done_callback(lambda _: self._running.pop(key, None))
+            shared.task.add_done_callback(partial(self._ended, key))
         answer = await shared.result()
         if key not in self._kept:
             self._keep(key, answer)
@@ -80,6 +81,10 @@ class Answers:
             found = (image.found, sweep.found)
         return await self._compute(Task(part=name, state=state, found=found))
 
+    def _ended(self, key: Hashable, task: "asyncio.Task[Answer]") -> None:
+        if key in self._running and self._running[key].task is task:
+            del self._running[key]
+
     def _keep(self, key: Hashable, answer: Answer) -> None:
         self._kept[key] = answer
         self._num_bytes += answer.num_bytes
@@ -93,6 +98,7 @@ class _Shared:
 
     def __init__(self, task: "asyncio.Task[Answer]") -> None:
         self.task = task
+        self.is_abandoned = False
         self._num_waiting = 0
 
     async def result(self) -> Answer:
@@ -101,6 +107,7 @@ class _Shared:
             return await asyncio.shield(self.task)
         except asyncio.CancelledError:
             if self._num_waiting == 1:
+                self.is_abandoned = True
                 self.task.cancel()
             raise
         finally:

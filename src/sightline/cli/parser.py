@@ -28,7 +28,7 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
 }
 """Options with several values: their type, and their number if it is fixed."""
 
-_MAY_BE_LEFT_OUT = {"--out-folder": "out_folder", "--data": "data"}
+_MAY_BE_LEFT_OUT = {"--out-folder": "out_folder", "--data-set": "data_set"}
 """Optional positional arguments; commands that need them check them themselves."""
 _SEVERAL = ("frames",)
 """Positional arguments with one or more values."""

@@ -10,7 +10,7 @@ from sightline.files.problem import install_command
 
 
 def serve(
-    data: Path | None = None,
+    data_set: Path | None = None,
     *,
     host: str | None = None,
     port: int = 8000,
@@ -25,7 +25,7 @@ def serve(
     only this machine can open the page unless --host is given; Ctrl-C ends it.
 
     Args:
-        data: A recording, KITTI object tree, depth completion tree or raw drive. Default: the
+        data_set: A recording, KITTI object tree, depth completion tree or raw drive. Default: the
             frames of the package.
         host: Address to listen on for other machines, such as 0.0.0.0; they need the token in
             the address that is printed.
@@ -42,7 +42,7 @@ def serve(
     from sightline.app.run import serve_page
 
     serve_page(
-        data,
+        data_set,
         host=host,
         port=port,
         browser=browser,

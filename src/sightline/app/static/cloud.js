@@ -145,7 +145,8 @@ export class Cloud {
 
   drawLines(boxes, clip) {
     const { gl, lines } = this;
-    const rows = boxes.flatMap(({ box, color, isThick }) => edges(box, color, isThick));
+    const shade = this.view.isLight ? 0.7 : 1; // to be seen on white
+    const rows = boxes.flatMap(({ box, color, isThick }) => edges(box, color.map((each) => each * shade), isThick));
     rows.push(...ring(this.view.isLight));
     gl.useProgram(lines.program);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.lineBuffer);
