@@ -216,9 +216,15 @@ def test_a_damaged_file_in_a_shard_is_named_when_it_is_read(shards):
     damage(shards / "000001.tar", "training/velodyne/000002.bin")
     dataset = open_dataset(shards / "000001.tar", parts=("points",))
     assert dataset[0].points is not None
-    message = r"000001\.tar: is damaged: training/000002\.velodyne\.bin in it has another checksum"
+    message = (
+        r"000002\.bin: cannot be read: 000001\.tar is damaged: training/000002\.velodyne\.bin in "
+        "it has another checksum"
+    )
     with pytest.raises(ValueError, match=message):
         dataset[1]
+    problems = [str(each) for each in check_tree(shards / "000001.tar")]
+    assert sum("has another checksum" in each for each in problems) == 1
+    assert not any("report this as a bug" in each for each in problems)
 
 
 def test_a_file_that_cannot_be_read_fails_its_shard_alone(tree, tmp_path, capsys):
@@ -269,7 +275,7 @@ def test_a_bomb_is_not_unpacked_beyond_its_stated_length(shards):
     index = {"format": "sightline shard 1", "sha256": "", "bytes": len(bomb), "files": [row]}
     tar.with_suffix(".json").write_text(json.dumps(index))
     path = data_path(tar) / "training" / "velodyne" / "0.bin"
-    with pytest.raises(ValueError, match="has another checksum"):
+    with pytest.raises(OSError, match="has another checksum"):
         path.read_bytes()
 
 
