@@ -114,7 +114,12 @@ def test_commands_give_the_bytes_of_the_unpacked_tree(tree, capsys):
     for name in ("tree", "shards"):
         arguments = ["predict", "depth-completion", folder / name, folder / f"{name}-out"]
         assert main([*map(str, arguments), "--method", "nearest", "--workers", "1"]) == 0
+        arguments = ["corrupt", folder / name, folder / f"{name}-bad", "--cases", "lidar_blank"]
+        assert main([*map(str, arguments), "--workers", "1"]) == 0
     assert contents(folder / "tree-out") == contents(folder / "shards-out")
+    bad = contents(folder / "tree-bad")
+    assert "lidar_blank/training/image_2/000003.png" in bad
+    assert contents(folder / "shards-bad") == bad
     results = folder / "results"
     results.mkdir()
     for path in (tree / "training" / "label_2").iterdir():
@@ -277,6 +282,15 @@ def test_a_bomb_is_not_unpacked_beyond_its_stated_length(shards):
     path = data_path(tar) / "training" / "velodyne" / "0.bin"
     with pytest.raises(OSError, match="has another checksum"):
         path.read_bytes()
+
+
+@pytest.mark.parametrize("field", ["frames", "frames_per_shard", "data"])
+def test_a_damaged_manifest_is_refused(field, shards):
+    manifest = json.loads((shards / "shards.json").read_text())
+    manifest[field] = 0
+    (shards / "shards.json").write_text(json.dumps(manifest))
+    with pytest.raises(ValueError, match=r"shards\.json: is no manifest of shards; copy it again"):
+        open_dataset(shards)
 
 
 def test_an_absent_shard_is_named_before_the_work(shards):
