@@ -17,7 +17,12 @@ from sightline.data.open import list_sample_files, open_dataset
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.files.shard_path import ShardPath, data_path
 from tests.data.recordings import write_recording
-from tests.data.trees import write_drive, write_object_frame
+from tests.data.trees import (
+    write_depth_drive,
+    write_drive,
+    write_object_frame,
+    write_selection,
+)
 
 NAMES = tuple(f"{number:06d}" for number in range(5))
 
@@ -154,6 +159,18 @@ def test_a_recording_and_a_drive_are_read_from_shards(tmp_path):
     one, other = open_dataset(day / drive), open_dataset(tmp_path / "packed-day" / drive)
     assert one.sample_ids == other.sample_ids
     assert torch.equal(one[1].points, other[1].points)
+
+
+def test_depth_trees_are_read_from_shards(tmp_path):
+    write_selection(tmp_path / "selection")
+    write_depth_drive(tmp_path / "drives", tmp_path / "drives")
+    for name in ("selection", "drives"):
+        write_shards(tmp_path / name, tmp_path / f"packed-{name}", frames_per_shard=1)
+        one, other = open_dataset(tmp_path / name), open_dataset(tmp_path / f"packed-{name}")
+        assert one.sample_ids == other.sample_ids
+        assert torch.equal(one[0].image, other[0].image)
+        assert torch.equal(one[0].depth, other[0].depth)
+        assert torch.equal(one[0].points, other[0].points)
 
 
 def rows_of(tar):
