@@ -12,7 +12,6 @@ from sightline.files.problem import Extra
 ROOT = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = SETTINGS["project"]
-EXTRAS = ("app", "export", "ros", "pretrained", "viz")
 
 
 def test_the_description_for_a_package_index_has_no_links_to_files_that_are_not_there():

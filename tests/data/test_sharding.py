@@ -17,7 +17,12 @@ from sightline.data.open import list_sample_files, open_dataset
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.files.shard_path import ShardPath, data_path
 from tests.data.recordings import write_recording
-from tests.data.trees import write_drive, write_object_frame
+from tests.data.trees import (
+    write_depth_drive,
+    write_drive,
+    write_object_frame,
+    write_selection,
+)
 
 NAMES = tuple(f"{number:06d}" for number in range(5))
 
@@ -114,7 +119,12 @@ def test_commands_give_the_bytes_of_the_unpacked_tree(tree, capsys):
     for name in ("tree", "shards"):
         arguments = ["predict", "depth-completion", folder / name, folder / f"{name}-out"]
         assert main([*map(str, arguments), "--method", "nearest", "--workers", "1"]) == 0
+        arguments = ["corrupt", folder / name, folder / f"{name}-bad", "--cases", "lidar_blank"]
+        assert main([*map(str, arguments), "--workers", "1"]) == 0
     assert contents(folder / "tree-out") == contents(folder / "shards-out")
+    bad = contents(folder / "tree-bad")
+    assert "lidar_blank/training/image_2/000003.png" in bad
+    assert contents(folder / "shards-bad") == bad
     results = folder / "results"
     results.mkdir()
     for path in (tree / "training" / "label_2").iterdir():
@@ -149,6 +159,18 @@ def test_a_recording_and_a_drive_are_read_from_shards(tmp_path):
     one, other = open_dataset(day / drive), open_dataset(tmp_path / "packed-day" / drive)
     assert one.sample_ids == other.sample_ids
     assert torch.equal(one[1].points, other[1].points)
+
+
+def test_depth_trees_are_read_from_shards(tmp_path):
+    write_selection(tmp_path / "selection")
+    write_depth_drive(tmp_path / "drives", tmp_path / "drives")
+    for name in ("selection", "drives"):
+        write_shards(tmp_path / name, tmp_path / f"packed-{name}", frames_per_shard=1)
+        one, other = open_dataset(tmp_path / name), open_dataset(tmp_path / f"packed-{name}")
+        assert one.sample_ids == other.sample_ids
+        assert torch.equal(one[0].image, other[0].image)
+        assert torch.equal(one[0].depth, other[0].depth)
+        assert torch.equal(one[0].points, other[0].points)
 
 
 def rows_of(tar):
@@ -216,9 +238,15 @@ def test_a_damaged_file_in_a_shard_is_named_when_it_is_read(shards):
     damage(shards / "000001.tar", "training/velodyne/000002.bin")
     dataset = open_dataset(shards / "000001.tar", parts=("points",))
     assert dataset[0].points is not None
-    message = r"000001\.tar: is damaged: training/000002\.velodyne\.bin in it has another checksum"
+    message = (
+        r"000002\.bin: cannot be read: 000001\.tar is damaged: training/000002\.velodyne\.bin in "
+        "it has another checksum"
+    )
     with pytest.raises(ValueError, match=message):
         dataset[1]
+    problems = [str(each) for each in check_tree(shards / "000001.tar")]
+    assert sum("has another checksum" in each for each in problems) == 1
+    assert not any("report this as a bug" in each for each in problems)
 
 
 def test_a_file_that_cannot_be_read_fails_its_shard_alone(tree, tmp_path, capsys):
@@ -269,8 +297,17 @@ def test_a_bomb_is_not_unpacked_beyond_its_stated_length(shards):
     index = {"format": "sightline shard 1", "sha256": "", "bytes": len(bomb), "files": [row]}
     tar.with_suffix(".json").write_text(json.dumps(index))
     path = data_path(tar) / "training" / "velodyne" / "0.bin"
-    with pytest.raises(ValueError, match="has another checksum"):
+    with pytest.raises(OSError, match="has another checksum"):
         path.read_bytes()
+
+
+@pytest.mark.parametrize("field", ["frames", "frames_per_shard", "data"])
+def test_a_damaged_manifest_is_refused(field, shards):
+    manifest = json.loads((shards / "shards.json").read_text())
+    manifest[field] = 0
+    (shards / "shards.json").write_text(json.dumps(manifest))
+    with pytest.raises(ValueError, match=r"shards\.json: is no manifest of shards; copy it again"):
+        open_dataset(shards)
 
 
 def test_an_absent_shard_is_named_before_the_work(shards):

@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from sightline.data.kitti_trees import find_velodyne
+from sightline.data.sharding import write_shards
 from sightline.training.sources import SourceConfig, absent_classes, open_source
 from tests.data import recordings, trees
 from tests.training import toy
@@ -53,6 +54,16 @@ def test_what_a_list_of_validation_frames_leaves_trains(tree):
     write_list(tree, "val", (5, 7))
     assert frames(tree, "val") == [5, 7]
     assert frames(tree, "train") == [0, 1, 2, 3, 4, 6, 8, 9, 10, 11]
+
+
+def test_lists_are_found_in_shards(tree):
+    write_list(tree, "val", (5, 7))
+    write_list(tree, "train", (3, 5, 9))
+    shards = tree.with_name("shards")
+    write_shards(tree, shards, frames_per_shard=5)
+    for path in (".", "training"):
+        assert frames(shards, "val", path=path) == [5, 7]
+        assert frames(shards, "train", path=path) == [3, 5, 9]
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,6 @@ from sightline.jobs.read_ahead import check_threads, map_ahead
 
 _MAX_FILE_BYTES: Final = 2**30
 _BLOCK: Final = tarfile.BLOCKSIZE
-_READ_BYTES: Final = 2**20
 _DRIVE: Final = re.compile(r"\d{4}_\d\d_\d\d_drive_\d{4}\w*")
 _KINDS_IN_NAMES: Final = ("_velodyne_raw_", "_groundtruth_depth_")  # of the depth benchmark
 _SENSOR_SUFFIXES: Final = (*IMAGE_SUFFIXES, *CLOUD_SUFFIXES)
@@ -236,25 +235,6 @@ def _without_dots(name: str) -> str:
     return quote(name, safe=" !#$&'()*+,:;=@[]~", encoding="utf-8").replace(".", "%2E")
 
 
-class _HashedFile:
-    """File that is written once, from its beginning to its end."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb")
-        self.sha256 = hashlib.sha256()
-        self.num_bytes = 0
-
-    def write(self, content: bytes) -> int:
-        """Write and count."""
-        self.sha256.update(content)
-        self.num_bytes += len(content)
-        return self._file.write(content)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-
 def _pack(root: Path, tar: Path, files: Sequence[str], compress: bool) -> bool:  # noqa: FBT001 - a partial's
     """Write a tar and its index, unless they are there and whole."""
     if _is_whole(tar):
@@ -262,18 +242,13 @@ def _pack(root: Path, tar: Path, files: Sequence[str], compress: bool) -> bool: 
     index_path(tar).unlink(missing_ok=True)
     members: dict[str, Member] = {}
     with atomic_path(tar) as temporary:
-        file = _HashedFile(temporary)
-        try:
-            # A stream is never read back, and its members have neither times nor owners.
-            with tarfile.open(fileobj=file, mode="w|", format=tarfile.PAX_FORMAT) as archive:
-                for path in files:
-                    name = path if tar.stem == SHARED else _member_name(path)
-                    members[path] = _add(archive, root / path, tar, name, compress=compress)
-        finally:
-            file.close()
-    index = ShardIndex(
-        tar=tar, sha256=file.sha256.hexdigest(), num_bytes=file.num_bytes, files=members
-    )
+        # Members have neither times nor owners, so that the bytes depend on the data alone.
+        with tarfile.open(temporary, "w", format=tarfile.PAX_FORMAT) as archive:
+            for path in files:
+                name = path if tar.stem == SHARED else _member_name(path)
+                members[path] = _add(archive, root / path, tar, name, compress=compress)
+        sha256, num_bytes = _digest(temporary)
+    index = ShardIndex(tar=tar, sha256=sha256, num_bytes=num_bytes, files=members)
     atomic_write_text(index_path(tar), index.to_json())
     return True
 
@@ -307,14 +282,18 @@ def _is_whole(tar: Path) -> bool:
 def _fault(index: ShardIndex) -> str | None:
     """Difference of a tar to its index; None: it is whole."""
     try:
-        with index.tar.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            length = file.tell()
+        digest, length = _digest(index.tar)
     except OSError as error:
         return f"cannot be read: {(error.strerror or str(error)).lower()}"
     if length != index.num_bytes:
         return f"is {length} bytes long, expected {index.num_bytes}"
     return None if digest == index.sha256 else "is damaged: it has another checksum"
+
+
+def _digest(tar: Path) -> tuple[str, int]:
+    """Checksum (SHA-256) and length of a file."""
+    with tar.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest(), file.tell()
 
 
 def _unpack(tar: Path, out: Path) -> bool:

@@ -29,6 +29,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.object_tables import add_notes, add_section, percentage, score_table
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
+from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.ops.compiled import compiled
 
@@ -155,7 +156,7 @@ def evaluate_proposals(
         )
     is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
     parts: list[_Truths] = []
-    results_dir, labels_dir = Path(results_dir), Path(labels_dir)
+    results_dir, labels_dir = Path(results_dir), data_path(labels_dir)
     names = frame_names(labels_dir, sample_list)
     tally, num_beyond = ObjectTally(), 0
     frames = read_frames(results_dir, labels_dir, names, progress=progress)

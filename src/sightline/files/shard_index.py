@@ -141,7 +141,8 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         data = json.loads(content)
-        if data["format"] != FORMAT or int(data["frames"]) < 1 or int(data["frames_per_shard"]) < 1:
+        numbers = int(data["frames"]), int(data["frames_per_shard"])
+        if data["format"] != FORMAT or min(numbers) < 1 or not isinstance(data["data"], str):
             raise ValueError
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FileError(folder / MANIFEST, "is no manifest of shards", _REMEDY) from error

@@ -147,12 +147,17 @@ class ShardPath(PosixPath):
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401 - as pathlib's
         """Open a file for reading, in bytes or as UTF-8."""
-        member = self._file()
+        self._file()
         if set(mode) - set("rbt"):
             raise OSError(errno.EROFS, "shards cannot be written to", str(self))
-        content = member.read()
+        content = self.read_bytes()
         return io.BytesIO(content) if "b" in mode else io.StringIO(content.decode())
 
     def read_bytes(self) -> bytes:
-        """Read a file."""
-        return self._file().read()
+        """Read a file; one that is damaged cannot be read, as on a broken disk."""
+        member = self._file()
+        try:
+            return member.read()
+        except FileError as error:
+            reason = f"{member.tar.name} {error.problem.problem}"
+            raise OSError(errno.EIO, reason, str(self)) from error

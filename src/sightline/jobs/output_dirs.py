@@ -250,7 +250,7 @@ def data_name(data: Path) -> str:
     """
     manifest = read_manifest(Path(str(data)))  # also of a path in shards, which hold none
     if manifest is not None:
-        return str(manifest["data"])
+        return escaped(str(manifest["data"]))
     return escaped("/".join(data.resolve().parts[-2:]))
 
 

@@ -10,6 +10,7 @@ from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, label_file, open_dataset
 from sightline.files.plain_text import shortened
+from sightline.files.shard_path import data_path
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _VALIDATION_SHARE = 10  # one frame in ten is for validation if there is no list
@@ -66,7 +67,7 @@ def open_source(
     Raises:
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
     """
-    path = root / source.path
+    path = data_path(root / source.path)
     lists = path.parent if path.name in KITTI_SPLITS else path
     has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
     has_lists = (has_val and has_train) or (has_train and not held_out_for)
