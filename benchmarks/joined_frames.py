@@ -18,6 +18,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.joining.fitting import FitFrame
+from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 
@@ -25,8 +26,10 @@ Change = Callable[[CameraLidarSample, int], CameraLidarSample]
 """Fault of a sample, which may depend on its position in the list."""
 
 _CORE: Final = find_suite("core")
+_SOUND: Final = "clean"
 _RINGS: Final = 64
 _THIN: Final = (16, 8, 32, 16, 8, 16)  # beams, in turns
+_TURNS_DEG: Final = (1.0, -0.5, 2.0, -1.0, 0.5, -2.0, 0.25, -1.5, 1.5, -0.25)  # in turns
 
 
 def clean(sample: CameraLidarSample, position: int) -> CameraLidarSample:
@@ -63,11 +66,45 @@ def thin_sweep(sample: CameraLidarSample, position: int) -> CameraLidarSample:
     return thin_rings(sample, keep_every, 7 * position % keep_every)
 
 
-def any_fault(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-    """Apply one of suite `core`, kinds and severities in turns."""
-    kind = _CORE.kinds[3 * position % len(_CORE.kinds)]
-    (case,) = _CORE.select([f"{kind}-{1 + position // 2 % 5}"])
-    return case.corrupt(sample).sample
+def turned(*yaw_deg: float) -> Change:
+    """Make a change to a LiDAR rotated in its mount by one of the angles, in turns.
+
+    The calibration is turned instead of the sweep, so that the sweep's detections stay.
+    """
+
+    def turn(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+        return undo_turn(sample, LidarTurn(yaw_deg=-yaw_deg[position % len(yaw_deg)]))
+
+    return turn
+
+
+def half_hidden(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Remove the returns left or right of straight ahead, in turns."""
+    if sample.points is None:
+        return sample
+    is_left = sample.points[:, 1] > 0
+    return replace(sample, points=sample.points[is_left if position % 2 else ~is_left])
+
+
+def core_fault(kind: str, severity: int) -> Change:
+    """Make a change to one of suite `core`."""
+    (case,) = _CORE.select([f"{kind}-{severity}"])
+
+    def corrupt(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+        del position
+        return case.corrupt(sample).sample
+
+    return corrupt
+
+
+def any_fault(start: int = 0, step: int = 3) -> Change:
+    """Make a change to one of suite `core`, kinds and severities in turns."""
+
+    def corrupt(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+        kind = _CORE.kinds[(start + step * position) % len(_CORE.kinds)]
+        return core_fault(kind, 1 + (start + position // 2) % 5)(sample, position)
+
+    return corrupt
 
 
 FIT_CASES: Final[Mapping[str, Change]] = {
@@ -75,7 +112,10 @@ FIT_CASES: Final[Mapping[str, Change]] = {
     "thin": thin_sweep,
     "lidar_blank": without_lidar,
     "camera_blank": without_camera,
-    "fault": any_fault,
+    "fault": any_fault(),
+    "fault_2": any_fault(1, 5),
+    "fault_3": any_fault(2, 8),
+    "turned": turned(*_TURNS_DEG),
 }
 """States of the sensors in which the models are fitted; each frame is in all."""
 
@@ -83,7 +123,12 @@ CASES: Final[Mapping[str, Change]] = {
     "clean": clean,
     "camera_blank": without_camera,
     "lidar_blank": without_lidar,
+    **{f"beams_32_from_{first}": beams(32, first) for first in range(2)},
     **{f"beams_16_from_{first}": beams(16, first) for first in range(4)},
+    **{f"beams_8_from_{first}": beams(8, first) for first in range(0, 8, 2)},
+    "half_hidden": half_hidden,
+    **{f"yaw_{yaw_deg:g}": turned(yaw_deg) for yaw_deg in (0.5, 1.0, 2.0)},
+    **{f"{kind}-3": core_fault(kind, 3) for kind in _CORE.kinds},
 }
 """States of the sensors in which joined objects are scored."""
 
@@ -121,7 +166,11 @@ class DetectionStore:
                 found3d=None if content["sweep"] is None else _detections3d(content["sweep"]),
             )
         found2d = self.detector2d(changed).detections
-        found3d = None if changed.points is None else self.detector3d(changed)
+        found3d: Detections3D | None = None
+        if changed.points is sample.points and case != _SOUND:  # the sweep is as it was
+            found3d = self.frame(sample, _SOUND, position, clean).found3d
+        elif changed.points is not None:
+            found3d = self.detector3d(changed)
         path.parent.mkdir(parents=True, exist_ok=True)
         content = {"image": plain(found2d), "sweep": None if found3d is None else plain(found3d)}
         atomic_write_text(path, json.dumps(content))
