@@ -29,7 +29,6 @@ _CORE: Final = find_suite("core")
 _SOUND: Final = "clean"
 _RINGS: Final = 64
 _THIN: Final = (16, 8, 32, 16, 8, 16)  # beams, in turns
-_TURNS_DEG: Final = (1.0, -0.5, 2.0, -1.0, 0.5, -2.0, 0.25, -1.5, 1.5, -0.25)  # in turns
 
 
 def clean(sample: CameraLidarSample, position: int) -> CameraLidarSample:
@@ -66,14 +65,15 @@ def thin_sweep(sample: CameraLidarSample, position: int) -> CameraLidarSample:
     return thin_rings(sample, keep_every, 7 * position % keep_every)
 
 
-def turned(*yaw_deg: float) -> Change:
-    """Make a change to a LiDAR rotated in its mount by one of the angles, in turns.
+def turned(yaw_deg: float) -> Change:
+    """Make a change to a LiDAR rotated in its mount.
 
     The calibration is turned instead of the sweep, so that the sweep's detections stay.
     """
 
     def turn(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-        return undo_turn(sample, LidarTurn(yaw_deg=-yaw_deg[position % len(yaw_deg)]))
+        del position
+        return undo_turn(sample, LidarTurn(yaw_deg=-yaw_deg))
 
     return turn
 
@@ -97,14 +97,10 @@ def core_fault(kind: str, severity: int) -> Change:
     return corrupt
 
 
-def any_fault(start: int = 0, step: int = 3) -> Change:
-    """Make a change to one of suite `core`, kinds and severities in turns."""
-
-    def corrupt(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-        kind = _CORE.kinds[(start + step * position) % len(_CORE.kinds)]
-        return core_fault(kind, 1 + (start + position // 2) % 5)(sample, position)
-
-    return corrupt
+def any_fault(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Apply one of suite `core`, kinds and severities in turns."""
+    kind = _CORE.kinds[3 * position % len(_CORE.kinds)]
+    return core_fault(kind, 1 + position // 2 % 5)(sample, position)
 
 
 FIT_CASES: Final[Mapping[str, Change]] = {
@@ -112,10 +108,7 @@ FIT_CASES: Final[Mapping[str, Change]] = {
     "thin": thin_sweep,
     "lidar_blank": without_lidar,
     "camera_blank": without_camera,
-    "fault": any_fault(),
-    "fault_2": any_fault(1, 5),
-    "fault_3": any_fault(2, 8),
-    "turned": turned(*_TURNS_DEG),
+    "fault": any_fault,
 }
 """States of the sensors in which the models are fitted; each frame is in all."""
 

@@ -82,6 +82,7 @@ TABLES: Final = {
     "raycast": Table(("raycast",), table_speed.raycast),
     "simulate": Table(("simulate",), table_speed.simulate),
     "joined": Table(("joined", "joined_sample_train"), table_joined.joined),
+    "joined-faults": Table(("joined_faults",), table_joined.faults),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
 }  # fmt: skip
 

@@ -91,9 +91,10 @@ def test_a_sound_recording_changes_nothing(packaged):
     assert "undone_turn" not in joined()(packaged).to_json()
 
 
-def test_a_frame_of_an_unknown_mount_is_aligned_by_its_boxes(packaged):
-    blank = dataclasses.replace(packaged, image=torch.zeros_like(packaged.image))
-    given = joined().aligned([blank] * 5)
+def test_frames_that_do_not_agree_are_aligned_by_their_boxes(packaged):
+    turned = [rotate_extrinsics(packaged, yaw_deg) for yaw_deg in (-1.5, -1.0, 0.0, 1.0, 1.5)]
+    given = joined().aligned(turned)
+    assert given.alignment.by_boxes
     left, *others = make_scene(packaged, None, detections3d(CAR)).sweep.in_image[0].tolist()
     shifted = (left + 12, others[0], others[1] + 12, others[2])
     found2d = DetectionResult(detections=detections2d(("Car", 0.9, shifted)))

@@ -71,8 +71,7 @@ class Alignment:
     turn: LidarTurn = field(default_factory=LidarTurn)
     """Rotation to undo in each frame; 0 for angles not surely above their noise."""
     by_boxes: bool = False
-    """Whether each frame is aligned by its own boxes (`turn_by_boxes`): the frames do not agree, or
-    show no edges."""
+    """Whether each frame is aligned by its own boxes (`turn_by_boxes`): the frames do not agree."""
 
 
 def measure_angles(samples: Iterable[CameraLidarSample]) -> Measured | None:
@@ -102,15 +101,14 @@ def measure_alignment(
     """Measure the rotation of the LiDAR less its bias, and keep the angles that are sure.
 
     Args:
-        samples: Frames of one recording; more than `NUM_ALIGNED_FRAMES` are hardly any better. By
-            fewer than `MIN_FRAMES` nothing is undone.
+        samples: Frames of one recording; more than `NUM_ALIGNED_FRAMES` are hardly any better. If
+            fewer than `MIN_FRAMES` show edges, nothing is undone.
         config: Biases and limits.
     """
-    given = list(samples)
-    if len(given) < MIN_FRAMES:
+    measured = measure_angles(samples)
+    if measured is None:
         return Alignment()
-    measured = measure_angles(given)
-    if measured is None or measured.yaw_spread_deg > config.max_yaw_spread_deg:
+    if measured.yaw_spread_deg > config.max_yaw_spread_deg:
         return Alignment(by_boxes=True)
     turn = measured.turn
     less_bias = (

@@ -86,11 +86,12 @@ class JoinedPredictor(SamplePredictor[Perception]):
 
         The rotation is measured by edges, less the bias that it has on sound data; an angle is
         undone if it is surely more than its noise, so sound recordings are left as they are. If the
-        frames do not agree or show no edges, each frame is aligned by its own boxes.
+        frames do not agree, each is aligned by its own boxes.
 
         Args:
             samples: Frames of the recording, of which up to 15 are read, evenly spread: a list or
-                a data set. By fewer than five nothing is undone.
+                a data set. If fewer than five show edges, nothing is
+                undone.
             config: Biases and limits. None: those for KITTI's rig.
         """
         chosen = (samples[index] for index in evenly_spread(len(samples)))
