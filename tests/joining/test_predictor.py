@@ -3,7 +3,6 @@ import json
 import math
 
 import pytest
-import torch
 
 from sightline.augmentation.sample_changes import rotate_extrinsics
 from sightline.data.open import open_dataset
