@@ -90,8 +90,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
 
         Args:
             samples: Frames of the recording, of which up to 15 are read, evenly spread: a list or
-                a data set. If fewer than five show edges, nothing is
-                undone.
+                a data set. If fewer than five show edges, nothing is undone.
             config: Biases and limits. None: those for KITTI's rig.
         """
         chosen = (samples[index] for index in evenly_spread(len(samples)))
