@@ -170,9 +170,14 @@ def _compare(
 
     def compare(
         joined: list[KittiObjects], alone: list[KittiObjects], overlaps: MinimumOverlaps
-    ) -> list[ComparedEntry]:
-        pairs = [find_pairs(each, labels, overlaps.as_array()) for each in (joined, alone)]
-        return compare_submissions(*pairs, overlaps, num_resamples=resamples, seed=seed)
+    ) -> Sequence[ComparedEntry]:
+        return compare_submissions(
+            find_pairs(joined, labels, overlaps.as_array()),
+            find_pairs(alone, labels, overlaps.as_array()),
+            overlaps,
+            num_resamples=resamples,
+            seed=seed,
+        )
 
     in_image = {
         "image": compare(found.joined_image, found.image, STRICT),
