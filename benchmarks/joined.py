@@ -1,12 +1,14 @@
 """Scores of joined objects beside those of each detector: `python -m benchmarks.joined DATA CACHE`.
 
-Sensors are sound, blank, or have 16 of 64 beams (each of the four choices of rings). Scores by
-KITTI's rules, moderate, AP over all points of the curve; differences with the 95 % interval of a
-paired bootstrap over frames. Prints a row for each state and score, then one line of JSON, kept in
-benchmarks/results/joined.json.
+States of the sensors are `CASES` of joined_frames.py. Scores by KITTI's rules, moderate, AP over
+all points of the curve, with differences and the 95 % interval of a paired bootstrap over frames;
+and nuScenes' AP by centre distance. In each state the LiDAR's mount is measured by the frames, as
+`JoinedPredictor.aligned` does. Prints a row for each state and score, then one line of JSON, kept
+in benchmarks/results/joined.json.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -19,25 +21,35 @@ from sightline.data.kitti_conversion import kitti_from_detections, kitti_from_la
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
-from sightline.evaluation.kitti_object_comparison import PairedDifference, compare_submissions
+from sightline.evaluation.kitti_object_comparison import (
+    ComparedEntry,
+    PairedDifference,
+    compare_submissions,
+)
 from sightline.evaluation.kitti_object_pairs import find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, ClassOverlaps, MinimumOverlaps
 from sightline.export.names import EngineName
 from sightline.geometry.boxes2d import Boxes2D
+from sightline.joining.alignment import Alignment, evenly_spread, measure_alignment
+from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.files import kitti_from_objects
 from sightline.joining.fitting import FitFrame
 from sightline.joining.join import JoinConfig, join_detections
 from sightline.joining.models import SHIPPED, JoinModels, read_models
 from sightline.structures.level import level_calibration
+from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
+from sightline.structures.sample import CameraLidarSample
 
+_CENTRE: Final = "centre_2m"
 _HALF: Final = MinimumOverlaps(car=ClassOverlaps(bbox=0.5, bev=0.5, box3d=0.5))
 _SCORES: Final = (
-    ("Car", "bbox", 0.7, STRICT),
-    ("Car", "3d", 0.7, STRICT),
-    ("Car", "3d", 0.5, _HALF),
-    ("Pedestrian", "bbox", 0.5, STRICT),
-    ("Pedestrian", "3d", 0.5, STRICT),
+    ("Car", "bbox", 0.7),
+    ("Car", "3d", 0.7),
+    ("Car", "3d", 0.5),
+    ("Car", _CENTRE, None),
+    ("Pedestrian", "bbox", 0.5),
+    ("Pedestrian", "3d", 0.5),
 )
 
 
@@ -83,9 +95,13 @@ def main(
     store = DetectionStore(weights["detection2d"], weights["detection3d"], cache, engine)
     results: list[dict[str, Any]] = []
     for case in cases:
-        found = join_all(list(store.frames(samples, case, CASES[case])), fitted)
+        frames = list(store.frames(samples, case, CASES[case]))
+        alignment = measure_alignment(frames[index].sample for index in evenly_spread(len(frames)))
+        aligned = _aligned(store, samples, case, frames, alignment)
+        found = join_all(frames, fitted, aligned)
+        told = {"by_boxes": alignment.by_boxes, "undone": alignment.turn.to_json()}
         for row in _compare(found, labels, resamples, seed):
-            results.append({"case": case, **row})
+            results.append({"case": case, **told, **row})
             print(f"{case:<18} {_text(row)}", flush=True)
     print_record(
         {
@@ -100,14 +116,43 @@ def main(
     )
 
 
-def join_all(frames: Sequence[FitFrame], models: JoinModels) -> _Results:
-    """Join the detections of all frames of one state, as result files."""
+def _aligned(
+    store: DetectionStore,
+    samples: list[CameraLidarSample],
+    case: str,
+    frames: list[FitFrame],
+    alignment: Alignment,
+) -> list[FitFrame]:
+    """Frames with the rotation of their LiDAR undone, and detections in them."""
+
+    def undone(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+        return undo_turn(CASES[case](sample, position), alignment.turn)
+
+    if alignment.turn:
+        return list(store.frames(samples, f"{case}_undone", undone))
+    if not alignment.by_boxes:
+        return frames
+    turns = [turn_by_boxes(frame.sample, frame.found2d, frame.found3d) for frame in frames]
+    return [
+        replace(frame, sample=undo_turn(frame.sample, turn))
+        for frame, turn in zip(frames, turns, strict=True)
+    ]
+
+
+def join_all(
+    frames: Sequence[FitFrame], models: JoinModels, aligned: Sequence[FitFrame] | None = None
+) -> _Results:
+    """Join the detections of all frames of one state, as result files.
+
+    `aligned` has the same frames with the rotation of their LiDAR undone, which are joined in their
+    place.
+    """
     found = _Results([], [], [], [])
-    for frame in frames:
+    for given, frame in zip(frames, aligned or frames, strict=True):
         sample = frame.sample
         objects = join_detections(sample, frame.found2d, frame.found3d, models, JoinConfig())
-        found.image.append(_columns(frame, frame.found2d))
-        found.sweep.append(_columns(frame, frame.found3d))
+        found.image.append(_columns(given, given.found2d))
+        found.sweep.append(_columns(given, given.found3d))
         found.joined_image.append(kitti_from_objects(objects, sample))
         found.joined_space.append(kitti_from_objects(objects, sample, in_space=True))
     return found
@@ -127,16 +172,33 @@ def _compare(
     found: _Results, labels: list[KittiObjects], resamples: int, seed: int
 ) -> list[dict[str, Any]]:
     """Rows of joined less alone; in the image less each detector."""
+
+    def compare(
+        joined: list[KittiObjects], alone: list[KittiObjects], overlaps: MinimumOverlaps
+    ) -> Sequence[ComparedEntry]:
+        return compare_submissions(
+            find_pairs(joined, labels, overlaps.as_array()),
+            find_pairs(alone, labels, overlaps.as_array()),
+            overlaps,
+            num_resamples=resamples,
+            seed=seed,
+        )
+
+    in_image = {
+        "image": compare(found.joined_image, found.image, STRICT),
+        "sweep": compare(found.joined_image, found.sweep, STRICT),
+    }
+    in_space = {
+        iou: {"sweep": compare(found.joined_space, found.sweep, overlaps)}
+        for iou, overlaps in ((0.7, STRICT), (0.5, _HALF))
+    }
     rows = []
-    for class_name, metric, iou, overlaps in _SCORES:
-        joined = found.joined_image if metric == "bbox" else found.joined_space
+    for class_name, metric, iou in _SCORES:
         row: dict[str, Any] = {"class": class_name, "metric": metric, "iou": iou}
-        for name, alone in (("image", found.image), ("sweep", found.sweep)):
-            if metric == "3d" and name == "image":
-                continue
-            pair = _difference(
-                joined, alone, labels, overlaps, (class_name, metric), resamples, seed
-            )
+        # Only cars' overlap differs between both entries in space.
+        space = in_space[0.5 if iou == 0.5 else 0.7]
+        for name, entries in (in_image if metric == "bbox" else space).items():
+            pair = _pair(entries, class_name, metric)
             if pair is not None:
                 row["joined"] = round(pair.first, 2)
                 row[name] = round(pair.second, 2)
@@ -147,33 +209,24 @@ def _compare(
     return rows
 
 
-def _difference(
-    joined: list[KittiObjects],
-    alone: list[KittiObjects],
-    labels: list[KittiObjects],
-    overlaps: MinimumOverlaps,
-    score: tuple[str, str],
-    resamples: int,
-    seed: int,
+def _pair(
+    entries: Sequence[ComparedEntry], class_name: str, metric: str
 ) -> PairedDifference | None:
-    """Compare by class and metric, moderate; None: neither has results."""
-    entries = compare_submissions(
-        find_pairs(joined, labels, overlaps.as_array()),
-        find_pairs(alone, labels, overlaps.as_array()),
-        overlaps,
-        num_resamples=resamples,
-        seed=seed,
-    )
+    """Find the moderate scores of a class and metric; None: neither has results."""
     for entry in entries:
-        if (entry.class_name, entry.metric) == score and entry.difficulty == "moderate":
-            return entry.all_points
+        if entry.class_name == class_name and entry.difficulty == "moderate":
+            if metric == _CENTRE and entry.metric == "3d":
+                return entry.centre_2m
+            if metric == entry.metric:
+                return entry.all_points
     return None
 
 
 def _text(row: dict[str, Any]) -> str:
     alone = " ".join(f"{name} {row[name]:.1f}" for name in ("image", "sweep") if name in row)
     return (
-        f"{row['class']} {row['metric']} {row['iou']}: {alone} joined {row.get('joined', 0):.1f} "
+        f"{row['class']} {row['metric']} {row['iou'] or ''}: {alone} "
+        f"joined {row.get('joined', 0):.1f} "
         + " ".join(str(row[key]) for key in row if key.endswith("_95"))
     )
 

@@ -18,6 +18,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.joining.fitting import FitFrame
+from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 
@@ -25,6 +26,7 @@ Change = Callable[[CameraLidarSample, int], CameraLidarSample]
 """Fault of a sample, which may depend on its position in the list."""
 
 _CORE: Final = find_suite("core")
+_SOUND: Final = "clean"
 _RINGS: Final = 64
 _THIN: Final = (16, 8, 32, 16, 8, 16)  # beams, in turns
 
@@ -63,11 +65,42 @@ def thin_sweep(sample: CameraLidarSample, position: int) -> CameraLidarSample:
     return thin_rings(sample, keep_every, 7 * position % keep_every)
 
 
+def turned(yaw_deg: float) -> Change:
+    """Make a change to a LiDAR rotated in its mount.
+
+    The calibration is turned instead of the sweep, so that the sweep's detections stay.
+    """
+
+    def turn(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+        del position
+        return undo_turn(sample, LidarTurn(yaw_deg=-yaw_deg))
+
+    return turn
+
+
+def half_hidden(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+    """Remove the returns left or right of straight ahead, in turns."""
+    if sample.points is None:
+        return sample
+    is_left = sample.points[:, 1] > 0
+    return replace(sample, points=sample.points[is_left if position % 2 else ~is_left])
+
+
+def core_fault(kind: str, severity: int) -> Change:
+    """Make a change to one of suite `core`."""
+    (case,) = _CORE.select([f"{kind}-{severity}"])
+
+    def corrupt(sample: CameraLidarSample, position: int) -> CameraLidarSample:
+        del position
+        return case.corrupt(sample).sample
+
+    return corrupt
+
+
 def any_fault(sample: CameraLidarSample, position: int) -> CameraLidarSample:
     """Apply one of suite `core`, kinds and severities in turns."""
     kind = _CORE.kinds[3 * position % len(_CORE.kinds)]
-    (case,) = _CORE.select([f"{kind}-{1 + position // 2 % 5}"])
-    return case.corrupt(sample).sample
+    return core_fault(kind, 1 + position // 2 % 5)(sample, position)
 
 
 FIT_CASES: Final[Mapping[str, Change]] = {
@@ -83,7 +116,12 @@ CASES: Final[Mapping[str, Change]] = {
     "clean": clean,
     "camera_blank": without_camera,
     "lidar_blank": without_lidar,
+    **{f"beams_32_from_{first}": beams(32, first) for first in range(2)},
     **{f"beams_16_from_{first}": beams(16, first) for first in range(4)},
+    **{f"beams_8_from_{first}": beams(8, first) for first in range(0, 8, 2)},
+    "half_hidden": half_hidden,
+    **{f"yaw_{yaw_deg:g}": turned(yaw_deg) for yaw_deg in (0.5, 1.0, 2.0)},
+    **{f"{kind}-3": core_fault(kind, 3) for kind in _CORE.kinds},
 }
 """States of the sensors in which joined objects are scored."""
 
@@ -121,7 +159,11 @@ class DetectionStore:
                 found3d=None if content["sweep"] is None else _detections3d(content["sweep"]),
             )
         found2d = self.detector2d(changed).detections
-        found3d = None if changed.points is None else self.detector3d(changed)
+        found3d: Detections3D | None = None
+        if changed.points is sample.points and case != _SOUND:  # the sweep is as it was
+            found3d = self.frame(sample, _SOUND, position, clean).found3d
+        elif changed.points is not None:
+            found3d = self.detector3d(changed)
         path.parent.mkdir(parents=True, exist_ok=True)
         content = {"image": plain(found2d), "sweep": None if found3d is None else plain(found3d)}
         atomic_write_text(path, json.dumps(content))

@@ -1,4 +1,4 @@
-"""Rows of the table of joined objects beside each detector's."""
+"""Rows of the tables of joined objects beside each detector's."""
 
 from statistics import mean
 from typing import Any
@@ -15,13 +15,21 @@ _COLUMNS = {
     "pedestrians in the image, 0.5": ("Pedestrian", "bbox", 0.5),
     "pedestrians in 3D, 0.5": ("Pedestrian", "3d", 0.5),
 }
+_FAULT_COLUMNS = {
+    "cars in the image, IoU 0.7": ("Car", "bbox", 0.7),
+    "cars in 3D, 0.7": ("Car", "3d", 0.7),
+    "cars in 3D, 0.5": ("Car", "3d", 0.5),
+    "cars, centres within 2 m": ("Car", "centre_2m", None),
+    "pedestrians in the image, 0.5": ("Pedestrian", "bbox", 0.5),
+    "pedestrians in 3D, 0.5": ("Pedestrian", "3d", 0.5),
+}
 
 
 def joined(*records: Record) -> Rows:
     """Give a row for each list of frames and state of the sensors."""
     rows: Rows = [["frames", "sensors", *_COLUMNS]]
     for record in records:
-        cases = list(dict.fromkeys(row["case"] for row in record["results"]))
+        cases = _cases(record)
         beams = [case for case in cases if case.startswith(_BEAMS)]
         states = {title: [case] for case, title in _STATES.items() if case in cases}
         if beams:
@@ -29,6 +37,23 @@ def joined(*records: Record) -> Rows:
         for title, chosen in states.items():
             cells = [_cell(record, chosen, *column) for column in _COLUMNS.values()]
             rows.append([f"{record['sample_list']}, {record['frames']}", title, *cells])
+    return rows
+
+
+def faults(*records: Record) -> Rows:
+    """Give a row for each fault, and what was undone of the LiDAR's mount."""
+    rows: Rows = [["fault", "undone", *_FAULT_COLUMNS]]
+    for record in records:
+        for case in _cases(record):
+            told = next(row for row in record["results"] if row["case"] == case)
+            angles = (
+                f"{name.removesuffix('_deg')} {angle:.2f} deg"
+                for name, angle in told["undone"].items()
+                if angle
+            )
+            undone = ", ".join(angles) or ("frame by frame" if told["by_boxes"] else "-")
+            cells = [_cell(record, [case], *column) for column in _FAULT_COLUMNS.values()]
+            rows.append([_title(case), undone, *cells])
     return rows
 
 
@@ -59,22 +84,37 @@ def _number(error: float | None) -> str:
     return "-" if error is None else f"{error:.0f}"
 
 
-def _cell(record: Record, cases: list[str], class_name: str, metric: str, iou: float) -> str:
-    """Format AP alone and joined, and the interval of the difference for a single case."""
+def _cases(record: Record) -> list[str]:
+    return list(dict.fromkeys(row["case"] for row in record["results"]))
+
+
+def _title(case: str) -> str:
+    """Name a case in words."""
+    kind, _, severity = case.partition("-")
+    if severity:
+        return f"`{kind}`, severity {severity}"
+    if case.startswith("yaw_"):
+        return f"LiDAR turned by {case.removeprefix('yaw_')} deg"
+    if case.startswith("beams_"):
+        num_beams, first = case.removeprefix("beams_").split("_from_")
+        return f"{num_beams} beams, from ring {first} on"
+    return {"half_hidden": "half a sweep hidden", **_STATES}[case]
+
+
+def _cell(record: Record, cases: list[str], class_name: str, metric: str, iou: float | None) -> str:
+    """Format AP alone and joined; for a single case the difference's interval, to the better."""
     rows = [
         row
         for row in record["results"]
         if row["case"] in cases
         and (row["class"], row["metric"], row["iou"]) == (class_name, metric, iou)
     ]
-    alone = [
-        f"{mean(row[name] for row in rows):.1f}"
-        for name in ("image", "sweep")
-        if all(name in row for row in rows)
-    ]
-    cell = f"{' / '.join(alone)} -> **{mean(row.get('joined', 0.0) for row in rows):.1f}**"
-    own = "less_image_95" if metric == "bbox" else "less_sweep_95"
-    interval = rows[0].get(own)
+    names = [name for name in ("image", "sweep") if all(name in row for row in rows)]
+    alone = {name: mean(row[name] for row in rows) for name in names}
+    scores = " / ".join(f"{score:.1f}" for score in alone.values())
+    cell = f"{scores} -> **{mean(row.get('joined', 0.0) for row in rows):.1f}**"
+    better = max(alone, key=alone.__getitem__, default=None)
+    interval = rows[0].get(f"less_{better}_95")
     if len(rows) > 1 or interval is None:
         return cell
     return f"{cell} [{interval[0]:+.1f}, {interval[1]:+.1f}]"

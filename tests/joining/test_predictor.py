@@ -1,13 +1,17 @@
 import dataclasses
 import json
+import math
 
 import pytest
 
+from sightline.augmentation.sample_changes import rotate_extrinsics
 from sightline.data.open import open_dataset
 from sightline.detection2d.predictor import DetectionPredictor, DetectionResult
 from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.models import read_models
 from sightline.joining.predictor import JoinedPredictor
+from sightline.joining.scene import make_scene
 from sightline.perception.perceive import perceive
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.perception.results import open_results, read_perception
@@ -67,6 +71,39 @@ def test_without_a_sweep_its_detector_does_not_run(packaged):
 def test_models_of_other_weights_are_refused():
     with pytest.raises(ValueError, match="were not fitted for image and sweep; give the weights"):
         joined(digests=("b", "a"))
+
+
+def test_the_rotation_of_its_recording_is_undone_and_told(packaged):
+    turned = [rotate_extrinsics(packaged, 1.0)] * 6
+    given = joined().aligned(turned, AlignmentConfig(yaw_bias_deg=0.0))
+    found = given(turned[0])
+    assert found.undone_turn.yaw_deg == pytest.approx(1.0, abs=0.1)
+    assert found.to_json()["undone_turn"] == found.undone_turn.to_json()
+    as_calibrated = joined()(turned[0]).objects
+    shift_px = (found.objects.boxes2d.tensor - as_calibrated.boxes2d.tensor)[0, 0]
+    assert shift_px == pytest.approx(721 * math.tan(math.radians(1.0)), abs=2)
+
+
+def test_a_sound_recording_changes_nothing(packaged):
+    given = joined().aligned([packaged] * 6, AlignmentConfig(yaw_bias_deg=0.0))
+    assert given.alignment == Alignment()
+    assert given(packaged).to_json() == joined()(packaged).to_json()
+    assert "undone_turn" not in joined()(packaged).to_json()
+
+
+def test_frames_that_do_not_agree_are_aligned_by_their_boxes(packaged):
+    turned = [rotate_extrinsics(packaged, yaw_deg) for yaw_deg in (-1.5, -1.0, 0.0, 1.0, 1.5)]
+    given = joined().aligned(turned)
+    assert given.alignment.by_boxes
+    left, *others = make_scene(packaged, None, detections3d(CAR)).sweep.in_image[0].tolist()
+    shifted = (left + 12, others[0], others[1] + 12, others[2])
+    found2d = DetectionResult(detections=detections2d(("Car", 0.9, shifted)))
+    given.detector2d.predict = lambda _: found2d
+    sure = detections3d((CAR[0], 0.9, *CAR[2:]))
+    given.detector3d.predict = lambda _: sure
+    found = given(packaged)
+    assert found.undone_turn.yaw_deg == pytest.approx(0.9, abs=0.15)
+    assert len(found.objects) == 1
 
 
 def perceiver(digests):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, Float32, Float64, Int64, UInt8
+from jaxtyping import Bool, Float32, Int64, UInt8
 from torch import Tensor
 
 from sightline.data.kitti_labels import NO_ALPHA
@@ -21,7 +21,7 @@ from sightline.data.rings import NUM_RINGS, rings_of_any_order
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.transforms import wrap_angle
+from sightline.geometry.transforms import rotation_about_axes, wrap_angle
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
 
@@ -85,7 +85,7 @@ def rotate_extrinsics(
         ValueError: The sample has no sweep.
     """
     points = sweep_of(sample).clone()
-    turned = points[:, :3].double() @ _rotation(yaw_deg, pitch_deg, roll_deg).T
+    turned = points[:, :3].double() @ rotation_about_axes(yaw_deg, pitch_deg, roll_deg).T
     points[:, :3] = turned.float()
     return replace(sample, points=points)
 
@@ -254,18 +254,6 @@ def sweep_of(sample: CameraLidarSample) -> Float32[Tensor, "num_points 4"]:
             "step"
         )
     return sample.points
-
-
-def _rotation(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64[Tensor, "3 3"]:
-    rotation = torch.eye(3, dtype=torch.float64)
-    for axis, degrees in enumerate((roll_deg, pitch_deg, yaw_deg)):
-        cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-        turn = torch.eye(3, dtype=torch.float64)
-        second, third = (axis + 1) % 3, (axis + 2) % 3
-        turn[second, second] = turn[third, third] = cos
-        turn[third, second], turn[second, third] = sin, -sin
-        rotation = turn @ rotation
-    return rotation
 
 
 def _mirrored_calibration(calibration: Calibration, width: int) -> Calibration:

@@ -7,7 +7,7 @@ so a chain reads as a proof: `image_from_camera @ camera_from_lidar`.
 import math
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 
@@ -50,6 +50,24 @@ def yaw_rotation(yaw: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 3 3"]:
     zero, one = torch.zeros_like(yaw), torch.ones_like(yaw)
     rows = (cos, -sin, zero, sin, cos, zero, zero, zero, one)
     return torch.stack(rows, dim=-1).reshape(*yaw.shape, 3, 3)
+
+
+def rotation_about_axes(
+    yaw_deg: float, pitch_deg: float = 0.0, roll_deg: float = 0.0
+) -> Float64[Tensor, "3 3"]:
+    """Make the matrix of a rotation about x (roll), then y (pitch), then z (yaw).
+
+    Each is counter-clockwise seen from the axis's tip.
+    """
+    rotation = torch.eye(3, dtype=torch.float64)
+    for axis, degrees in enumerate((roll_deg, pitch_deg, yaw_deg)):
+        cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        turn = torch.eye(3, dtype=torch.float64)
+        second, third = (axis + 1) % 3, (axis + 2) % 3
+        turn[second, second] = turn[third, third] = cos
+        turn[third, second], turn[second, third] = sin, -sin
+        rotation = turn @ rotation
+    return rotation
 
 
 def wrap_angle(angle: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:

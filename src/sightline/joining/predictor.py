@@ -1,15 +1,25 @@
-"""Predictor of joined objects: both detectors, then the join."""
+"""Predictor of joined objects: calibration, both detectors, then the join."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from sightline.data.kitti_trees import Part
+from sightline.data.open import SampleDataset
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.sample_predictor import SamplePredictor
+from sightline.joining.alignment import (
+    Alignment,
+    AlignmentConfig,
+    evenly_spread,
+    measure_alignment,
+)
+from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.join import JoinConfig, join_detections
 from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
 
@@ -27,8 +37,9 @@ class JoinedPredictor(SamplePredictor[Perception]):
         >>> joined(dataclasses.replace(sample, points=None)).objects.origins[0]  # no LiDAR
         'lifted'
 
-    Predictions also hold the detections that were joined. May be pickled, and called in a forked
-    process.
+    Predictions also hold the detections that were joined. Nothing is remembered from one sample to
+    the next; a rotation of the LiDAR in its mount is undone after `aligned` measured it. May be
+    pickled, and called in a forked process.
     """
 
     name = JOINED
@@ -43,8 +54,16 @@ class JoinedPredictor(SamplePredictor[Perception]):
         detector3d: Detection3DPredictor,
         models: JoinModels,
         config: JoinConfig | None = None,
+        alignment: Alignment | None = None,
     ) -> None:
         """Takes both detectors and the models fitted for them; `load` takes those that ship.
+
+        Args:
+            detector2d: Detector in the image.
+            detector3d: Detector in the sweep.
+            models: Models fitted with the weights of both.
+            config: Stages of joining. None: all.
+            alignment: What is known of the LiDAR's mount. None: the calibration is right.
 
         Raises:
             ValueError: The models were fitted for other weights.
@@ -56,6 +75,29 @@ class JoinedPredictor(SamplePredictor[Perception]):
             )
         self.detector2d, self.detector3d = detector2d, detector3d
         self.models, self.config = models, config or JoinConfig()
+        self.alignment = alignment or Alignment()
+
+    def aligned(
+        self,
+        samples: Sequence[CameraLidarSample] | SampleDataset,
+        config: AlignmentConfig | None = None,
+    ) -> "JoinedPredictor":
+        """Makes a predictor that undoes the LiDAR's rotation found in frames of one recording.
+
+        The rotation is measured by edges, less the bias that it has on sound data; an angle is
+        undone if it is surely more than its noise, so sound recordings are left as they are. If the
+        frames do not agree, each is aligned by its own boxes.
+
+        Args:
+            samples: Frames of the recording, of which up to 15 are read, evenly spread: a list or
+                a data set. If fewer than five show edges, nothing is undone.
+            config: Biases and limits. None: those for KITTI's rig.
+        """
+        chosen = (samples[index] for index in evenly_spread(len(samples)))
+        alignment = measure_alignment(chosen, config or AlignmentConfig())
+        return JoinedPredictor(
+            self.detector2d, self.detector3d, self.models, self.config, alignment
+        )
 
     @classmethod
     def load(
@@ -90,9 +132,19 @@ class JoinedPredictor(SamplePredictor[Perception]):
         Raises:
             ValueError: The sample has neither image nor sweep, or has points that are not finite.
         """
+        turn = self.alignment.turn
+        sample = undo_turn(sample, turn)
         found2d: Detections2D = self.detector2d(sample).detections
         found3d: Detections3D | None = None
         if sample.points is not None:
             found3d = self.detector3d(sample)
+        if self.alignment.by_boxes:
+            turn = turn_by_boxes(sample, found2d, found3d)
+            sample = undo_turn(sample, turn)
         objects = join_detections(sample, found2d, found3d, self.models, self.config)
-        return Perception(objects=objects, detections2d=found2d, detections3d=found3d)
+        return Perception(
+            objects=objects,
+            detections2d=found2d,
+            detections3d=found3d,
+            undone_turn=turn or None,
+        )

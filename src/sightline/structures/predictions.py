@@ -14,6 +14,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
 from sightline.geometry.wrong_types import named_arguments
+from sightline.structures.lidar_turn import LidarTurn
 from sightline.structures.objects import Objects
 
 if TYPE_CHECKING:
@@ -228,6 +229,8 @@ class Perception:
     """Depth map of the frame's image size."""
     further: Mapping[str, FurtherPrediction] = field(default_factory=dict)
     """Predictions of other kinds, by the key that their task declares (`Output.further`)."""
+    undone_turn: LidarTurn | None = None
+    """Rotation of the LiDAR by which the calibration was corrected before; None: not corrected."""
 
     @classmethod
     @named_arguments
@@ -241,6 +244,7 @@ class Perception:
                 detections3d=joined.detections3d or part.detections3d,
                 depth=joined.depth or part.depth,
                 further={**part.further, **joined.further},
+                undone_turn=joined.undone_turn or part.undone_turn,
             )
         return joined
 
@@ -264,6 +268,7 @@ class Perception:
             "detections3d": None if self.detections3d is None else self.detections3d.to_json(),
             "depth": None if self.depth is None else self.depth.to_json(),
             **{key: each.to_json() for key, each in self.further.items()},
+            **({"undone_turn": self.undone_turn.to_json()} if self.undone_turn else {}),
         }
 
 
