@@ -1,7 +1,7 @@
 """Reader of result files for pictures."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -97,6 +97,9 @@ def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolde
         names = [checked_name(name, source, "folders:") for name in folders]
         parts = [(folder / name, read_claim(folder / name)) for name in dict.fromkeys(names)]
         return [each for part, inner in parts if inner for each in _task_results(part, inner)]
+    if claim.get("job") == JOB_NAME:  # joined objects, in files as both detectors write
+        data = shortened(str(claim.get("data", "")), _MAX_NAME_LENGTH)
+        return [replace(each, data=data) for each in _results_by_suffix(folder)]
     return _task_results(folder, claim)
 
 
