@@ -78,3 +78,20 @@ def test_a_dash_is_no_file(words, tmp_path, monkeypatch, capsys):
     assert "stands for no file" in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("", "an argument is empty, probably a variable of the shell without a value"),
+        ("~/out", "~ stands for the home folder only where the shell replaces it"),
+        ("--out=~/out", "~ stands for the home folder only where the shell replaces it"),
+    ],
+)
+def test_words_that_the_shell_did_not_replace_are_no_places(
+    word, message, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", word]) == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

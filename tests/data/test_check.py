@@ -378,3 +378,11 @@ def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):
     gap, calibration = lines(folder)
     assert "velodyne_points/data/0000000001.bin: is missing; " in gap
     assert "calib_cam_to_cam.txt: is missing, here and one folder up; " in calibration
+
+
+def test_a_calibration_that_is_a_pipe_is_a_problem_and_nothing_waits_for_it(tmp_path):
+    write_recording(tmp_path)
+    (path,) = tmp_path.glob("calibration.*")
+    path.unlink()
+    os.mkfifo(path)
+    assert any("is no regular file" in str(problem) for problem in check_tree(tmp_path))

@@ -271,3 +271,19 @@ def test_what_is_no_file_is_told_and_not_passed_over(tmp_path, name):
     assert str(problem).startswith(f"{tmp_path / name}: cannot be read: no such file")
     with pytest.raises(FileError, match=f"{name}: cannot be read: no such file"):
         open_dataset(tmp_path)[0]
+
+
+@pytest.mark.parametrize("folder", ["image_2", "velodyne", "label_2"])
+@pytest.mark.parametrize("target", ["unmounted/disk", "itself", None])
+def test_a_sensor_behind_a_link_to_nothing_is_not_taken_for_one_that_lacks(tree, folder, target):
+    lost = tree / folder
+    shutil.rmtree(lost)
+    if target is None:
+        lost.write_text("a file")
+    else:
+        lost.symlink_to(folder if target == "itself" else target)
+    complaint = "is no folder" if target is None else "is a link to .*, which cannot be reached"
+    with pytest.raises(FileError, match=complaint) as caught:
+        open_dataset(tree)
+    assert caught.value.problem.path == lost
+    assert caught.value.problem in list(check_tree(tree))

@@ -1,16 +1,19 @@
 import errno
 import io
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from sightline.files.atomic import (
+    DiskError,
     atomic_create_text,
     atomic_link,
     atomic_path,
     atomic_write_bytes,
     atomic_write_text,
+    scratch_folder,
 )
 
 
@@ -210,3 +213,22 @@ def test_a_file_that_is_not_there_cannot_be_linked(tmp_path):
     with pytest.raises(FileNotFoundError):
         atomic_link(tmp_path / "name", tmp_path / "source")
     assert names(tmp_path) == []
+
+
+def test_a_full_temporary_folder_is_named_with_its_remedy_and_left_empty(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(DiskError) as caught, scratch_folder():
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert str(caught.value) == (
+        f"temporary folder {tmp_path} is unusable: no space left on device; make room, or name "
+        "another temporary folder by the variable TMPDIR"
+    )
+    assert names(tmp_path) == []
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    with pytest.raises(DiskError, match="no temporary folder can be made: no such file"):
+        scratch_folder().__enter__()
+
+
+def test_other_errors_in_a_temporary_folder_pass_unchanged():
+    with pytest.raises(FileNotFoundError), scratch_folder() as folder:
+        (folder / "missing").read_bytes()

@@ -62,3 +62,8 @@ def test_a_list_of_frames_holds_no_paths_that_lead_elsewhere(tmp_path):
     path.write_text("000001\n../../secret\n")
     with pytest.raises(FileError, match=r"list.txt: frame 2 is '../../secret'"):
         read_sample_list(path, tmp_path)
+
+
+def test_a_path_of_windows_gets_its_own_remedy(tmp_path):
+    with pytest.raises(FileError, match=r"plain names with / between them; replace each"):
+        path_below(tmp_path, "samples\\CAM_FRONT\\0.jpg", "sample_data.json", "row 1: the filename")

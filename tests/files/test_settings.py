@@ -55,3 +55,16 @@ def test_settings_that_differ_are_named_one_by_one_within_their_part():
     assert message == "part.count 2 instead of 1, part.names ['a'] instead of []"
     assert differing_settings({"part": None}, Whole()).startswith("part None instead of {")
     assert differing_settings(config_to_dict(Whole()), Whole()) == ""
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        ({"count": None}, r"^the setting part\.count is null, expected a value$"),
+        ({"names": None}, r"^the setting part\.names is null, expected a value$"),
+        ({"count": 10**30}, r"^the setting part\.count is 1000+\.\.\., expected up to 2147483647$"),
+    ],
+)
+def test_what_the_parser_accepts_for_any_type_is_refused_in_plain_words(part, message):
+    with pytest.raises(ValueError, match=message):
+        parse_settings(Whole, {"part": part})

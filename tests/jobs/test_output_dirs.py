@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sightline.files import atomic
-from sightline.files.atomic import atomic_create_text
+from sightline.files.atomic import DiskError, atomic_create_text
 from sightline.jobs.output_dirs import (
     MANIFEST_NAME,
     Claim,
@@ -237,3 +237,24 @@ def test_a_manifest_that_cannot_be_read_is_refused_in_one_line(tmp_path, kind):
     with pytest.raises(ValueError, match=r"sightline\.json:? is .*; .*name another output folder"):
         claim(tmp_path)
     assert read_claim(tmp_path) is None
+
+
+@dataclass(frozen=True)
+class Failing:
+    """A piece whose disk is full, or whose memory runs out."""
+
+    error: Exception
+
+    def __str__(self) -> str:
+        return "note 0"
+
+    def run(self) -> None:
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [DiskError("a.txt cannot be written"), MemoryError()])
+def test_a_full_disk_and_lack_of_memory_are_no_faults_of_the_piece(error):
+    with pytest.raises(ValueError, match=r"done and stay, 2 are left: then run .*$") as caught:
+        run_job([Failing(error)] * 2, 1, description="noting", leave_out=LEAVE_OUT)
+    assert "correct this one" not in str(caught.value)
+    assert "sample_list" not in str(caught.value)

@@ -1,6 +1,7 @@
 """Result files read back, and drawn beside their frames."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -176,3 +177,16 @@ def test_the_first_of_several_perceptions_wins():
     assert joined.filter_by_score(0.2).detections2d.class_names == ("Car",)
     filtered = dataclasses.replace(joined, detections3d=None).filter_by_score(0.3)
     assert filtered.detections2d.class_names == ()
+
+
+def test_joined_objects_are_drawn_as_results_of_both_detectors(data, results):
+    (results / "joined").mkdir()
+    line = "Car -1 -1 0 1 2 4 12 1.5 1.6 3.9 0 1.6 12 -1.5 0.9\n"
+    (results / "joined" / "000001.txt").write_text(line)
+    manifest = {"job": "perceive", "data": "a/data", "velodyne": "velodyne", "models": {}}
+    (results / "joined" / "sightline.json").write_text(json.dumps(manifest))
+    opened = open_results([results / "joined"])
+    assert {each.data for each in opened} == {"a/data"}
+    perception = read_perception(opened, open_dataset(data)[1])
+    assert perception.detections2d.boxes.tensor.tolist() == [[1.0, 2.0, 4.0, 12.0]]
+    assert perception.detections3d.class_names == ("Car",)

@@ -212,10 +212,24 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(fault, REFUSED)
 
 
-def _refuse_dashes(arguments: list[str]) -> None:
-    """Refuses `-` as a file, which would not be standard input or output but a file's name."""
+def _refuse_shell_mistakes(arguments: list[str]) -> None:
+    """Refuses words that would become places which nobody means.
+
+    `-` would not be standard input or output but a file's name, an empty word (a variable without a
+    value) the current folder, and `~` a folder of that name, as shells leave it in `--json=~/x`.
+    """
     for argument in arguments:
         option, _, value = argument.rpartition("=")
+        if not argument:
+            raise ValueError(
+                "an argument is empty, probably a variable of the shell without a value; name a "
+                "file or folder, or . for the current folder"
+            )
+        if value.startswith("~/") and (not option or option.startswith("--")):
+            raise ValueError(
+                f"{argument}: ~ stands for the home folder only where the shell replaces it; write "
+                "the path in full, such as $HOME/out"
+            )
         if value == "-" and (not option or option.startswith("--")):
             raise ValueError(
                 f"{argument} stands for no file: standard input and output are not supported; name "
@@ -224,7 +238,7 @@ def _refuse_dashes(arguments: list[str]) -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    _refuse_dashes(arguments)
+    _refuse_shell_mistakes(arguments)
     match arguments:
         case ["fit" | "validate" | "test" as training, *rest]:
             # Unparsed: Lightning creates the parser for the recipe's classes.

@@ -309,6 +309,8 @@ def _middle_bytes(path: Path) -> bytes | None:
 
 
 def _digest(path: Path) -> bytes | None:
+    if not path.is_file():  # a pipe could be waited for without end
+        return None
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "blake2b").digest()

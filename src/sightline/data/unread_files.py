@@ -1,5 +1,6 @@
 """Finds ignored files in sensors' folders, so that they are reported."""
 
+import os
 import re
 import unicodedata
 from collections import Counter
@@ -144,7 +145,7 @@ def depth_folders(root: Path, split: DriveSplit | SelectedSplit) -> list[PartFol
 
 
 def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
-    """Find folders with ignored files or subfolders.
+    """Find folders with ignored files or subfolders, links to nothing and files for folders.
 
     Notes (such as timestamps.txt) beside other files, and files with the same name as a read one
     are not counted; beside read files, subfolders count only with files of the part. Hidden files
@@ -154,7 +155,7 @@ def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
         unread
         for each in folders
         if not each.only
-        for unread in (_find_unread_in(each), _find_hidden_in(each))
+        for unread in (_find_lost(each) or _find_unread_in(each), _find_hidden_in(each))
     ]
     return [each for each in found if each is not None]
 
@@ -183,6 +184,19 @@ def find_name_clashes(place: PartFolder) -> list[Problem]:
             remedy = "rename it: on some disks, results of one overwrite those of the other"
             problems.append(Problem(path=path, problem=problem, remedy=remedy))
     return problems
+
+
+def _find_lost(place: PartFolder) -> UnreadFiles | None:
+    """Find a link to nothing, such as to a disk that is not mounted, or a file for a folder."""
+    folder = place.folder
+    if folder.is_dir() or not os.path.lexists(folder):
+        return None
+    problem, remedy = "is no folder", "put its files into one"
+    if folder.is_symlink() and not folder.exists():
+        problem = f"is a link to {shortened(str(folder.readlink()), 200)}, which cannot be reached"
+        remedy = "mount its disk or correct the link"
+    described = Problem(path=folder, problem=problem, remedy=f"{remedy}, or remove it")
+    return UnreadFiles(problem=described, part=place.part, all_unread=True)
 
 
 def _find_misnamed(place: PartFolder) -> UnreadFiles | None:

@@ -1,6 +1,5 @@
 """Engines that run a network by PyTorch, ONNX Runtime or OpenVINO through the same interface."""
 
-import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -18,6 +17,7 @@ from sightline.export.named_tensors import check_inputs, named_outputs
 from sightline.export.names import EngineName, Precision
 from sightline.export.onnx import export_onnx, read_onnx_metadata
 from sightline.export.openvino import read_openvino_metadata, shared_core
+from sightline.files.atomic import scratch_folder
 from sightline.jobs.worker import has_lost_threads
 
 _SIZES_KEPT = 4  # a compiled network holds its weights and buffers
@@ -113,8 +113,8 @@ def build_engine(
         names = tuple(example_inputs)
         return TorchEngine(module, names, metadata=metadata, threads=threads, precision=precision)
     import_extra(name)  # before the export, which takes a while
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.onnx"
+    with scratch_folder() as folder:
+        path = folder / "model.onnx"
         export_onnx(module, example_inputs, path, metadata=metadata)
         return open_engine(path, name, threads=threads, precision=precision)
 

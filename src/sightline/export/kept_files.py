@@ -6,7 +6,6 @@ covers all its inputs: weights, settings, Sightline's own code and the exporter'
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -18,7 +17,7 @@ import torch
 
 from sightline.export.graph import ExportGraph
 from sightline.export.onnx import OPSET, export_onnx
-from sightline.files.atomic import atomic_write_bytes
+from sightline.files.atomic import atomic_write_bytes, scratch_folder
 from sightline.jobs.progress import waiting
 from sightline.ops.cache_folder import cache_folder
 
@@ -45,8 +44,8 @@ def onnx_file_of(graph: ExportGraph) -> bytes:
 
 def _export(graph: ExportGraph) -> bytes:
     message = f"converting a {graph.metadata.task} network (cached afterwards)"
-    with waiting(message), tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.onnx"
+    with waiting(message), scratch_folder() as folder:
+        path = folder / "model.onnx"
         export_onnx(graph.module, graph.example_inputs, path, metadata=graph.metadata)
         return path.read_bytes()
 

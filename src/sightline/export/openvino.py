@@ -1,7 +1,6 @@
 """Export of a PyTorch module, or its ONNX file, to OpenVINO's format (IR): `.xml` and `.bin`."""
 
 import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -13,7 +12,7 @@ from torch import Tensor, nn
 from sightline.export.extra import import_extra
 from sightline.export.metadata import KEYS, ExportMetadata, parse_metadata
 from sightline.export.onnx import export_onnx, read_onnx_metadata
-from sightline.files.atomic import atomic_path
+from sightline.files.atomic import atomic_path, scratch_folder
 
 
 def shared_core() -> Any:  # noqa: ANN401 - an extra's
@@ -61,8 +60,8 @@ def export_openvino(
         ValueError: See `export_onnx`; or `path` does not end in .xml.
     """
     import_extra("openvino")  # before the export, which takes a while
-    with tempfile.TemporaryDirectory() as folder:
-        onnx_path = Path(folder) / "model.onnx"
+    with scratch_folder() as folder:
+        onnx_path = folder / "model.onnx"
         export_onnx(module, example_inputs, onnx_path, metadata=metadata)
         convert_to_openvino(onnx_path, path)
 

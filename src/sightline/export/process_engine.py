@@ -1,10 +1,8 @@
 """Engines for jobs with several processes."""
 
 import os
-import tempfile
 import warnings
 from collections.abc import Mapping
-from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -15,6 +13,7 @@ from sightline.export.extra import import_extra
 from sightline.export.graph import ExportGraph
 from sightline.export.kept_files import onnx_file_of
 from sightline.export.names import EngineChoice, EngineName
+from sightline.files.atomic import scratch_folder
 from sightline.files.plain_text import shortened
 
 _REASON_LENGTH = 160  # characters
@@ -91,8 +90,8 @@ class ProcessEngine:
     def _make(self) -> Engine:
         if self._onnx is None:
             return _torch_engine(self._graph, self._device, self._threads)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "model.onnx"
+        with scratch_folder() as folder:
+            path = folder / "model.onnx"
             path.write_bytes(self._onnx)
             return open_engine(path, self.name, threads=self._threads)
 

@@ -50,6 +50,34 @@ def _resolved(path: Path | str) -> Path:
     return Path(os.path.realpath(path.parent), path.name)
 
 
+class DiskError(ValueError):
+    """Error for a disk that is full or broken, whatever is written."""
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Create a folder in TMPDIR for intermediate files, and remove it at the end of the block.
+
+    Raises:
+        DiskError: No folder can be created, or its disk is full or broken.
+    """
+    remedy = "make room, or name another temporary folder by the variable TMPDIR"
+    try:
+        holder = tempfile.TemporaryDirectory(prefix="sightline-", ignore_cleanup_errors=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise DiskError(f"no temporary folder can be made: {reason}; {remedy}") from error
+    with holder as folder:
+        try:
+            yield Path(folder)
+        except OSError as error:
+            if error.errno not in _DISK_FAULTS:
+                raise
+            reason = os.strerror(error.errno).lower()
+            place = Path(folder).parent
+            raise DiskError(f"temporary folder {place} is unusable: {reason}; {remedy}") from error
+
+
 @contextmanager
 def _naming_disk_faults(target: Path) -> Iterator[None]:
     try:
@@ -61,7 +89,7 @@ def _naming_disk_faults(target: Path) -> Iterator[None]:
         raise fault from error
 
 
-def disk_fault(error: OSError, target: Path) -> ValueError | None:
+def disk_fault(error: OSError, target: Path) -> DiskError | None:
     """Make an error with the target of a write to a full or broken disk; None: another cause."""
     if error.errno not in _DISK_FAULTS:
         return None
@@ -70,7 +98,7 @@ def disk_fault(error: OSError, target: Path) -> ValueError | None:
     remedy = "make room or choose another output folder"
     if tempfile.tempdir is not None and path.is_relative_to(tempfile.tempdir):
         remedy += ", or another temporary folder by the variable TMPDIR"
-    return ValueError(f"{path} cannot be written: {reason}; {remedy}")
+    return DiskError(f"{path} cannot be written: {reason}; {remedy}")
 
 
 def check_replaceable(target: Path) -> None:

@@ -88,14 +88,12 @@ def path_below(root: Path, relative: object, source: Path | str, place: str) -> 
 def relative_parts(relative: object, source: Path | str, place: str) -> list[str]:
     """Check a path from data, and return its parts; arguments and errors as in `path_below`."""
     parts = relative.split("/") if isinstance(relative, str) else [""]
-    if any(_name_fault(part, _MAX_PART_BYTES) is not None or _is_drive(part) for part in parts):
-        raise FileError(
-            source,
-            f"{place} is {shortened(ascii(relative))}, expected a relative path of plain names, "
-            "without '..', hidden or empty parts",
-            _REMEDY,
-        )
-    return parts
+    if all(map(_is_plain, parts)):
+        return parts
+    problem = f"{place} is {shortened(ascii(relative))}, expected a relative path of plain names"
+    if isinstance(relative, str) and all(map(_is_plain, relative.replace("\\", "/").split("/"))):
+        raise FileError(source, f"{problem} with / between them", "replace each backslash by /")
+    raise FileError(source, f"{problem}, without '..', hidden or empty parts", _REMEDY)
 
 
 def _check_link(path: Path, root: Path, source: Path | str, place: str) -> None:
@@ -123,6 +121,10 @@ def _name_fault(name: object, max_bytes: int) -> str | None:
     if len(name.encode()) > max_bytes:
         return f"has more than {max_bytes} bytes"
     return None
+
+
+def _is_plain(part: str) -> bool:
+    return _name_fault(part, _MAX_PART_BYTES) is None and not _is_drive(part)
 
 
 def _is_drive(part: str) -> bool:

@@ -3,10 +3,21 @@
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, fields
-from typing import Any, ClassVar, Final, Protocol, TypeVar, runtime_checkable
+from dataclasses import asdict, fields, is_dataclass
+from typing import (
+    Any,
+    ClassVar,
+    Final,
+    Protocol,
+    TypeVar,
+    get_args,
+    get_type_hints,
+    runtime_checkable,
+)
 
 import jsonargparse
+
+from sightline.files.plain_text import shortened
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -33,6 +44,7 @@ _TYPE_LINES: Final = (
 )
 _VALUE_LINE: Final = "Given value: "
 _LONG_VALUE: Final = 80  # characters
+_MAX_WHOLE: Final = 2**31 - 1
 _PLAIN_NAMES: Final = {
     "bool": "true or false",
     "float": "a number",
@@ -56,6 +68,9 @@ def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
     Raises:
         ValueError: The values are invalid for this class; in one sentence.
     """
+    fault = next(_faulty_values(kind, plain), None)
+    if fault is not None:
+        raise ValueError(f"the setting {fault}")
     parser = jsonargparse.ArgumentParser(exit_on_error=False)
     parser.add_argument("--settings", type=kind)
     try:
@@ -64,6 +79,22 @@ def parse_settings(kind: type[ConfigT], plain: Mapping[str, object]) -> ConfigT:
         raise ValueError(shorten_parser_error(str(error))) from error
     assert isinstance(parsed, kind), "the parser returns the requested type"
     return parsed
+
+
+def _faulty_values(
+    kind: type[ConfigT], plain: Mapping[str, object], within: str = ""
+) -> Iterator[str]:
+    """Yield faults that the parser accepts: null against the type, absurdly large numbers."""
+    for name, hint in get_type_hints(kind).items():
+        kinds = get_args(hint) or (hint,)
+        value = plain.get(name)
+        if name in plain and value is None and type(None) not in kinds:
+            yield f"{within}{name} is null, expected a value"
+        if isinstance(value, int) and abs(value) > _MAX_WHOLE:
+            yield f"{within}{name} is {shortened(str(value), 24)}, expected up to {_MAX_WHOLE}"
+        for each in kinds:
+            if is_dataclass(each) and isinstance(each, type) and isinstance(value, Mapping):
+                yield from _faulty_values(each, value, f"{within}{name}.")
 
 
 def without_backspaces(text: str) -> str:
@@ -85,7 +116,7 @@ def shorten_parser_error(message: str) -> str:
     )
     for python, plain in _PLAIN_NAMES.items():
         text = text.replace(f"Expected a <class '{python}'>", f"Expected {plain}")
-    return text
+    return re.sub(r"Expected a typing\.Literal\[(.*?)\]", r"Expected one of \1", text)
 
 
 def _differences(

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol, TypeVar, runtime_checkable
 
+from sightline.files.atomic import DiskError
 from sightline.files.problem import memory_fault
 from sightline.jobs.pool import run_pieces
 from sightline.jobs.progress import track
@@ -62,6 +63,8 @@ def shard(items: Sequence[Item], index: int, count: int) -> Sequence[Item]:
 
 LEAVE_OUT: Final = "leave it out by a sample_list of the others"
 """Remedy for a faulty sample of a job that takes a list of samples."""
+_CORRECT: Final = "correct this one and run the same again"
+_RUN_AGAIN: Final = "then run the same again"
 
 
 def run_job(works: Sequence[Work], workers: int, *, description: str, leave_out: str = "") -> None:
@@ -78,22 +81,21 @@ def run_job(works: Sequence[Work], workers: int, *, description: str, leave_out:
             pieces, whose results stay, and the number of pieces left.
     """
     check_workers(workers)
-    errors = run_pieces(_Attempt(works), len(works), workers)
-    tracked = track(errors, description=description, total=len(works))
-    for num_done, error in enumerate(tracked):
-        if error:
-            raise ValueError(f"{error}{_progress(num_done, len(works), leave_out)}")
+    way_on = f"{_CORRECT}, or {leave_out}" if leave_out else _CORRECT
+    outcomes = run_pieces(_Attempt(works, way_on), len(works), workers)
+    tracked = track(outcomes, description=description, total=len(works))
+    for num_done, outcome in enumerate(tracked):
+        if outcome:
+            error, _, remedy = outcome.rpartition("\n")
+            raise ValueError(f"{error}{_progress(num_done, len(works), remedy)}")
 
 
-def _progress(num_done: int, total: int, leave_out: str) -> str:
-    """Describe the state of a job that a faulty piece has stopped; empty: it had one piece."""
+def _progress(num_done: int, total: int, way_on: str) -> str:
+    """Describe the state of a job that a fault has stopped; empty: it had one piece."""
     if total == 1:
         return ""
-    way_on = f", or {leave_out}" if leave_out else ""
-    return (
-        f". {num_done:,} of {total:,} are done and stay, {total - num_done:,} are left: correct "
-        f"this one and run the same again{way_on}"
-    )
+    left = f"{total - num_done:,} are left"
+    return f". {num_done:,} of {total:,} are done and stay, {left}: {way_on}"
 
 
 def check_workers(workers: int) -> None:
@@ -108,18 +110,25 @@ def check_workers(workers: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """Runs a piece by its index; returns the error, empty: none."""
+    """Runs a piece by its index; returns the error and, in a last line, the way on; empty: none.
+
+    A full disk and a lack of memory are no faults of the piece.
+    """
 
     works: Sequence[Work]
+    way_on: str
+    """Remedy for a faulty piece."""
 
     def __call__(self, position: int) -> str:
         work = self.works[position]
         try:
             work.run()
+        except DiskError as error:
+            return f"{work}: {error}\n{_RUN_AGAIN}"
         except (ValueError, OSError) as error:
-            return f"{work}: {error}"
+            return f"{work}: {error}\n{self.way_on}"
         except Exception as error:
             if (fault := memory_fault(error)) is None:
                 raise
-            return f"{work}: {fault}"
+            return f"{work}: {fault}\n{_RUN_AGAIN}"
         return ""

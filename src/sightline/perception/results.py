@@ -131,8 +131,9 @@ def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolde
                 ResultFolder(folder=lines, name="objects", suffix=".json", read=_read_objects)
             )
         return found
-    if claim.get("job") == JOB_NAME and folders is None:  # its joined objects
-        return _results_by_suffix(folder)
+    if claim.get("job") == JOB_NAME and folders is None:  # joined objects, as detectors write
+        data = shortened(str(claim.get("data", "")), _MAX_NAME_LENGTH)
+        return [replace(each, data=data) for each in _results_by_suffix(folder)]
     return _task_results(folder, claim)
 
 

@@ -354,3 +354,59 @@ def test_tables_of_any_damage_give_moments_or_one_line_that_names_file_and_row(t
 def test_two_channels_that_are_no_camera_and_lidar_are_refused(nuscenes, tmp_path):
     with pytest.raises(ValueError, match=r"no sample with key frames of LIDAR_TOP and LIDAR_TOP"):
         import_recording(nuscenes, tmp_path, camera_topic="LIDAR_TOP")
+
+
+def test_samples_without_files_in_the_tables_are_counted(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=3)
+    edit(tmp_path / "data", "sample_data", lambda rows: rows.__delitem__(slice(2, None)))
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert "dropped 2 samples without a key frame of each channel" in report
+
+
+@pytest.mark.parametrize(
+    ("timestamps", "complaint"),
+    [
+        ([7, 7, 7], "times that do not rise from frame to frame: 2 of 3, 2 of them equal"),
+        ([1500.0, 1500.1, 1500.2], "times are probably in minutes or another unit"),
+    ],
+)
+def test_times_that_the_recording_would_be_doubted_for_are_a_warning(
+    tmp_path, timestamps, complaint
+):
+    write_nuscenes(tmp_path / "data", num_samples=3)
+
+    def change(rows):
+        for index, row in enumerate(rows):
+            row["timestamp"] = timestamps[index * len(timestamps) // len(rows)]
+
+    for table in ("sample", "sample_data"):
+        edit(tmp_path / "data", table, change)
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert f"warning: {tmp_path / 'out' / 'times.txt'}: " in report
+    assert complaint in report
+
+
+def test_times_that_no_recording_may_have_are_refused_before_anything_is_written(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+
+    def in_nanoseconds(rows):
+        rows[0]["timestamp"] = 1_700_000_000_000_000_000
+
+    edit(tmp_path / "data", "sample", in_nanoseconds)
+    with pytest.raises(FileError, match=r"sample\.json: row 1 has the timestamp 17.*microseconds"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cycle_without_the_entry_of_attributes_is_not_taken_for_a_parked_one(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+
+    def remove(rows):
+        for row in rows:
+            row.pop("attribute_tokens", None)
+
+    edit(tmp_path / "data", "sample_annotation", remove)
+    import_recording(tmp_path / "data", tmp_path / "out")
+    (sample,) = open_dataset(tmp_path / "out")
+    assert "Cyclist" in sample.objects.class_names
+    assert "Misc" not in sample.objects.class_names

@@ -104,7 +104,7 @@ def _dropped_notes(key_frames: Moments, without_files: int) -> Iterator[str]:
             "sweep is missing"
         )
     if key_frames.num_incomplete:
-        yield f"dropped {key_frames.num_incomplete} samples with a key frame of only one channel"
+        yield f"dropped {key_frames.num_incomplete} samples without a key frame of each channel"
     if key_frames.num_repeated:
         yield f"dropped {key_frames.num_repeated} repeated key frames of a sample and channel"
 

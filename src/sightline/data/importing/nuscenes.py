@@ -63,7 +63,7 @@ class Moments:
 
     moments: tuple[Moment, ...]
     num_incomplete: int
-    """Number of samples with only one of the two channels."""
+    """Number of samples without a key frame of each of the two channels."""
     num_repeated: int
     """Number of key frames beyond the first of a sample and a channel."""
 
@@ -109,7 +109,7 @@ class _Reader:
         self._tables_by_name = {name: read_table(self._path(name)) for name in names}
         attributes = self._tables_by_name["attribute"].rows.values()
         self._samples = read_table(self._path("sample"))
-        self._has_rider_attributes = any(row.text("name").startswith(_CYCLE) for row in attributes)
+        self._has_riders = any(row.text("name").startswith(_CYCLE) for row in attributes)
 
     def moments(self, camera: str, lidar: str) -> Moments:
         by_sample, num_repeated = self._key_frames((camera, lidar))
@@ -131,7 +131,7 @@ class _Reader:
         ]
         return Moments(
             moments=tuple(moments),
-            num_incomplete=len(by_sample) - len(moments),
+            num_incomplete=len(self._samples.rows) - len(moments),
             num_repeated=num_repeated,
         )
 
@@ -211,7 +211,8 @@ class _Reader:
 
     def _annotation(self, row: Row) -> Annotation:
         category = self._referenced(self._referenced(row, "instance"), "category")
-        tokens = row.texts("attribute_tokens") if row.entries.get("attribute_tokens") else []
+        has_attributes = row.entries.get("attribute_tokens") is not None
+        tokens = row.texts("attribute_tokens") if has_attributes else []
         known = self._tables_by_name["attribute"]
         attributes = {known.of(row, "attribute_tokens", token).text("name") for token in tokens}
         width, length, height = row.numbers("size", 3).tolist()
@@ -220,7 +221,7 @@ class _Reader:
         visibility = str(row.entries.get("visibility_token", ""))
         return Annotation(
             category=category.text("name"),
-            is_ridden=_WITH_RIDER in attributes if self._has_rider_attributes else None,
+            is_ridden=_WITH_RIDER in attributes if has_attributes and self._has_riders else None,
             visibility=int(visibility) if visibility in ("1", "2", "3", "4") else 0,
             num_lidar_points=_num_points(row),
             size_lwh=(length, width, height),

@@ -19,7 +19,7 @@ REMEDY: Final = "extract nuScenes' metadata archive again"
 
 _MAX_BYTES: Final = 2**32  # sample_data.json of all of nuScenes has 1.1 GB
 _MAX_VALUE: Final = 1e9  # largest number: metres in the map's frame, pixels, counts
-_MAX_TIME_US: Final = 2**62  # microseconds
+_MAX_TIME_US: Final = 10**17  # the latest time that recordings may have
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +104,9 @@ class Row:
     def pose(self) -> Rigid:
         """Return the transform of the row's quaternion (w first) and translation."""
         w, x, y, z = self.numbers("rotation", 4)
+        translation = self.numbers("translation", 3)
         try:
-            return rigid_from_quaternion(np.array((x, y, z, w)), self.numbers("translation", 3))
+            return rigid_from_quaternion(np.array((x, y, z, w)), translation)
         except ValueError as error:
             raise self.fault(str(error)) from error
 

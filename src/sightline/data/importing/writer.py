@@ -32,6 +32,7 @@ from sightline.data.recording_files import (
     LABELS,
     POINTS,
     TIMES_NAME,
+    check_times,
     list_recording,
 )
 from sightline.data.rings import turned_in_order
@@ -253,8 +254,11 @@ def names_present(out: Path, *folders: str) -> set[str]:
 
 
 def describe_view(out: Path) -> tuple[str, ...]:
-    """Lines on the fit of the written calibration, with a warning if necessary."""
-    frames = list_recording(out).frames
+    """Lines on the fit of the written calibration, with warnings of it and of the times."""
+    files = list_recording(out)
+    frames = files.frames
     view = view_of_recording(first_complete_frame(frames))
-    doubt = None if view is None else view.doubt
-    return (*describe_recording(frames), *(() if doubt is None else (f"warning: {doubt}",)))
+    doubts = [] if view is None or view.doubt is None else [view.doubt]
+    if files.times is not None:
+        doubts += check_times(files.times, [frame.sample_id for frame in frames])
+    return (*describe_recording(frames), *(f"warning: {doubt}" for doubt in doubts))
