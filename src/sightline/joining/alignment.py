@@ -66,7 +66,7 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Alignment:
-    """What frames of a recording tell about the LiDAR's mount."""
+    """State of the LiDAR's mount in a recording, as its frames tell."""
 
     turn: LidarTurn = field(default_factory=LidarTurn)
     """Rotation to undo in each frame; 0 for angles not surely above their noise."""

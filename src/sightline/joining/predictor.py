@@ -63,7 +63,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
             detector3d: Detector in the sweep.
             models: Models fitted with the weights of both.
             config: Stages of joining. None: all.
-            alignment: What is known of the LiDAR's mount. None: the calibration is right.
+            alignment: State of the LiDAR's mount. None: the calibration is right.
 
         Raises:
             ValueError: The models were fitted for other weights.
