@@ -55,7 +55,7 @@ _STATIC: Final = files("sightline.app").joinpath("static")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PageSettings:
-    """What a page shows and who may see it."""
+    """Data of a page, and its readers."""
 
     data: Path
     dataset: SampleDataset
