@@ -115,7 +115,7 @@ class _Shared:
 
 
 def _key(name: PartName, state: PageState) -> Hashable:
-    """What a part depends on: no weights of other tasks."""
+    """Make the key of all that a part depends on, without weights of other tasks."""
     if name in ("scene", "health"):
         return name, state.broken
     needed = _DETECTORS if name == JOINED else (name,)

@@ -3,7 +3,7 @@
 import gzip
 import pickle
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
@@ -79,6 +79,7 @@ class PartMaker:
         self._samples: OrderedDict[Breakage, CameraLidarSample] = OrderedDict()
         self._predictors: OrderedDict[tuple[str, str], Predictor] = OrderedDict()
         self._monitor = HealthMonitor()
+        self._files: list[dict[str, Path]] = []
 
     def make(self, task: Task) -> Answer:
         """Compute a part.
@@ -104,7 +105,8 @@ class PartMaker:
         if broken != sound:
             return break_sample(self._broken(sound), broken)
         index = self._positions[broken.frame]
-        check_inside(self._dataset, index, self._data)
+        self._files = self._files or list_sample_files(self._dataset)
+        check_inside(self._files[index].values(), self._data)
         return self._dataset[index]
 
     def _predictor(self, task: str, weights: str) -> Predictor:
@@ -155,14 +157,14 @@ class PartMaker:
         return Answer(content={"objects": objects.to_json(), "rescored": is_fitted})
 
 
-def check_inside(dataset: SampleDataset, index: int, data: Path) -> None:
-    """Refuse a frame of which a file lies outside the data, by a link.
+def check_inside(paths: Iterable[Path], data: Path) -> None:
+    """Refuse files of a frame that lie outside the data, by a link.
 
     Raises:
         FileError: There is such a file.
     """
     root = data.resolve()
-    for path in list_sample_files(dataset)[index].values():
+    for path in paths:
         if not path.resolve().is_relative_to(root):
             raise FileError(
                 path, "is a link that leads out of the data", "copy the file into the data"

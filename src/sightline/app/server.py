@@ -55,7 +55,7 @@ _STATIC: Final = files("sightline.app").joinpath("static")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PageSettings:
-    """What a page shows and who may see it."""
+    """Data of a page, and its readers."""
 
     data: Path
     dataset: SampleDataset
@@ -102,7 +102,7 @@ class _Page:
     def __init__(self, settings: PageSettings, answers: Answers, workers: Workers) -> None:
         self._settings, self._answers, self._workers = settings, answers, workers
         self._frames = settings.dataset.sample_ids
-        self._streams: dict[str, asyncio.Event] = {}
+        self._streams: dict[str, tuple[int, asyncio.Event]] = {}
 
     async def setup(self, request: Request) -> Response:
         """Everything that the page offers to choose."""
@@ -159,13 +159,13 @@ class _Page:
 
     async def answers(self, request: Request) -> Response:
         """All parts as they come, as server-sent events; ends the client's older answers."""
-        state, client = self._state(request), request.query_params.get("client", "")[:64]
-        return self._stream(client, self._answer_events(state))
+        state = self._state(request)
+        return self._stream(request, self._answer_events(state))
 
     async def timeline(self, request: Request) -> Response:
         """Health along the drive, frame by frame, as server-sent events."""
-        state, client = self._state(request), request.query_params.get("client", "")[:64]
-        return self._stream(client, health_along(self._answers, state, self._frames))
+        state = self._state(request)
+        return self._stream(request, health_along(self._answers, state, self._frames))
 
     def _state(self, request: Request) -> PageState:
         return parse_state(request.url.query, self._frames)
@@ -183,13 +183,20 @@ class _Page:
                     content = {**answer.content, "files": sorted(answer.files)}
                     yield "part", {"part": name, **content}
 
-    def _stream(self, client: str, events: AsyncGenerator[tuple[str, Any]]) -> Response:
-        older = self._streams.pop(client, None)
+    def _stream(self, request: Request, events: AsyncGenerator[tuple[str, Any]]) -> Response:
+        client = request.query_params.get("client", "")[:64]
+        given = request.query_params.get("turn", "")[:12]
+        turn = int(given) if given.isdecimal() else 0
+        last, older = self._streams.get(client, (0, None))
+        if turn < last:  # requests may overtake each other
+            return Response(_event("cancelled", {}), media_type="text/event-stream")
         if older is not None:
             older.set()
+            del self._streams[client]
         if len(self._streams) >= MAX_STREAMS:
             return _fault(f"{MAX_STREAMS} pages ask already; close some", 503)
-        ended = self._streams[client] = asyncio.Event()
+        ended = asyncio.Event()
+        self._streams[client] = turn, ended
 
         async def lines() -> AsyncIterator[bytes]:
             try:
@@ -197,7 +204,7 @@ class _Page:
                     yield _event(name, content)
                 yield _event("cancelled" if ended.is_set() else "done", {})
             finally:
-                if self._streams.get(client) is ended:
+                if self._streams.get(client) == (turn, ended):
                     del self._streams[client]
 
         headers = {"Cache-Control": "no-store"}

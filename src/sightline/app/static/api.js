@@ -1,6 +1,7 @@
 // Requests to the server, each of which a newer one cancels.
 
 const TAB = Math.random().toString(36).slice(2, 10);
+let turn = 0; // requests may overtake each other on their way
 const PICTURES = ["image", "points"];
 
 export async function json(path, signal) {
@@ -26,7 +27,7 @@ export async function scene(query, signal) {
 
 // Server-sent events of a path, until its end: calls `hear(name, content)`.
 export async function events(path, query, name, signal, hear) {
-  const response = await fetch(`api/${path}?${query}&client=${TAB}-${name}`, { signal });
+  const response = await fetch(`api/${path}?${query}&client=${TAB}-${name}&turn=${turn += 1}`, { signal });
   if (!response.ok) throw new Error(await reason(response));
   const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
   let rest = "";
