@@ -36,7 +36,7 @@ def join(found2d, found3d, config=BY_DEFAULT, **fields) -> Objects:
 @given(sweep=boxes, image=boxes)
 def test_boxes_are_matched_as_loops_match_them(sweep, image):
     scene = flat_scene(sweep, image)
-    partners = match(gather_evidence(scene), scene.sweep.scores, JoinConfig())
+    partners = match(gather_evidence(scene), scene.sweep.scores, scene.image.scores, JoinConfig())
     assert partners.tolist() == reference.match(sweep, image, 0.5)
 
 
@@ -52,6 +52,15 @@ def test_matched_boxes_are_one_object_with_a_mixed_box_and_both_supports():
     projected = alone.boxes2d.tensor[0]
     expected = 0.75 * projected + 0.25 * torch.tensor(CAR_IN_IMAGE)
     torch.testing.assert_close(found.boxes2d.tensor[0], expected.double(), rtol=0, atol=1e-3)
+
+
+def test_a_sure_image_box_is_matched_before_a_doubtful_one_that_fits_better():
+    narrower = (545.0, 191.0, 600.0, 252.5)
+    found = join(
+        detections2d(("Car", 0.25, narrower), ("Car", 0.05, CAR_IN_IMAGE)), detections3d(CAR)
+    )
+    assert found.origins == ("measured",)
+    assert found.image_support[0].item() == pytest.approx(0.25)
 
 
 def test_boxes_of_two_classes_stay_two_objects():

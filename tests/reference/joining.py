@@ -26,10 +26,11 @@ def match(sweep, image, min_iou):
     partners, taken = [-1] * len(sweep), set()
     for row in sorted(range(len(sweep)), key=lambda row: -sweep[row][1]):
         name, _, corners = sweep[row]
-        for column, (other_name, _, other) in enumerate(image):
+        best = -1.0
+        for column, (other_name, score, other) in enumerate(image):
             if column in taken or other_name != name or iou(corners, other) < min_iou:
                 continue
-            if partners[row] < 0 or iou(corners, other) > iou(corners, image[partners[row]][2]):
-                partners[row] = column
+            if iou(corners, other) * score > best:
+                partners[row], best = column, iou(corners, other) * score
         taken.add(partners[row])
     return partners

@@ -30,7 +30,8 @@ def join(frame: Frame, in_image: Detections, in_sweep: Detections, rule: Steps) 
     scores3d = mixed(scene.sweep, sweep_rows, rule, "sweep")
     outside = np.isnan(scene.sweep.in_image).any(axis=1)
     scores3d = np.where(outside, scene.sweep.scores, scores3d)
-    partners = match(np.where(same, iou, 0.0), scores3d, settings["min_iou"])
+    overlapping = same & (iou >= settings["min_iou"])
+    partners = match(np.where(overlapping, iou * scene.image.scores, -1.0), scores3d)
     found = measured(scene, scores2d, scores3d, partners, settings["projected_share"])
     for index in np.setdiff1d(np.arange(len(scores2d)), partners).tolist():
         name, box = str(scene.image.names[index]), scene.image.in_image[index]
@@ -39,7 +40,7 @@ def join(frame: Frame, in_image: Detections, in_sweep: Detections, rule: Steps) 
             box3d, row = lift(scene, index)
             origin, score3d = "lifted", float(score(rule["lifted"][name], row[None])[0])
         found.append(Found(name, float(scores2d[index]), box, origin, score3d, box3d))
-    return without_repeats(found, settings["max_iou"])
+    return without_repeats(found, settings["min_iou"], settings["max_iou"])
 
 
 def mixed(boxes: Boxes, rows: Array, rule: Steps, kind: str) -> Array:
@@ -52,12 +53,12 @@ def mixed(boxes: Boxes, rows: Array, rule: Steps, kind: str) -> Array:
     return scores
 
 
-def match(iou: Array, scores: Array, least: float) -> Array:
-    """Give each box of the sweep the free image box with the largest IoU, the surest first."""
-    partners, free = np.full(len(scores), -1), np.ones(iou.shape[1], bool)
-    for row in np.argsort(-scores, kind="stable") if iou.shape[1] else ():
-        best = int(np.where(free, iou[row], 0.0).argmax())
-        if iou[row, best] * free[best] >= least:
+def match(fit: Array, scores: Array) -> Array:
+    """Give each box of the sweep the free image box that fits best, the surest first; -1: none."""
+    partners, free = np.full(len(scores), -1), np.ones(fit.shape[1], bool)
+    for row in np.argsort(-scores, kind="stable") if fit.shape[1] else ():
+        best = int(np.where(free, fit[row], -1.0).argmax())
+        if free[best] and fit[row, best] >= 0:
             partners[row], free[best] = best, False
     return partners
 
@@ -77,12 +78,14 @@ def measured(
     return found
 
 
-def without_repeats(found: list[Found], most: float) -> list[Found]:
+def without_repeats(found: list[Found], measured_most: float, most: float) -> list[Found]:
     """Leave out objects of the image alone that repeat a surer one of their class."""
     kept: list[Found] = []
     for each in sorted(found, key=lambda one: -one.score):
-        surer = np.array([one.box for one in kept if one.name == each.name]).reshape(-1, 4)
-        is_repeat = (overlaps(each.box[None], surer) > most).any()
+        surer = [one for one in kept if one.name == each.name]
+        boxes = np.array([one.box for one in surer]).reshape(-1, 4)
+        limits = [measured_most if one.origin == "measured" else most for one in surer]
+        is_repeat = (overlaps(each.box[None], boxes)[0] > limits).any()
         if each.origin == "measured" or not is_repeat:
             kept.append(each)
     return kept

@@ -132,7 +132,7 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
     scene = make_scene(frame.sample, frame.found2d, frame.found3d)
     evidence = gather_evidence(scene)
     kind, seen = image_kind(scene, evidence)
-    partner = match(evidence, scene.sweep.scores, JoinConfig())
+    partner = match(evidence, scene.sweep.scores, scene.image.scores, JoinConfig())
     alone = liftable(scene, partner, JoinConfig())
     lifted = [lift(scene, index) for index in alone]
     boxes3d = np.array([each.box for each in lifted]).reshape(-1, 7)

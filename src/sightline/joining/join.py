@@ -33,7 +33,8 @@ class JoinConfig:
     lift: bool = True
     """Whether objects without a 3D box get one by geometry."""
     min_iou: float = 0.5
-    """Minimum IoU of a projected box and an image box of one object."""
+    """Minimum IoU of a projected box and an image box of one object. A further image box of its
+    class above it repeats the object."""
     projected_share: float = 0.75
     """Share of the projected box in the mean of both."""
     own_share: float = 0.5
@@ -41,7 +42,7 @@ class JoinConfig:
     min_lifted_score: float = 0.1
     """Score of an image box from which it is lifted; each takes some 3 ms."""
     max_iou: float = 0.6
-    """IoU above which an object with an image box alone repeats a surer one of its class."""
+    """IoU above which an object with an image box alone repeats a surer one of its kind."""
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
@@ -78,7 +79,7 @@ def join_detections(
     scores2d = _scores(scene.image.names, scene.image.scores, seen, chosen, config)
     outside = np.isnan(scene.sweep.in_image).any(axis=1)
     scores3d = np.where(outside, scene.sweep.scores, scores3d)
-    partner = match(evidence, scores3d, config)
+    partner = match(evidence, scores3d, scene.image.scores, config)
     rows = _measured(scene, scores3d, scores2d, partner, config)
     alone = np.setdiff1d(np.arange(len(scores2d)), partner)
     lifted = {}
@@ -98,20 +99,26 @@ def image_kind(
 
 
 def match(
-    evidence: Evidence, scores3d: Float64[np.ndarray, " num_sweep"], config: JoinConfig
+    evidence: Evidence,
+    scores3d: Float64[np.ndarray, " num_sweep"],
+    scores2d: Float64[np.ndarray, " num_image"],
+    config: JoinConfig,
 ) -> Int64[np.ndarray, " num_sweep"]:
     """Index of the image box of each box of the sweep's detector; -1: none.
 
-    The surest box chooses first, the free box of its class with the largest IoU.
+    The surest box chooses first: among the free boxes of its class that overlap it, the one with
+    the largest product of IoU and score. By IoU alone, a doubtful box may be chosen over the sure
+    one beside it, which then stays as a second object.
     """
     partner = np.full(len(scores3d), -1, dtype=np.int64)
     if not config.associate or evidence.iou.shape[1] == 0:
         return partner
     free = np.ones(evidence.iou.shape[1], dtype=bool)
     for row in np.argsort(-scores3d, kind="stable"):
-        overlaps = np.where(evidence.same_class[row] & free, evidence.iou[row], 0.0)
-        best = int(overlaps.argmax())
-        if overlaps[best] >= max(config.min_iou, np.finfo(float).tiny):
+        overlaps = evidence.iou[row] >= max(config.min_iou, np.finfo(float).tiny)
+        overlaps &= evidence.same_class[row] & free
+        best = int(np.where(overlaps, evidence.iou[row] * scores2d, -1.0).argmax())
+        if overlaps[best]:
             partner[row], free[best] = best, False
     return partner
 
@@ -226,10 +233,13 @@ def _without_repeats(rows: list[_Row], config: JoinConfig) -> list[_Row]:
     kept: list[int] = []
     for index, row in enumerate(rows):
         surer = [each for each in kept if rows[each].name == row.name]
+        limits = [
+            config.min_iou if rows[each].origin == "measured" else config.max_iou for each in surer
+        ]
         is_repeat = (
             config.associate
             and row.origin != "measured"
-            and iou[index, surer].max(initial=0.0) > config.max_iou
+            and bool((iou[index, surer] > limits).any())
         )
         if not is_repeat:
             kept.append(index)
