@@ -14,12 +14,18 @@ from types import FunctionType
 from typing import Any, get_args, get_type_hints
 
 import jaxtyping
-from beartype import BeartypeConf, beartype
+import torch
+from beartype import BeartypeConf, FrozenDict, beartype
 from jaxtyping import AbstractArray, TypeCheckError
 from jaxtyping._import_hook import Typechecker
 
 _jaxtyped = jaxtyping.jaxtyped
-_beartyped = beartype(conf=BeartypeConf(violation_type=TypeCheckError))
+_beartyped = beartype(
+    conf=BeartypeConf(
+        violation_type=TypeCheckError,
+        hint_overrides=FrozenDict({int: int | torch.SymInt}),  # sizes while a network is exported
+    )
+)
 _new_axes = _jaxtyped("context")
 
 
