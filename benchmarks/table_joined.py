@@ -7,7 +7,6 @@ Record = dict[str, Any]
 Rows = list[list[str]]
 
 _STATES = {"clean": "both sensors", "camera_blank": "camera blank", "lidar_blank": "LiDAR blank"}
-_BEAMS = "beams_16_from_"
 _COLUMNS = {
     "cars in the image, IoU 0.7": ("Car", "bbox", 0.7),
     "cars in 3D, 0.7": ("Car", "3d", 0.7),
@@ -30,10 +29,13 @@ def joined(*records: Record) -> Rows:
     rows: Rows = [["frames", "sensors", *_COLUMNS]]
     for record in records:
         cases = _cases(record)
-        beams = [case for case in cases if case.startswith(_BEAMS)]
         states = {title: [case] for case, title in _STATES.items() if case in cases}
-        if beams:
-            states[f"16 beams, mean of {len(beams)} choices of rings"] = beams
+        for num_beams in (32, 16, 8):
+            beams = [case for case in cases if case.startswith(f"beams_{num_beams}_from_")]
+            if len(beams) == 1:
+                states[_title(beams[0])] = beams
+            elif beams:
+                states[f"{num_beams} beams, mean of {len(beams)} choices of rings"] = beams
         for title, chosen in states.items():
             cells = [_cell(record, chosen, *column) for column in _COLUMNS.values()]
             rows.append([f"{record['sample_list']}, {record['frames']}", title, *cells])
