@@ -73,8 +73,15 @@ def test_every_printed_line_of_the_commands_goes_this_way():
 def shell(command, folder):
     """Run a shell command, with the `sightline` command in place of the braces."""
     words = ["sh", "-c", command.format(f"'{sys.executable}' -m sightline")]
+    environment = {name: text for name, text in os.environ.items() if name != "PYTHONUNBUFFERED"}
     return subprocess.run(
-        words, cwd=folder, capture_output=True, text=True, check=False, timeout=300
+        words,
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
     )
 
 

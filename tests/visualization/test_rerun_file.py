@@ -1,6 +1,7 @@
 """Files of the Rerun viewer, read by its own reader."""
 
 import errno
+import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -153,7 +154,7 @@ def test_without_the_library_it_says_what_to_install(tmp_path, monkeypatch):
     def missing(name):
         raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
-    monkeypatch.setattr(rerun_file, "import_module", missing)
+    monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(ValueError, match=r"pip install '\.\[viz\]'"):
         write_rerun(tmp_path / "scene.rrd", [])
 

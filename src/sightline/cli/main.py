@@ -4,7 +4,6 @@ Each command is a typed function; jsonargparse turns its signature and docstring
 help. Commands import their dependencies themselves, so that `--help` is fast.
 """
 
-import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -26,7 +25,7 @@ from sightline.cli.evaluate import (
 from sightline.cli.health import health, health_limits
 from sightline.cli.importing import import_command
 from sightline.cli.interrupts import HOW_TO_FINISH, raised_signal
-from sightline.cli.output import fail, say, warn
+from sightline.cli.output import discard_output, fail, say, warn
 from sightline.cli.parser import REFUSED, OneLineParser
 from sightline.cli.perceive import perceive_command
 from sightline.cli.predict import predict_commands
@@ -193,7 +192,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return _run(given)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_output(sys.stdout)
         return _BROKEN_PIPE
     except KeyboardInterrupt as error:
         status = error.exit_status if isinstance(error, Interruption) else _INTERRUPTED

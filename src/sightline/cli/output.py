@@ -1,10 +1,11 @@
 """Output of the commands; names of files and folders are escaped for the terminal."""
 
+import os
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from sightline.files.problem import escaped, kind_of_message, plain_line
 
@@ -33,6 +34,12 @@ def say(*lines: object) -> None:
         raise ValueError(f"standard output cannot be written: {reason}") from error
 
 
+def discard_output(stream: TextIO) -> None:
+    """Write to the null device from now on: Python's exit status is 120 if its last flush fails."""
+    with suppress(OSError, ValueError):  # a stream without a descriptor
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def show_table(table: "RenderableType") -> None:
     """Print a table in the colours and the width of the terminal, if there is one."""
     from rich.console import Console
@@ -45,13 +52,19 @@ def show_table(table: "RenderableType") -> None:
 
 def warn(message: str) -> None:
     """Print a message as one line to standard error, if it can be written to."""
-    with suppress(OSError):  # a full disk, a closed terminal: the exit status remains
+    try:
         print(f"sightline: {plain_line(message)}", file=sys.stderr, flush=True)
+    except OSError:  # a full disk, a closed terminal: the exit status remains
+        discard_output(sys.stderr)
 
 
 def fail(message: str, status: int) -> int:
     """Prints a message as one line to standard error; returns the exit status."""
     warn(message)
+    try:
+        sys.stdout.flush()
+    except OSError:  # what could not be written before
+        discard_output(sys.stdout)
     return status
 
 
