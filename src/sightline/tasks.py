@@ -77,7 +77,7 @@ class Task(Protocol):
 
     @property
     def detects_around(self) -> bool:
-        """Whether it can search whole turns of the LiDAR (`CameraLidarSample.all_around`)."""
+        """Support of the task for whole turns of the LiDAR (`CameraLidarSample.all_around`)."""
         ...
 
     @property

@@ -6,11 +6,10 @@ from typing import Any, Literal
 
 from sightline.cli.declared import declare
 from sightline.cli.engine import announce_engine
-from sightline.cli.field import Around, chosen_field
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
-from sightline.cli.rig_line import warn_of_rig
+from sightline.cli.rig import Around, chosen_field, warn_of_rig
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs

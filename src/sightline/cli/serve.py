@@ -1,12 +1,11 @@
 """`sightline serve`: a page on which sensors are broken and predictions watched."""
 
-from importlib.util import find_spec
 from pathlib import Path
 
 from sightline.cli.output import say
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
-from sightline.files.problem import install_command
+from sightline.files.extras import require_library
 
 
 def serve(
@@ -36,9 +35,8 @@ def serve(
             velodyne_reduced.
         engine: Engine of the networks: by default (auto) openvino if it is installed, else torch.
     """
-    absent = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
-    if absent:
-        raise ValueError(f"{absent[0]} is not installed; install it with: {install_command('app')}")
+    for library in ("starlette", "uvicorn"):
+        require_library(library, "app")
     from sightline.app.run import serve_page
 
     serve_page(

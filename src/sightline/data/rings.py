@@ -268,7 +268,7 @@ def is_whole_turn(points: Float[np.ndarray, "num_points fields"]) -> bool:
 
 
 def covers_turn(points: Float[np.ndarray, "num_points fields"]) -> bool:
-    """Whether a sweep has points in nearly all directions: in 9 of 10 sectors of 10 degrees."""
+    """Test a sweep for a whole turn: points in 9 of 10 sectors of 10 degrees."""
     sectors = np.unique(np.floor(_azimuth_deg(points) % 360 / _SECTOR_DEG).astype(np.int64))
     return len(sectors) >= _MIN_TURN_SHARE * 360 / _SECTOR_DEG
 

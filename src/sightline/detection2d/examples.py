@@ -60,7 +60,7 @@ class ViewConfig:
     mirror: bool = True
     """Whether every second example is mirrored."""
     bands: bool = False
-    """Whether crops of a fixed size are cut from the bands along the horizon that the network is
+    """Cutting of crops of a fixed size from the bands along the horizon that the network is
     shown in use, one of a frame's bands each time, at its scale (`detection2d.views`)."""
 
     def __post_init__(self) -> None:
@@ -193,7 +193,7 @@ class ExampleConfig:
     """Whether training examples have health maps: the parts of the sensors' images that their case
     has not broken."""
     graded: bool = False
-    """Whether health is graded for every kind of corruption: the signal that is left in each cell,
+    """Graded health for every kind of corruption: the signal that is left in each cell,
     with noise, blur and moved points (`detection2d.graded_health`), not only what is gone."""
     fault_share: float = 0.5
     """Share of training examples with an additional fault. Of these faults, health contains only a

@@ -101,17 +101,17 @@ class ShardPath(PosixPath):
         return os.stat_result((mode | 0o444, 0, 0, 1, 0, 0, size, 0, 0, 0))
 
     def exists(self, *, follow_symlinks: bool = True) -> bool:
-        """Whether there is such a file or folder."""
+        """Test whether the shards hold a file or folder of this path."""
         del follow_symlinks
         return self._entry() is not None
 
     def is_dir(self, *, follow_symlinks: bool = True) -> bool:
-        """Whether this is a folder."""
+        """Test whether the path leads to a folder in the shards."""
         del follow_symlinks
         return isinstance(self._entry(), tuple)
 
     def is_file(self, *, follow_symlinks: bool = True) -> bool:
-        """Whether this is a file."""
+        """Test whether the path leads to a file in the shards."""
         del follow_symlinks
         return isinstance(self._entry(), Member)
 

@@ -71,7 +71,7 @@ class Alignment:
     turn: LidarTurn = field(default_factory=LidarTurn)
     """Rotation to undo in each frame; 0 for angles not surely above their noise."""
     by_boxes: bool = False
-    """Whether each frame is aligned by its own boxes (`turn_by_boxes`): the frames do not agree."""
+    """Alignment of each frame by its own boxes (`turn_by_boxes`), because the frames disagree."""
 
 
 def measure_angles(samples: Iterable[CameraLidarSample]) -> Measured | None:

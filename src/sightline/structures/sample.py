@@ -75,7 +75,7 @@ class CameraLidarSample:
     view, z up. None: the LiDAR's own frame is level. Predictors work in the level frame; their
     predictions are in the LiDAR's own frame, like points and labels."""
     all_around: bool = False
-    """Whether 3D detection searches the whole turn of the LiDAR. False: the camera's view alone, as
+    """Search of the whole turn of the LiDAR by 3D detection. False: the camera's view alone, as
     for KITTI's frames."""
 
     def __post_init__(self) -> None:

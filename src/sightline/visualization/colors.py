@@ -62,9 +62,9 @@ class BoxStyle:
     """Style of a 3D box in a picture, beside its colour."""
 
     is_dashed: bool = False
-    """Whether its edges are dashed."""
+    """Dashed edges of the box."""
     is_filled: bool = True
-    """Whether its front in the image, and its outline from above, are filled."""
+    """Filled front of the box in the image, and filled outline from above."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,20 @@
-"""Line of the commands on a recording's distance from the networks' training."""
+"""Rig of a recording on the command line: its field of 3D detection, its distance from training."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Final, Literal
 
 from sightline.cli.output import warn
 from sightline.data.kitti_trees import Velodyne
+
+Around = Literal["auto", "yes", "no"]
+"""Field of 3D detection: the LiDAR's whole turn, the camera's view, or as the data say (auto)."""
+_CHOICES: Final[dict[str, bool | None]] = {"auto": None, "yes": True, "no": False}
+
+
+def chosen_field(around: Around) -> bool | None:
+    """Convert the choice for the jobs; None: as the samples say."""
+    return _CHOICES[around]
 
 
 def warn_of_rig(
