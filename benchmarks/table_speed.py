@@ -19,6 +19,12 @@ _STAGES = {
     "around": "rays in any direction",
     "shadow": "whether these places see the sun",
 }
+_PARTS = {
+    "picture": "picture and points",
+    "depth-completion": "depth",
+    "joined": "joined objects",
+    "whole": "whole answer",
+}
 
 
 def fastest(record: Record, key: str, name: str) -> float:
@@ -138,6 +144,27 @@ def simulate(record: Record) -> Rows:
         rows.append([stage, f"{row['median_s']:.2f}", f"{row['iqr_s']:.2f}"])
     for workers, name in (("one worker", "one_worker_s"), ("two workers", "two_workers_s")):
         rows.append([f"wall time of a frame, {workers}", f"{record[name]:.2f}", ""])
+    return rows
+
+
+def page(record: Record) -> Rows:
+    """Give the rows of the page of `sightline serve`."""
+    head = ["part", "processor, median, ms", "95 %", "wall, median, ms", "95 %"]
+    rows: Rows = [head]
+    for row in record["results"]:
+        cells = [
+            f"{row[f'{kind}_{figure}_ms']:,.0f}"
+            for kind in ("processor", "wall")
+            for figure in ("median", "percentile_95")
+        ]
+        rows.append([_PARTS.get(row["part"], row["part"]), *cells])
+    view = record["view"]
+    before, after = record["load_average"]
+    rows.append(["first paint of the page", "", "", f"{record['first_paint_ms']:,.0f}", ""])
+    rows.append(["page without data", f"{record['page_bytes'] / 1000:.0f} kB", "", "", ""])
+    points = f"3D view, {view['points']:,} points, {view['by']} (software)"
+    rows.append([points, "", "", f"{view['frames_per_s']:.0f} frames/s", ""])
+    rows.append(["load of the two cores by all jobs", "", "", f"{before:.0f} to {after:.0f}", ""])
     return rows
 
 

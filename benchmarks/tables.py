@@ -87,6 +87,7 @@ TABLES: Final = {
     "joined-calibration": Table(
         ("joined_calibration", "joined_calibration_simulated"), table_joined.calibration
     ),
+    "page": Table(("page_latency",), table_speed.page),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
 }  # fmt: skip
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
@@ -30,18 +31,26 @@ PAGES: Final = {
     NOTEBOOK: "guides/first_ten_minutes.md",
 }
 """Where each file of the repository is on the site."""
+PLAY: Final = ROOT / "build/play"
+"""The exported page of `sightline serve`, which `make docs` writes before."""
 
 _LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)#\s]+)")
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Adds the pages of files outside `docs/`."""
+    """Adds the pages of files outside `docs/`, and the exported page."""
     for source, page in PAGES.items():
         if source == NOTEBOOK:
             text = notebook_text((ROOT / source).read_text())
             files.append(File.generated(config, page, content=text))
         else:
             files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
+    if not (PLAY / "index.html").is_file():
+        raise PluginError(f"{PLAY} holds no exported page; run `make docs`, which writes it")
+    for path in sorted(PLAY.rglob("*")):
+        if path.is_file():
+            place = f"play/{path.relative_to(PLAY).as_posix()}"
+            files.append(File.generated(config, place, abs_src_path=str(path)))
     return files
 
 

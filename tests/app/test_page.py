@@ -1,118 +1,27 @@
 """The page in a real browser: headless Chromium by playwright, where both are installed."""
 
 import json
-import os
-import re
 import shutil
-import subprocess
-import sys
-from pathlib import Path
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import pytest
 
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.app.browsing import Shown, chromium, serious_findings, serving
 
-AXE = Path(__file__).with_name("axe.min.js")
-PATIENCE_MS = 600_000  # machines may be busy: the networks are converted, and graphics computed
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-# Names of the objects of the first frame are in tests of predictors; here it counts that there are.
-SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader", "--disable-background-networking")  # fmt: skip
 DARK_OF_256 = 12
-
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-if CHROMIUM is None:
-    pytest.skip("there is no Chromium; apt-get install chromium", allow_module_level=True)
-
-
-def serving(data):
-    command = [sys.executable, "-m", "sightline", "serve", *data, "--no-browser", "--port", "0"]
-    return subprocess.Popen(
-        [*command, "--engine", "torch"],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
 
 
 @pytest.fixture(scope="module")
 def address():
-    with serving([]) as server:
-        yield re.match(r"http://127\.0\.0\.1:\d+/", server.stdout.readline()).group()
-        server.terminate()
+    with serving() as (_, address):
+        yield address
 
 
 @pytest.fixture(scope="module")
 def browser():
-    with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE))
-        yield chromium
-        chromium.close()
-
-
-class Shown:
-    """A page that is shown, with what it asked for and complained of."""
-
-    def __init__(self, browser, address, query="", width=1280, scheme="dark"):
-        self.context = browser.new_context(
-            viewport={"width": width, "height": 844}, color_scheme=scheme, accept_downloads=True
-        )
-        self.page = self.context.new_page()
-        self.page.set_default_timeout(PATIENCE_MS)
-        self.hosts, self.complaints, self.dropped = set(), [], []
-        self.page.on("request", lambda each: self.hosts.add(urlsplit(each.url).netloc))
-        self.page.on("requestfailed", lambda each: self.dropped.append(each.url))
-        self.page.on("pageerror", lambda each: self.complaints.append(str(each)))
-        self.page.on("console", self._hear)
-        self.page.goto(f"{address}?{query}")
-        self.settle()
-
-    def _hear(self, message):
-        if message.type == "error":
-            self.complaints.append(message.text)
-
-    def settle(self):
-        self.page.wait_for_timeout(50)
-        self.page.wait_for_selector("body[data-busy=false]")
-
-    @property
-    def link(self):
-        return parse_qs(urlsplit(self.page.url).query)
-
-    def slide(self, name, value):
-        self.page.locator(f"#{name}").fill(str(value))
-        self.settle()
-
-    def num_colors(self, name):
-        """Colours of a canvas, 16 levels a channel, each of more than three pixels."""
-        return self.page.evaluate(
-            """(id) => {
-              const seen = document.getElementById(id);
-              const copy = new OffscreenCanvas(seen.width, seen.height).getContext("2d");
-              copy.drawImage(seen, 0, 0);
-              const { data } = copy.getImageData(0, 0, seen.width, seen.height);
-              const counts = new Map();
-              for (let k = 0; k < data.length; k += 4) {
-                const key = (data[k] >> 4) * 256 + (data[k + 1] >> 4) * 16 + (data[k + 2] >> 4);
-                counts.set(key, (counts.get(key) ?? 0) + 1);
-              }
-              return [...counts.values()].filter((count) => count > 3).length;
-            }""",
-            name,
-        )
-
-    def mean_level(self, name):
-        return self.page.evaluate(
-            """(id) => {
-              const seen = document.getElementById(id);
-              const { data } = seen.getContext("2d").getImageData(0, 0, seen.width, 60);
-              let sum = 0;
-              for (let k = 0; k < data.length; k += 4) sum += data[k + 1];
-              return (4 * sum) / data.length;
-            }""",
-            name,
-        )
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture
@@ -279,8 +188,7 @@ def test_what_is_seen_is_saved_as_png_and_as_a_line_of_json(show, tmp_path):
 
 def test_a_damaged_frame_is_told_in_one_line_and_the_next_one_is_shown(browser, tmp_path):
     shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
-    with serving([str(tmp_path / "tree")]) as server:
-        address = server.stdout.readline().split()[0]
+    with serving(str(tmp_path / "tree")) as (_, address):
         (tmp_path / "tree/training/velodyne/000001.bin").write_bytes(b"123")
         shown = Shown(browser, address, "frame=000001")
         notice = shown.page.locator("#notice")
@@ -291,7 +199,6 @@ def test_a_damaged_frame_is_told_in_one_line_and_the_next_one_is_shown(browser, 
         assert notice.is_hidden()
         assert shown.page.locator("#objects tr").count() >= 3
         shown.context.close()
-        server.terminate()
 
 
 def test_a_phone_shows_all_without_scrolling_aside(show):
@@ -304,11 +211,4 @@ def test_a_phone_shows_all_without_scrolling_aside(show):
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 def test_axe_finds_nothing_serious(show, scheme):
     shown = show("fault=camera_fog.3.0", scheme=scheme)
-    shown.page.evaluate(AXE.read_text())
-    found = shown.page.evaluate("axe.run()")
-    serious = [
-        (each["id"], [node["html"][:120] for node in each["nodes"]])
-        for each in found["violations"]
-        if each["impact"] in ("serious", "critical")
-    ]
-    assert serious == []
+    assert serious_findings(shown) == []

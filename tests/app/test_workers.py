@@ -6,7 +6,7 @@ import pytest
 
 from sightline.app.parts import Task
 from sightline.app.state import parse_state
-from sightline.app.workers import MAX_WAITING, BusyError, Workers
+from sightline.app.workers import MAX_WAITING, BusyError, WorkerLostError, Workers
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import QuickMaker, dataset
 
@@ -36,6 +36,21 @@ def test_a_killed_worker_is_replaced_and_its_task_done_again(workers):
         assert workers.num_replaced == 1
 
     asyncio.run(run())
+
+
+def test_workers_that_end_while_they_are_idle_cost_no_answer():
+    made = Workers(QuickMaker(dataset(), PACKAGED_FRAMES, "torch"), 2)
+
+    async def run():
+        await asyncio.gather(*(made.run(task("detection2d")) for _ in range(2)))
+        for worker in made.all:
+            os.kill(worker.process.pid, signal.SIGKILL)
+            worker.process.join()
+        assert (await made.run(task("detection2d"))).found == b"detection2d"
+        assert made.num_replaced == 1
+
+    asyncio.run(run())
+    made.close()
 
 
 def test_pictures_overtake_what_waits_and_a_cancelled_task_leaves_the_queue(workers):
@@ -81,5 +96,29 @@ def test_errors_of_a_frame_come_as_one_line(workers):
             await workers.run(task("detection3d", "fault=lidar_fog.1.8"))
         assert "\n" not in str(fault.value)
         assert workers.num_replaced == 0
+
+    asyncio.run(run())
+
+
+def test_a_fault_of_the_code_is_told_as_such_and_its_worker_goes_on(workers):
+    async def run():
+        with pytest.raises(
+            ValueError, match="detection3d cannot be computed, by a fault of"
+        ) as told:
+            await workers.run(task("detection3d", "fault=lidar_fog.1.6"))
+        assert "(TypeError: an index" in str(told.value)
+        assert "\n" not in str(told.value)
+        assert workers.num_replaced == 0
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize(("seed", "cause"), [(9, "was ended by SIGKILL"), (5, "ended by itself")])
+def test_the_cause_of_a_worker_s_end_is_told(workers, seed, cause):
+    async def run():
+        with pytest.raises(WorkerLostError, match=f"a worker process {cause} twice"):
+            await workers.run(task("detection3d", f"fault=lidar_fog.1.{seed}"))
+        assert workers.num_replaced == 2
+        assert (await workers.run(task("detection2d"))).found == b"detection2d"
 
     asyncio.run(run())

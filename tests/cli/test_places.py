@@ -13,8 +13,8 @@ from sightline.tasks import REGISTRY, find_task
 
 FURTHER = {each.name for name in REGISTRY for each in find_task(name).outputs[1:]}
 TASKS = {name.replace("-", "_") for name in REGISTRY}
-OUTPUTS = {"out", "out_folder", "json", "csv", "markdown", "plots", "picture", "page", "figures",
-           "video", "rerun", *FURTHER}  # fmt: skip
+OUTPUTS = {"out", "out_folder", "export", "json", "csv", "markdown", "plots", "picture", "page",
+           "figures", "video", "rerun", *FURTHER}  # fmt: skip
 RESULTS = {"results", "fit_results", "against", "predictions", "run"}
 FILES = {"sample_list", "fit_list", "weights", "weights_without", "baseline", "healthy", "compare",
          "limits", "calibration", "gated", "ones", "early", "late", "camera", "lidar", "first",
@@ -22,7 +22,7 @@ FILES = {"sample_list", "fit_list", "weights", "weights_without", "baseline", "h
          *TASKS}  # fmt: skip
 NO_FILES = {"method", "task", "suite", "cases", "show", "frames", "overlaps", "figure_frame",
             "camera_topic", "lidar_topic", "info_topic", "tasks", "training_frame",
-            "host"}  # fmt: skip
+            "host", "kinds"}  # fmt: skip
 NEVER_TOGETHER = {
     "robustness": [
         ("page", (FILES | RESULTS | {"data"}) - {"compare"}),
@@ -94,7 +94,7 @@ def test_every_argument_that_is_a_text_is_known_to_be_a_file_or_none():
 def test_every_command_with_inputs_is_walked():
     counts = {name: len(list(pairs(command))) for name, command in COMMANDS.items()}
     assert {name for name, count in counts.items() if not count} == {
-        "demo", "serve", "tasks",
+        "demo", "tasks",
     }  # fmt: skip
     assert sum(counts.values()) > 100
 

@@ -10,7 +10,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -21,28 +20,16 @@ from sightline.app.answers import Answers
 from sightline.app.breaking import reproducing_commands
 from sightline.app.guard import Guard
 from sightline.app.parts import PartMaker, PartName
-from sightline.app.state import (
-    FAST,
-    MAX_FAULTS,
-    MAX_SEED,
-    MAX_YAW_DEG,
-    PageState,
-    choices_of,
-    parse_state,
-)
-from sightline.app.timeline import frames_shown, health_along
+from sightline.app.setup import page_setup
+from sightline.app.state import PageState, parse_state
+from sightline.app.timeline import health_along
 from sightline.app.workers import Workers
-from sightline.corruptions.kinds import KINDS, SEVERITIES
 from sightline.data.open import SampleDataset
 from sightline.files.problem import plain_line
-from sightline.structures.sample import SENSOR_FIELDS
-from sightline.tasks import find_task, task_names
-from sightline.visualization.colors import DEPTH_SCALE, UNCERTAINTY_SCALE, ColorScale, class_color
 
 MAX_STREAMS: Final = 16
 """Most answers sent at the same time, each to another tab."""
 
-_CLASSES: Final = ("Car", "Van", "Truck", "Tram", "Pedestrian", "Person_sitting", "Cyclist", "Misc")
 _PARTS_OF_FILES: Final[dict[str, PartName]] = {
     "image": "scene",
     "points": "scene",
@@ -103,35 +90,12 @@ class _Page:
         self._settings, self._answers, self._workers = settings, answers, workers
         self._frames = settings.dataset.sample_ids
         self._streams: dict[str, tuple[int, asyncio.Event]] = {}
+        self._num_told = 0  # replaced workers
 
     async def setup(self, request: Request) -> Response:
         """Everything that the page offers to choose."""
         del request
-        return JSONResponse(
-            {
-                "data": self._settings.title,
-                "frames": list(self._frames),
-                "timeline": frames_shown(self._frames),
-                "kinds": [
-                    {
-                        "name": kind.name,
-                        "sensors": list(kind.at(1).sensors),
-                        "levels": [kind.describe(severity) for severity in SEVERITIES],
-                    }
-                    for kind in KINDS.values()
-                ],
-                "tasks": {name: list(choices_of(name)) for name in task_names()},
-                "fast": FAST,
-                "best": {name: find_task(name).default_weights for name in task_names()},
-                "limits": {"faults": MAX_FAULTS, "seed": MAX_SEED, "yaw_deg": MAX_YAW_DEG},
-                "sensors": list(SENSOR_FIELDS),
-                "colors": {name: class_color(name) for name in _CLASSES},
-                "scales": {
-                    "depth": _scale(DEPTH_SCALE),
-                    "uncertainty": _scale(UNCERTAINTY_SCALE),
-                },
-            }
-        )
+        return JSONResponse(page_setup(self._settings.title, self._frames))
 
     async def scene(self, request: Request) -> Response:
         """The broken sensors' data, without pictures."""
@@ -171,11 +135,10 @@ class _Page:
         return parse_state(request.url.query, self._frames)
 
     async def _answer_events(self, state: PageState) -> AsyncGenerator[tuple[str, Any]]:
-        replaced = self._workers.num_replaced
         async with aclosing(self._answers.parts(state)) as parts:
             async for name, answer in parts:
-                if self._workers.num_replaced > replaced:
-                    replaced = self._workers.num_replaced
+                if self._workers.num_replaced > self._num_told:
+                    self._num_told = self._workers.num_replaced
                     yield "notice", "a worker process had ended and was started again"
                 if isinstance(answer, ValueError):
                     yield "fault", {"part": name, "reason": plain_line(str(answer))}
@@ -243,7 +206,7 @@ async def _close(events: AsyncGenerator[Any], following: "asyncio.Future[Any]") 
 
 
 def _event(name: str, content: object) -> bytes:
-    return f"event: {name}\ndata: {json.dumps(content)}\n\n".encode()
+    return f"event: {name}\ndata: {json.dumps(content, separators=(',', ':'))}\n\n".encode()
 
 
 def _of_page(
@@ -274,11 +237,3 @@ async def _on_value_error(request: Request, error: Exception) -> Response:
 
 def _fault(reason: str, status: int) -> Response:
     return JSONResponse({"reason": reason}, status)
-
-
-def _scale(scale: ColorScale) -> dict[str, object]:
-    """Colours of a scale for a legend, and its marks: metres and place from 0 to 1."""
-    steps = scale.table[:: len(scale.table) // 16].tolist()
-    places = scale.positions(np.array(scale.ticks_m)).round(4).tolist()
-    marks = list(zip(scale.ticks_m, places, strict=True))
-    return {"colors": steps, "marks": marks}

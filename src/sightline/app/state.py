@@ -51,6 +51,17 @@ class Breakage(NamedTuple):
     """Rotation of the LiDAR about z, counter-clockwise from above, unknown to the calibration."""
 
 
+PRESETS: Final[Mapping[str, Breakage]] = {
+    "Sound sensors": Breakage(""),
+    "Camera blank": Breakage("", (FaultChoice("camera_blank", 5, 0),)),
+    "LiDAR blank": Breakage("", (FaultChoice("lidar_blank", 5, 0),)),
+    "8 beams": Breakage("", (FaultChoice("lidar_beams", 4, 0),)),
+    "Fog": Breakage("", (FaultChoice("camera_fog", 4, 0), FaultChoice("lidar_fog", 4, 0))),
+    "Turned 2 degrees": Breakage("", (), 2.0),
+}
+"""Faults of any frame that have a button of their own."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PageState:
     """Everything that predictions depend on.
@@ -93,14 +104,17 @@ class PageState:
         """Weights or method of a task."""
         return dict(self.weights).get(task, LEFT_OUT)
 
-    def to_query(self) -> str:
-        """Format as the query of a link."""
+    def to_pairs(self) -> list[tuple[str, str]]:
+        """List the keys and values of a link's query."""
         frame, faults, yaw_deg = self.broken
         pairs = [("frame", frame), *(("fault", str(fault)) for fault in faults)]
         if yaw_deg:
             pairs.append(("yaw", f"{yaw_deg:g}"))
-        pairs += [each for each in self.weights if FAST.get(each[0]) != each[1]]
-        return urlencode(pairs)
+        return [*pairs, *(each for each in self.weights if FAST.get(each[0]) != each[1])]
+
+    def to_query(self) -> str:
+        """Format as the query of a link."""
+        return urlencode(self.to_pairs())
 
 
 def choices_of(task: str) -> tuple[str, ...]:

@@ -5,6 +5,8 @@ import contextlib
 import itertools
 import multiprocessing
 import pickle
+import signal
+import traceback
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing.connection import Connection, wait
@@ -26,7 +28,7 @@ _STARTS.set_forkserver_preload(["sightline.app.parts"])
 
 
 class WorkerLostError(ValueError):
-    """Error of a task whose worker ended twice."""
+    """Error of a task whose worker process ended twice."""
 
 
 class BusyError(ValueError):
@@ -69,13 +71,17 @@ class Workers:
         self.num_replaced = 0
 
     async def run(self, task: Task) -> Answer:
-        """Compute a part, a second time if its worker is ended from outside.
+        """Compute a part, a second time if its worker process ends meanwhile.
 
         Raises:
-            ValueError: The data cannot be used, the queue is full, or the worker ended twice.
+            ValueError: The data cannot be used, the code has a fault, the queue is full, or the
+                process ended twice.
         """
+        end = ""
         for _ in range(2):
             worker = await self._turn(task.part)
+            if not worker.process.is_alive():  # ended while it was idle
+                worker = self._replacement(worker)
             worker.done.add(task.part)
             finished = asyncio.ensure_future(asyncio.to_thread(_ask, worker, task))
             finished.add_done_callback(partial(self._return, worker))
@@ -84,8 +90,9 @@ class Workers:
                 return answer
             if isinstance(answer, str):
                 raise ValueError(answer)
+            end = _end_of(worker.process)
         raise WorkerLostError(
-            "a worker process was ended from outside twice; where memory ran out, use --workers 1"
+            f"a worker process {end} twice; where memory ran out, use --workers 1"
         )
 
     def close(self) -> None:
@@ -119,13 +126,15 @@ class Workers:
 
     def _return(self, worker: _Worker, done: "asyncio.Future[Answer | str | None]") -> None:
         is_lost = done.cancelled() or done.exception() is not None or done.result() is None
-        if is_lost:
-            worker.process.kill()
-            self.all.remove(worker)
-            worker = self._started()
-            self.all.append(worker)
-            self.num_replaced += 1
-        self._hand_on(worker)
+        self._hand_on(self._replacement(worker) if is_lost else worker)
+
+    def _replacement(self, worker: _Worker) -> _Worker:
+        worker.process.kill()
+        self.all.remove(worker)
+        started = self._started()
+        self.all.append(started)
+        self.num_replaced += 1
+        return started
 
     def _hand_on(self, worker: _Worker) -> None:
         while self._waiting:
@@ -145,12 +154,21 @@ class Workers:
         return _Worker(process, own_end)
 
 
+def _end_of(process: BaseProcess) -> str:
+    """Describe the end of a process."""
+    code = process.exitcode
+    if code is not None and code < 0:
+        return f"was ended by {signal.Signals(-code).name}"
+    return "ended by itself"
+
+
 def _ask(worker: _Worker, task: Task) -> Answer | str | None:
-    """Have a worker compute a part: the answer, an error's text, or None if the worker ended."""
+    """Have a worker compute a part: the answer, an error's text, or None if the process ended."""
     try:
         worker.channel.send_bytes(pickle.dumps(task))
         answer: Answer | str = pickle.loads(worker.channel.recv_bytes())  # noqa: S301 - own worker
     except (EOFError, OSError):
+        worker.process.join(_PATIENCE_S)  # its exit status tells why
         return None
     return answer
 
@@ -177,9 +195,14 @@ def _work(maker: PartMaker, channel: Connection) -> None:
 def _outcome(maker: PartMaker, task: Task) -> Answer | str:
     try:
         return maker.make(task)
-    except Exception as error:
-        if isinstance(error, (ValueError, OSError)):
-            return plain_line(str(error))
-        if (fault := memory_fault(error)) is None:
-            raise
-        return fault
+    except (ValueError, OSError) as error:
+        return plain_line(str(error))
+    except Exception as error:  # noqa: BLE001 - told on the page, so that it goes on
+        if (fault := memory_fault(error)) is not None:
+            return fault
+        traceback.print_exc()  # for a report of the fault
+        kind = type(error).__name__
+        return plain_line(
+            f"{task.part} cannot be computed, by a fault of Sightline ({kind}: {error}); report "
+            "it with the lines that the server has printed"
+        )

@@ -25,6 +25,9 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--results": (str, None),
     "--healthy": (str, None),
     "--compare": (str, None),
+    "--frames": (str, None),
+    "--kinds": (str, None),
+    "--severities": (int, None),
 }
 """Options with several values: their type, and their number if it is fixed."""
 
@@ -101,7 +104,7 @@ class OneLineParser(jsonargparse.ArgumentParser):
         if settings.get("type") is bool:  # `--overwrite`, not `--overwrite true`
             del settings["type"]
             settings["action"] = jsonargparse.ActionYesNo(no_prefix="no-")
-        if dashed[0] in _LISTS:
+        if dashed[0] in _LISTS and settings.get("type") is not int:  # `simulate --frames 2`
             settings["action"] = _ValueList
         if dashed[0] in _MAY_BE_LEFT_OUT:
             dashed, settings["nargs"] = [_MAY_BE_LEFT_OUT[dashed[0]]], "?"

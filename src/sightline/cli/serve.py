@@ -17,11 +17,17 @@ def serve(
     workers: int = 2,
     velodyne: Velodyne | None = None,
     engine: EngineChoice = "auto",
+    export: Path | None = None,
+    frames: tuple[str, ...] | None = None,
+    kinds: tuple[str, ...] | None = None,
+    severities: tuple[int, ...] | None = None,
 ) -> None:
     """Opens a page in the browser: break a sensor, and see what is still detected.
 
     Shows image, points, depth, health and objects, clean beside broken. Nothing is written, and
-    only this machine can open the page unless --host is given; Ctrl-C ends it.
+    only this machine can open the page unless --host is given; Ctrl-C ends it. With --export the
+    page is instead written to a folder of plain files, with answers computed beforehand, which any
+    web server can show; an interrupted export goes on when it is run again.
 
     Args:
         data_set: A recording, KITTI object tree, depth completion tree or raw drive. Default: the
@@ -34,9 +40,32 @@ def serve(
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
         engine: Engine of the networks: by default (auto) openvino if it is installed, else torch.
+        export: Folder for the exported page, not within the data; an older export is replaced.
+        frames: Frames to export. Default: the first two.
+        kinds: Kinds of fault to export beside those of the page's buttons, such as lidar_rain.
+        severities: Severities of these kinds, from 1 to 5. Default: all.
     """
     for library in ("starlette", "uvicorn"):
         require_library(library, "app")
+    if export is not None:
+        from sightline.app.site import export_page
+
+        content = export_page(
+            data_set,
+            export,
+            frames=frames,
+            kinds=kinds or (),
+            severities=severities,
+            workers=workers,
+            velodyne=velodyne,
+            engine=engine,
+            announce=say,
+        )
+        say(f"{export}: {content}; to look at it: python -m http.server --directory {export}")
+        return
+    for name, given in {"frames": frames, "kinds": kinds, "severities": severities}.items():
+        if given:
+            raise ValueError(f"--{name} is for --export; give --export FOLDER, or leave it out")
     from sightline.app.run import serve_page
 
     serve_page(

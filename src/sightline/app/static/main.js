@@ -1,15 +1,18 @@
 // The page: asks for the state's answers and shows them in all views.
 
-import * as api from "./api.js";
+import * as server from "./api.js";
 import { Cloud, boxesOf, modeOf } from "./cloud.js";
 import * as controls from "./controls.js";
 import { Drive, healthLines } from "./drive.js";
 import { saveLine, savePicture } from "./exporting.js";
+import * as files from "./files.js";
 import { boxOf } from "./geometry.js";
 import { drawImage } from "./image.js";
 import { fillTable, found, pairUp } from "./objects.js";
-import { COLOURS, GATES, SIDES, asked, clean, isBroken, parse, permalink } from "./state.js";
+import { COLOURS, GATES, SIDES, asked, clean, has, isBroken, parse, permalink } from "./state.js";
 
+const AGAIN_MS = 2000;
+const source = document.documentElement.dataset.source === "files" ? files : server;
 const at = (id) => document.getElementById(id);
 const sides = { clean: { parts: {} }, broken: { parts: {} } };
 const running = {};
@@ -18,8 +21,10 @@ let rows = [];
 let isPlaying = false;
 
 async function start() {
-  setup = await api.json("api/setup");
+  setup = await source.setup();
   state = parse(location.search, setup);
+  const isKnown = has(state, setup);
+  if (!isKnown) Object.assign(state, { faults: [], yaw: 0 });
   at("data-name").textContent = setup.data;
   cloud = new Cloud(at("cloud"), setup.scales.depth.colors, (camera) => {
     state.view.camera = camera.map((each) => Number(each.toFixed(3)));
@@ -31,6 +36,7 @@ async function start() {
   controls.connect(state, setup, changed);
   connectButtons();
   changed(true);
+  if (!isKnown) warn("the state of this link was not computed when the page was exported");
 }
 
 function changed(isAsked) {
@@ -68,21 +74,29 @@ async function askSide(name, query) {
     showCommands(query, mine.abort.signal);
   }
   try {
-    const picture = api.scene(query, mine.abort.signal).then((scene) => {
+    const picture = source.scene(query, mine.abort.signal).then((scene) => {
       side.scene = scene;
       cloud.load(name, scene);
       if (name === "broken") status(mine, "picture");
       render();
     });
-    await Promise.all([picture, api.events("answers", query, name, mine.abort.signal,
+    await Promise.all([picture, source.answers(query, name, mine.abort.signal,
       (event, content) => hear(name, mine, event, content))]);
     if (name === "broken") settle(mine);
   } catch (error) {
     if (mine.abort.signal.aborted) return;
     running[name] = undefined;
+    mine.abort.abort();
     warn(error.message);
     if (name === "broken") settle(null);
+    if (error instanceof source.GoneError) askAgain();
   }
+}
+
+// Asks until the server is there again; a change of the state asks by itself.
+function askAgain() {
+  clearTimeout(running.again);
+  running.again = setTimeout(() => source.setup().then(ask, askAgain), AGAIN_MS);
 }
 
 function hear(name, mine, event, content) {
@@ -156,9 +170,9 @@ function renderSide(name) {
   }
   const picture = at(`depth-${name}`);
   const part = side.parts["depth-completion"];
-  const source = part?.files?.includes(view.depth) ? `api/file/${view.depth}?${side.query}` : null;
-  if (source && picture.getAttribute("src") !== source) picture.src = source;
-  if (source) picture.hidden = false;
+  const address = part?.files?.includes(view.depth) ? source.picture(view.depth, side.query) : null;
+  if (address && picture.getAttribute("src") !== address) picture.src = address;
+  if (address) picture.hidden = false;
   else if (part) picture.hidden = true;
   if (name !== "broken" || !side.scene) return;
   const { sensors } = side.scene;
@@ -231,7 +245,7 @@ function select(id) {
 
 async function showCommands(query, signal) {
   try {
-    at("commands").textContent = (await api.json(`api/commands?${query}`, signal)).commands;
+    at("commands").textContent = await source.commands(query, signal);
   } catch (error) {
     if (!signal.aborted) warn(error.message);
   }
@@ -274,7 +288,7 @@ async function judge() {
   const abort = running.timeline = new AbortController();
   drive.judged.clear();
   try {
-    await api.events("timeline", asked(state, setup), "timeline", abort.signal, (event, content) => {
+    await source.timeline(asked(state, setup), abort.signal, (event, content) => {
       if (event === "frame") drive.add(content.frame, content.scores, content.alarms);
       else if (event === "fault") warn(content.reason);
       drive.draw(state.frame);

@@ -1,5 +1,7 @@
 // State of the page, kept in the address: what the server needs, and how it is looked at.
 
+import { keyOf } from "./files.js";
+
 export const BEAMS = [64, 48, 32, 16, 8, 4]; // severity of lidar_beams by position, 0: none
 export const COLOURS = ["height", "range", "reflectance", "image", "fault"];
 export const SIDES = ["broken", "clean", "both"];
@@ -70,6 +72,16 @@ export function permalink(state, setup) {
 // The same frame with sound sensors.
 export function clean(state) {
   return { ...state, faults: [], yaw: 0 };
+}
+
+// Whether a state can be shown: every one by a server, else those that were computed beforehand.
+export function has(state, setup) {
+  return !setup.states || keyOf(asked(state, setup)) in setup.states;
+}
+
+// The first of some changes of a state that can be shown; undefined: none can.
+export function firstOf(state, changes, setup) {
+  return changes.find((each) => has({ ...state, ...each }, setup));
 }
 
 export function isBroken(state) {

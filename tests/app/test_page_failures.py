@@ -1,0 +1,129 @@
+"""What fails while the page is open is told in one line, and the page goes on: in Chromium."""
+
+import os
+import resource
+import signal
+import socket
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from tests.app.browsing import Shown, chromium, serving
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def served():
+    with serving() as served:
+        yield served
+
+
+def workers_of(server):
+    """Process ids of the workers: all that descend from the server and compute."""
+    parents = {}
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            name, _, rest = status.read_text().rpartition(")")
+        except OSError:  # ended meanwhile
+            continue
+        parents[int(name.split()[0])] = int(rest.split()[1])
+    children = {pid for pid, parent in parents.items() if parent == server.pid}
+    return {pid for pid, parent in parents.items() if parent in children}
+
+
+def fill_disk():
+    """Let no file grow: every write to one fails, as on a full disk."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+
+def told(shown):
+    """The line of the notice, once there is one."""
+    shown.page.wait_for_selector("#notice:not([hidden])")
+    text = shown.page.locator("#notice").inner_text()
+    assert text
+    assert "\n" not in text
+    return text
+
+
+def test_a_killed_worker_is_told_and_the_whole_answer_comes(browser, served):
+    server, address = served
+    shown = Shown(browser, address)
+    for pid in workers_of(server):
+        os.kill(pid, signal.SIGKILL)
+    shown.page.get_by_role("button", name="8 beams").click()
+    assert told(shown) == "a worker process had ended and was started again"
+    shown.settle()
+    assert shown.page.locator("#status").inner_text().startswith("whole answer")
+    assert shown.page.locator("#objects td.kept").count() >= 1
+    shown.page.get_by_role("button", name="Camera blank").click()
+    shown.settle()
+    assert shown.page.locator("#notice").is_hidden()
+    shown.context.close()
+
+
+def test_two_tabs_show_each_its_own_state(browser, served):
+    _, address = served
+    one, other = Shown(browser, address), Shown(browser, address, "frame=000001")
+    one.page.get_by_role("button", name="LiDAR blank").click()
+    other.page.get_by_role("button", name="Camera blank").click()
+    one.settle()
+    other.settle()
+    for shown, empty in ((one, "cloud"), (other, "image-broken")):
+        assert shown.page.locator("#notice").is_hidden()
+        assert shown.page.locator("#status").inner_text().startswith("whole answer")
+        assert shown.complaints == []
+        assert shown.page.locator(f"#{empty}").is_visible()
+    assert one.page.locator("#cloud-note").inner_text() == "0 points"
+    assert "frame 000001" in other.page.locator("#time-note").inner_text()
+    assert "covered" in other.page.locator("#health").inner_text()
+    one.context.close()
+    other.context.close()
+
+
+def test_a_server_that_is_gone_is_told_and_the_page_goes_on_when_it_is_back(browser):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = str(free.getsockname()[1])
+    with serving("--port", port) as (server, address):
+        shown = Shown(browser, address)
+        server.terminate()
+        server.wait()
+        shown.page.get_by_role("button", name="8 beams").click()
+        assert told(shown).startswith("the server does not answer; the page goes on when")
+    with serving("--port", port) as (_, address):
+        shown.page.wait_for_selector("#notice[hidden]", state="attached")
+        shown.settle()
+        assert shown.page.locator("#objects td.kept").count() >= 1
+        assert shown.link["fault"] == ["lidar_beams.4.0"]
+        assert urlsplit(shown.page.url).netloc == urlsplit(address).netloc
+        shown.context.close()
+
+
+def test_on_a_full_disk_the_page_works_as_nothing_is_written(browser, tmp_path):
+    places = {"TMPDIR": str(tmp_path)}
+    with serving(environment=places, prepare=fill_disk) as (_, address):
+        shown = Shown(browser, address)
+        shown.page.get_by_role("button", name="Fog").click()
+        shown.settle()
+        assert shown.page.locator("#status").inner_text().startswith("whole answer")
+        assert shown.page.locator("#notice").is_hidden()
+        assert shown.page.locator("#objects td.kept").count() >= 1
+        shown.context.close()
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_where_a_network_cannot_be_converted_for_want_of_room_the_others_go_on(browser, tmp_path):
+    pytest.importorskip("onnxruntime", reason="the extra export is not installed")
+    places = {"TMPDIR": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    words = ("--engine", "onnxruntime")
+    with serving(*words, environment=places, prepare=fill_disk) as (_, address):
+        shown = Shown(browser, address)
+        assert "make room" in told(shown)
+        assert shown.num_colors("cloud") > 20
+        assert "ok" in shown.page.locator("#health").inner_text()
+        shown.context.close()
