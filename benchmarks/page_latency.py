@@ -217,7 +217,10 @@ def processor_ms(pid: int) -> float:
 
 def _pair(name: str, times_ms: Sequence[float]) -> dict[str, Any]:
     median, upper = np.quantile(times_ms, (0.5, 0.95))
-    return {f"{name}_median_ms": round(median, 1), f"{name}_percentile_95_ms": round(upper, 1)}
+    return {
+        f"{name}_median_ms": round(float(median), 1),
+        f"{name}_percentile_95_ms": round(float(upper), 1),
+    }
 
 
 if __name__ == "__main__":

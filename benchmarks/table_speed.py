@@ -21,6 +21,8 @@ _STAGES = {
 }
 _PARTS = {
     "picture": "picture and points",
+    "detection2d": "2D detection",
+    "detection3d": "3D detection",
     "depth-completion": "depth",
     "joined": "joined objects",
     "whole": "whole answer",

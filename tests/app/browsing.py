@@ -22,7 +22,7 @@ if CHROMIUM is None:
 
 
 @contextmanager
-def serving(*words, environment=(), prepare=None):
+def serving(*words, environment=()):
     """Run `sightline serve` and give its process and address."""
     command = [sys.executable, "-m", "sightline", "serve", *words, "--no-browser"]
     if "--engine" not in words:
@@ -34,7 +34,6 @@ def serving(*words, environment=(), prepare=None):
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1", **dict(environment)},
-        preexec_fn=prepare,  # noqa: PLW1509 - this process has one thread
     ) as server:
         yield server, server.stdout.readline().split()[0]
         server.terminate()

@@ -4,6 +4,7 @@ import os
 import resource
 import signal
 import socket
+import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -37,9 +38,12 @@ def workers_of(server):
     return {pid for pid, parent in parents.items() if parent in children}
 
 
-def fill_disk():
-    """Let no file grow: every write to one fails, as on a full disk."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+def fill_disk(server):
+    """Let no process of a server write to a file any more, as on a full disk."""
+    while len(workers := workers_of(server)) < 2:
+        time.sleep(0.1)
+    for pid in (server.pid, *workers):
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, 0))
 
 
 def told(shown):
@@ -104,26 +108,28 @@ def test_a_server_that_is_gone_is_told_and_the_page_goes_on_when_it_is_back(brow
         shown.context.close()
 
 
-def test_on_a_full_disk_the_page_works_as_nothing_is_written(browser, tmp_path):
-    places = {"TMPDIR": str(tmp_path)}
-    with serving(environment=places, prepare=fill_disk) as (_, address):
-        shown = Shown(browser, address)
-        shown.page.get_by_role("button", name="Fog").click()
-        shown.settle()
-        assert shown.page.locator("#status").inner_text().startswith("whole answer")
-        assert shown.page.locator("#notice").is_hidden()
-        assert shown.page.locator("#objects td.kept").count() >= 1
-        shown.context.close()
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-def test_where_a_network_cannot_be_converted_for_want_of_room_the_others_go_on(browser, tmp_path):
+def test_where_a_network_cannot_be_converted_for_want_of_room_the_others_go_on(
+    browser, tmp_path_factory
+):
     pytest.importorskip("onnxruntime", reason="the extra export is not installed")
-    places = {"TMPDIR": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    words = ("--engine", "onnxruntime")
-    with serving(*words, environment=places, prepare=fill_disk) as (_, address):
+    room = tmp_path_factory.mktemp("t")  # short: names of sockets have at most 107 characters
+    places = {"TMPDIR": str(room), "XDG_CACHE_HOME": str(room / "cache")}
+    with serving("--engine", "onnxruntime", environment=places) as (server, address):
+        fill_disk(server)
         shown = Shown(browser, address)
         assert "make room" in told(shown)
         assert shown.num_colors("cloud") > 20
         assert "ok" in shown.page.locator("#health").inner_text()
         shown.context.close()
+
+
+def test_on_a_full_disk_the_page_goes_on_as_nothing_is_written(browser, served):
+    server, address = served
+    fill_disk(server)  # for good: the last test of this server
+    shown = Shown(browser, address)
+    shown.page.get_by_role("button", name="Fog").click()
+    shown.settle()
+    assert shown.page.locator("#status").inner_text().startswith("whole answer")
+    assert shown.page.locator("#notice").is_hidden()
+    assert shown.page.locator("#objects td.kept").count() >= 1
+    shown.context.close()
