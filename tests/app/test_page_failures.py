@@ -108,21 +108,6 @@ def test_a_server_that_is_gone_is_told_and_the_page_goes_on_when_it_is_back(brow
         shown.context.close()
 
 
-def test_where_a_network_cannot_be_converted_for_want_of_room_the_others_go_on(
-    browser, tmp_path_factory
-):
-    pytest.importorskip("onnxruntime", reason="the extra export is not installed")
-    room = tmp_path_factory.mktemp("t")  # short: names of sockets have at most 107 characters
-    places = {"TMPDIR": str(room), "XDG_CACHE_HOME": str(room / "cache")}
-    with serving("--engine", "onnxruntime", environment=places) as (server, address):
-        fill_disk(server)
-        shown = Shown(browser, address)
-        assert "make room" in told(shown)
-        assert shown.num_colors("cloud") > 20
-        assert "ok" in shown.page.locator("#health").inner_text()
-        shown.context.close()
-
-
 def test_on_a_full_disk_the_page_goes_on_as_nothing_is_written(browser, served):
     server, address = served
     fill_disk(server)  # for good: the last test of this server

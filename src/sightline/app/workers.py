@@ -200,7 +200,8 @@ def _outcome(maker: PartMaker, task: Task) -> Answer | str:
     except Exception as error:  # noqa: BLE001 - told on the page, so that it goes on
         if (fault := memory_fault(error)) is not None:
             return fault
-        traceback.print_exc()  # for a report of the fault
+        with contextlib.suppress(OSError):  # standard error on a full disk
+            traceback.print_exc()  # for a report of the fault
         kind = type(error).__name__
         return plain_line(
             f"{task.part} cannot be computed, by a fault of Sightline ({kind}: {error}); report "
