@@ -31,7 +31,7 @@ from sightline.jobs.output_dirs import (
     data_change_error,
     data_name,
 )
-from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, Driver, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import SENSOR_FIELDS
 
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")
@@ -142,6 +142,7 @@ def corrupt_dataset(
     velodyne: Velodyne | None = None,
     masks: bool = False,
     workers: int = 2,
+    driver: Driver = "local",
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
@@ -160,7 +161,8 @@ def corrupt_dataset(
         sample_list: Frames to write; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
         masks: Whether to write the pixels that may have changed, too.
-        workers: Number of processes; 1 uses this process alone.
+        workers: Number of workers; 1 on this machine uses this process alone.
+        driver: Kind of workers: processes of this machine, or actors of a Ray cluster.
         shard_index: Part of the frames to write, from 0.
         num_shards: Number of parts; parts can run on separate machines at the same time.
 
@@ -176,7 +178,7 @@ def corrupt_dataset(
     requested = chosen.cases if cases is None else chosen.select(cases)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    check_workers(workers)
+    check_workers(workers, driver)
     shard((), shard_index, num_shards)  # rejects invalid values before the data is opened
     dataset = _open(data, sample_list, velodyne)
     _check_apart(dataset.root, out, requested)
@@ -209,6 +211,7 @@ def corrupt_dataset(
         workers,
         description=f"corrupting by {suite}",
         leave_out=LEAVE_OUT,
+        driver=driver,
     )
     written = sum(len(work.pending) for work in works)
     return JobResult(written=written, skipped=len(works) * len(requested) - written)
