@@ -30,7 +30,7 @@ _SIMULATED: Final = ("--image-size", "310,94", "--focal-px", "180", "--lidar", "
 _FEW: Final = 10
 _FULL_SIZE: Final = 22
 _POLL_S: Final = 0.2
-_SIMULATED_SHARE: Final = 10  # a frame takes long to simulate, so there are fewer
+_SIMULATED_SHARE: Final = 20  # a frame takes long to simulate, so there are fewer
 
 Figures = dict[str, float]
 

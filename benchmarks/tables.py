@@ -19,6 +19,7 @@ from benchmarks import (
     table_board,
     table_joined,
     table_papers,
+    table_scale,
     table_sensors,
     table_speed,
 )
@@ -88,6 +89,8 @@ TABLES: Final = {
         ("joined_calibration", "joined_calibration_simulated"), table_joined.calibration
     ),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
+    "growth": Table(("growth",), table_scale.growth),
+    "ten-million": Table(("growth",), table_scale.ten_million),
 }  # fmt: skip
 
 
@@ -111,9 +114,10 @@ def main(*, check: bool = False) -> None:
 
 
 def pages() -> list[Path]:
-    """List the pages that may hold tables."""
+    """List the pages that may hold tables: those of results, and the guide with an estimate."""
     docs = ROOT / "docs"
-    return [docs / "results.md", *sorted((docs / "results").glob("*.md"))]
+    results = [docs / "results.md", *sorted((docs / "results").glob("*.md"))]
+    return [*results, docs / "guides" / "scale.md"]
 
 
 def rendered(text: str) -> str:
