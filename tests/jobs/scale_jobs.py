@@ -16,7 +16,8 @@ import torch
 from sightline.depth_completion.registration import TASK
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.predict import predict
-from sightline.jobs.run import Driver, JobResult
+from sightline.jobs.crew import Driver
+from sightline.jobs.run import JobResult
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 

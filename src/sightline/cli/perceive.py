@@ -12,8 +12,8 @@ from sightline.cli.report import named_file, refuse_with_pack
 from sightline.cli.rig import Around, chosen_field, warn_of_rig
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
-from sightline.jobs.run import Driver
 from sightline.tasks import find_task, task_names, weights_of
 
 _HELP = """Runs all tasks on every frame; writes their result files and one line of JSON per frame.

@@ -9,8 +9,8 @@ from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
-from sightline.jobs.run import Driver
 
 if TYPE_CHECKING:
     from sightline.robustness.bench import BenchTask

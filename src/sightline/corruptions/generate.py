@@ -25,13 +25,14 @@ from sightline.data.kitti_trees import (
 from sightline.data.mask_png import read_mask_png, write_mask_png
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     acquire_output_dir,
     check_outside_dataset,
     data_change_error,
     data_name,
 )
-from sightline.jobs.run import LEAVE_OUT, Driver, JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import SENSOR_FIELDS
 
 PARTS: Final[tuple[Part, ...]] = ("image", "points", "calibration", "objects", "depth")

@@ -13,6 +13,7 @@ from sightline.files.atomic import DiskError, scratch_folder
 from sightline.files.problem import FileError
 from sightline.files.shard_index import FORMAT, MANIFEST, read_manifest, tars_of
 from sightline.files.shard_path import data_path
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     KITTI_SPLITS,
     Claim,
@@ -21,7 +22,7 @@ from sightline.jobs.output_dirs import (
     claim_folders,
     data_name,
 )
-from sightline.jobs.run import Driver, JobResult, Work, check_workers, run_job, shard
+from sightline.jobs.run import JobResult, Work, check_workers, run_job, shard
 
 _DRIVE_SPLITS: Final = ("val", "train")  # of depth trees; their drives are sorted together
 

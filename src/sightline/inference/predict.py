@@ -10,6 +10,7 @@ from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.packed import pack_results, run_named
 from sightline.inference.predictor import Output, PredictingTask, Predictor
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     Claim,
     check_outside_dataset,
@@ -17,7 +18,7 @@ from sightline.jobs.output_dirs import (
     data_name,
     finished_names,
 )
-from sightline.jobs.run import LEAVE_OUT, Driver, JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
 
 Places = tuple[tuple[Output, Path], ...]

@@ -4,7 +4,10 @@ import time
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from typing import Final, NamedTuple, Protocol, runtime_checkable
+from typing import Final, Literal, NamedTuple, Protocol, runtime_checkable
+
+Driver = Literal["local", "ray"]
+"""Workers of a job: processes of this machine, or actors of a Ray cluster."""
 
 Piece = Callable[[int], str]
 """Function that runs piece N of a job; returns the error, empty: none."""

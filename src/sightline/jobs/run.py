@@ -2,19 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol, TypeVar, runtime_checkable
+from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.files.atomic import DiskError
 from sightline.files.extras import require_library
 from sightline.files.problem import memory_fault
-from sightline.jobs.crew import Crew, Lost, Piece, run_on_crew
+from sightline.jobs.crew import Crew, Driver, Lost, Piece, run_on_crew
 from sightline.jobs.pool import ProcessCrew, one_blas_thread
 from sightline.jobs.progress import track
 
 Item = TypeVar("Item")
-
-Driver = Literal["local", "ray"]
-"""Workers of a job: processes of this machine, or actors of a Ray cluster."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -22,8 +22,9 @@ from sightline.inference.predict import (
     with_field,
     write_prediction,
 )
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
-from sightline.jobs.run import LEAVE_OUT, Driver, JobResult, check_workers, run_job, shard
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.joining.files import write_objects
 from sightline.joining.models import JOINED
 from sightline.perception.kept_lines import LINES_FOLDER, Lines, read_lines, read_timings

@@ -18,8 +18,8 @@ from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
 from sightline.inference.predictor import Predictor
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
-from sightline.jobs.run import Driver
 from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer
 from sightline.robustness.frames import digest_files, open_frames

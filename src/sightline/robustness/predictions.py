@@ -7,8 +7,9 @@ from pathlib import Path
 from sightline.corruptions.suites import Case
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import finished_names
-from sightline.jobs.run import LEAVE_OUT, Driver, JobResult, check_workers, run_job
+from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
 _CASES_PER_READ = 8  # of a frame: few enough for many workers on few frames

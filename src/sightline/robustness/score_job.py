@@ -10,7 +10,8 @@ from sightline.data.open import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError
-from sightline.jobs.run import Driver, run_job
+from sightline.jobs.crew import Driver
+from sightline.jobs.run import run_job
 from sightline.robustness.record import number_or_none
 from sightline.robustness.scoring import Scores, Scoring
 

@@ -25,8 +25,9 @@ from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, is_finished
-from sightline.jobs.run import Driver, JobResult, check_workers, run_job, shard
+from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.simulation.rig_sensors import Sensors
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import (
