@@ -46,6 +46,23 @@ class EndsOnce:
         return f"{position}"
 
 
+class EndsTheOther:
+    """Pieces of which the last ends the worker of the first, which has nothing more to do."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __call__(self, position: int) -> str:
+        (self.folder / f"{position}-{os.getpid()}").touch()
+        while not (others := list(self.folder.glob(f"{1 - position}-*"))):
+            time.sleep(0.01)  # so that each has a worker
+        if position == 1:
+            time.sleep(0.5)
+            os.kill(int(others[0].name[2:]), signal.SIGKILL)
+            time.sleep(0.5)
+        return f"{position}"
+
+
 def one_piece_raises(position: int) -> str:
     if position == 1:
         raise ZeroDivisionError("by chance")
@@ -111,6 +128,10 @@ def test_matrix_products_have_one_thread_while_a_job_runs_in_this_process():
 def test_the_piece_of_a_worker_that_is_killed_is_done_by_another(tmp_path):
     assert list(run_pieces(EndsOnce(tmp_path), 6, 2)) == [str(i) for i in range(6)]
     assert len(list(tmp_path.glob("2-*"))) == 2
+
+
+def test_a_worker_that_is_killed_while_it_has_nothing_to_do_is_no_loss(tmp_path):
+    assert list(run_pieces(EndsTheOther(tmp_path), 2, 2)) == ["0", "1"]
 
 
 def test_a_piece_that_ends_three_workers_is_lost_and_the_others_are_done():

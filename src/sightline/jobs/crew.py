@@ -115,6 +115,9 @@ class _Run:
         reports = self._reports()
         done: dict[int, str | Lost] = {}
         for worker, report in reports.items():
+            if worker not in self._doing:  # it had nothing to do, and has ended
+                self._idle.remove(worker)
+                continue
             position = self._doing.pop(worker)
             if report.fault:
                 raise RuntimeError(f"piece {position} of the job failed:\n{report.fault}")
