@@ -24,6 +24,21 @@ def growth(record: Record) -> Rows:
     return rows
 
 
+def random_kills(record: Record) -> Rows:
+    """Give the row of a job whose workers and programs were killed."""
+    killed = record["killed"]
+    return [
+        ["frames", "workers killed", "times the whole job was killed", "exit status", "bytes"],
+        [
+            f"{record['frames']:,}",
+            f"{killed['workers']}",
+            f"{killed['programs']}",
+            f"{record['status']}",
+            "equal" if record["equal"] else "**different**",
+        ],
+    ]
+
+
 def ten_million(record: Record) -> Rows:
     """Compute what ten million frames need, from the figures of frames of KITTI's size."""
     row = record["full_size"]

@@ -90,6 +90,7 @@ TABLES: Final = {
     ),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
     "growth": Table(("growth",), table_scale.growth),
+    "random-kills": Table(("random_kills",), table_scale.random_kills),
     "ten-million": Table(("growth",), table_scale.ten_million),
 }  # fmt: skip
 
