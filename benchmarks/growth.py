@@ -1,10 +1,10 @@
-"""Cost of a frame as data sets grow: `python -m benchmarks.growth SCRATCH`.
+"""Cost of a frame as a job goes on: `python -m benchmarks.growth SCRATCH`.
 
-Commands over more and more small frames, each in a process of its own: processor time, memory, open
-files and bytes written. Frames are few simulated ones under many names. A frame's time is that of
-the larger job less that of a job with few frames, divided by the difference in frames: processor
-time, since the machine is shared. Then two workers beside one, and a few frames of KITTI's size,
-from which the needs of ten million are computed. Its last line is kept in
+Commands over many small frames, each in a process of its own that is looked at from outside: after
+so many frames, its processor time, memory, open files and bytes written are noted. A
+frame's time is the difference of two such moments, divided by the frames between them: processor
+time, since the machine is shared. Frames are few simulated ones under many names. At the end a few
+frames of KITTI's size, from which the needs of ten million are computed. Its last line is kept in
 benchmarks/results/growth.json.
 """
 
@@ -13,8 +13,10 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import jsonargparse
 
@@ -28,122 +30,107 @@ FAST: Final = {
 }
 _SIMULATED: Final = ("--image-size", "310,94", "--focal-px", "180", "--lidar", "vlp-16")
 _FEW: Final = 10
-_FULL_SIZE: Final = 22
-_POLL_S: Final = 0.2
-_SIMULATED_SHARE: Final = 20  # a frame takes long to simulate, so there are fewer
+_FULL_SIZE: Final = 20
+_SHARD: Final = 10  # frames
+_SIMULATED_SHARE: Final = 10
+_POLL_S: Final = 0.1
+_TICKS: Final = os.sysconf("SC_CLK_TCK")
 
 Figures = dict[str, float]
 
 
-def main(scratch: Path, sizes: tuple[int, ...] = (100, 1000), seed: int = 0) -> None:
+class Job(NamedTuple):
+    """A command, and the files by which its progress is seen."""
+
+    words: Sequence[object]
+    out: Path
+    pattern: str
+    """Pattern of the files that are finished last."""
+    per_file: int = 1
+    """Number of frames of such a file."""
+    share: int = 1
+    """Divisor of the marks, for frames that take long."""
+
+
+def main(scratch: Path, marks: tuple[int, ...] = (100, 1000), seed: int = 0) -> None:
     """Print a table, then one line of JSON.
 
     Args:
         scratch: Empty folder for the frames and results, which are removed.
-        sizes: Numbers of frames, ascending.
+        marks: Numbers of frames at which figures are noted, ascending; a tenth for `simulate`.
         seed: Seed of the simulated frames.
     """
     scratch = scratch.absolute()
-    first = scratch / "first"
-    simulation = ["simulate", first, "--frames", _FEW, "--seed", seed, *_SIMULATED]
-    measure(simulation, first, workers=2)
-    results, begun = [], {}
-    for size in (_FEW, *sizes):
-        data = scratch / f"frames-{size}"
-        copy_frames(first, data, size)
-        for name, (frames, words, out) in commands(data, size, seed).items():
-            figures = measure(words, out, workers=1)
-            if size == _FEW:
-                begun[name] = (frames, figures)
-                continue
-            results.append({"work": name, "workers": 1, **per_frame(frames, figures, begun[name])})
-            print(*results[-1].values(), flush=True)
-        if size == sizes[-1]:
-            for name, (frames, words, out) in commands(data, size, seed).items():
-                if name in ("evaluate", "shard"):  # threads, or one process
-                    continue
-                shutil.rmtree(out)
-                figures = measure(words, out, workers=2)
-                row = {"work": name, "workers": 2, **per_frame(frames, figures, begun[name])}
-                results.append(row)
-                print(*row.values(), flush=True)
-        shutil.rmtree(data.parent / f"out-{size}")
-    record = {"sizes": sizes, "results": results, "full_size": full_size(scratch)}
+    first, data = scratch / "first", scratch / "data"
+    _run(["simulate", first, "--frames", _FEW, "--seed", seed, *_SIMULATED, "--workers", 2])
+    size = marks[-1] + marks[-1] // 20 + _FEW  # so that the last mark is not the end
+    copy_frames(first, data, size)
+    results: list[dict[str, Any]] = []
+    for name, job in jobs(data, scratch / "one", size, seed).items():
+        results += rows(name, 1, measure(job, [_FEW, *marks], workers=1))
+    for name, job in jobs(data, scratch / "two", size, seed).items():
+        if name in ("corrupt", "predict"):
+            results += rows(name, 2, measure(job, [_FEW, *marks], workers=2))
+    record = {"marks": marks, "results": results, "full_size": full_size(scratch)}
     shutil.rmtree(scratch)
     print_record(record, seed=seed, weights=FAST.values())
 
 
-def commands(data: Path, size: int, seed: int) -> dict[str, tuple[int, list[object], Path]]:
-    """Number of frames, words and output of each command, in their order."""
-    out = data.parent / f"out-{size}"
-    frames = max(size // _SIMULATED_SHARE, 2)
-    tasks = [word for task, weights in FAST.items() for word in (f"--{task}", weights)]
-    labels = data / "training" / "label_2"
+def jobs(data: Path, out: Path, size: int, seed: int) -> dict[str, Job]:
+    """Commands by their names."""
+    street, shards, cases = out / "street", out / "shards", out / "corrupted"
+    found, together = out / "found", out / "all"
+    frames = size // _SIMULATED_SHARE
+    simulate = ["simulate", street, "--frames", frames, "--seed", seed, *_SIMULATED]
+    pack = ["shard", data, shards, "--frames-per-shard", _SHARD]
+    corrupt = ["corrupt", data, cases, "--cases", "camera_blank", "lidar_blank"]
+    predict = ["predict", "detection2d", data, found, "--weights", FAST["detection2d"]]
     return {
-        "simulate": (
-            frames,
-            ["simulate", out / "street", "--frames", frames, "--seed", seed, *_SIMULATED],
-            out / "street",
-        ),
-        "shard": (
-            size,
-            ["shard", data, out / "shards", "--frames-per-shard", 100],
-            out / "shards",
-        ),
-        "corrupt": (
-            size,
-            ["corrupt", data, out / "corrupted", "--cases", "camera_blank", "lidar_blank"],
-            out / "corrupted",
-        ),
-        "predict": (
-            size,
-            ["predict", "detection2d", data, out / "found", "--weights", FAST["detection2d"]],
-            out / "found",
-        ),
-        "perceive": (size, ["perceive", data, out / "all", *tasks], out / "all"),
-        "evaluate": (
-            size,
-            ["evaluate", "objects", out / "found", labels, "--json", out / "scores.json"],
-            out / "scores.json",
-        ),
+        "simulate": Job(simulate, street, "training/calib/*.txt", share=_SIMULATED_SHARE),
+        "shard": Job(pack, shards, "0*.json", _SHARD),
+        "corrupt": Job(corrupt, cases, "lidar_blank/training/velodyne/*.bin"),
+        "predict": Job(predict, found, "*.txt"),
+        "perceive": Job(["perceive", data, together, *_tasks()], together, "lines/*.json"),
     }
 
 
-def per_frame(frames: int, figures: Figures, begun: tuple[int, Figures]) -> Figures:
-    """Figures of a job less those of its start with few frames."""
-    few, start = begun
-    more = frames - few
-    return {
-        "frames": frames,
-        "processor_ms": round(1000 * (figures["processor_s"] - start["processor_s"]) / more, 2),
-        "start_processor_s": round(start["processor_s"], 2),
-        "wall_s": round(figures["wall_s"], 1),
-        "peak_mib": round(figures["peak_mib"]),
-        "open_files": figures["open_files"],
-        "bytes": round((figures["bytes"] - start["bytes"]) / more),
-    }
+def _tasks() -> list[str]:
+    return [word for task, weights in FAST.items() for word in (f"--{task}", weights)]
+
+
+def rows(name: str, workers: int, noted: Sequence[Figures]) -> list[dict[str, Any]]:
+    """Give figures between each two moments, and print them."""
+    found = []
+    for before, after in pairwise(noted):
+        frames = after["frames"] - before["frames"]
+        row = {
+            "work": name,
+            "workers": workers,
+            "frames": after["frames"],
+            "processor_ms": round(1e3 * (after["processor_s"] - before["processor_s"]) / frames, 2),
+            "start_processor_s": round(noted[0]["processor_s"], 2),
+            "mib": round(after["mib"]),
+            "open_files": after["open_files"],
+            "bytes": round((after["bytes"] - before["bytes"]) / frames),
+        }
+        print(*row.values(), flush=True)
+        found.append(row)
+    return found
 
 
 def full_size(scratch: Path) -> dict[str, Any]:
     """Figures of `perceive` for frames of KITTI's size, and the bytes of a frame in shards."""
-    figures: dict[int, Figures] = {}
-    sharded: dict[int, Figures] = {}
-    tasks = [word for task, weights in FAST.items() for word in (f"--{task}", weights)]
-    for size in (2, _FULL_SIZE):
-        data, out = scratch / f"full-{size}", scratch / f"full-out-{size}"
-        copy_frames(PACKAGED_FRAMES, data, size)
-        shards = out / "shards"
-        words: list[object] = ["shard", data, shards, "--frames-per-shard", _FULL_SIZE]
-        sharded[size] = measure(words, shards, workers=1)
-        words = ["perceive", shards, out / "all", "--pack", *tasks]
-        figures[size] = measure(words, out / "all", workers=1)
-    row = per_frame(_FULL_SIZE, figures[_FULL_SIZE], (2, figures[2]))
-    read = per_frame(_FULL_SIZE, sharded[_FULL_SIZE], (2, sharded[2]))
-    return {**row, "frame_bytes": read["bytes"]}
+    data, out, shards = scratch / "full", scratch / "full-out", scratch / "full-shards"
+    copy_frames(PACKAGED_FRAMES, data, _FULL_SIZE + 2)
+    _run(["shard", data, shards, "--frames-per-shard", _FULL_SIZE + 2])
+    job = Job(["perceive", shards, out, *_tasks()], out, "lines/*.json")
+    (row,) = rows("perceive, KITTI's size", 1, measure(job, [2, _FULL_SIZE], workers=1))
+    tar = shards / "000000.tar"
+    return {**row, "frame_bytes": round(tar.stat().st_size / (_FULL_SIZE + 2))}
 
 
 def copy_frames(source: Path, target: Path, size: int) -> None:
-    """Link the frames of an object tree under `size` names, one after the other."""
+    """Write the frames of an object tree under `size` names, one after the other."""
     names = sorted(path.stem for path in (source / "training" / "calib").iterdir())
     for folder in sorted((source / "training").iterdir()):
         (target / "training" / folder.name).mkdir(parents=True)
@@ -154,33 +141,46 @@ def copy_frames(source: Path, target: Path, size: int) -> None:
             shutil.copyfile(file, copy)
 
 
-def measure(words: list[object], out: Path, *, workers: int) -> Figures:
-    """Run a command to its end, and look at its processes from time to time; Linux only."""
+def _run(words: Sequence[object]) -> None:
     command = [sys.executable, "-m", "sightline", *map(str, words)]
-    if words[0] != "evaluate":
-        command += ["--workers", str(workers)]
-    begun_s = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    peak_mib, open_files = 0.0, 0
-    while True:
-        number, status, usage = os.wait4(process.pid, os.WNOHANG)
-        if number:
-            break
+    subprocess.run(command, check=True, capture_output=True)
+
+
+def measure(job: Job, marks: Sequence[int], *, workers: int) -> list[Figures]:
+    """Run a command, and note its figures when it has finished so many frames; Linux only."""
+    words = [*job.words, "--workers", workers]
+    command = [sys.executable, "-m", "sightline", *map(str, words)]
+    noted: list[Figures] = []
+    waiting = [mark // job.share for mark in marks]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while process.poll() is None:
+        done = len(list(job.out.glob(job.pattern))) * job.per_file
         family = _family(process.pid)
-        peak_mib = max(peak_mib, sum(map(_resident_mib, family)))
-        open_files = max(open_files, sum(map(_open_files, family)))
+        figures = {
+            "frames": done,
+            "processor_s": sum(map(_processor_s, family)),
+            "mib": sum(map(_resident_mib, family)),
+            "open_files": sum(map(_open_files, family)),
+        }
+        # Ended workers count through their parent; the last look may come too late for either.
+        if waiting and done >= waiting[0] and figures["mib"]:
+            while waiting and done >= waiting[0]:
+                waiting.pop(0)
+            files = [path for path in job.out.rglob("*") if path.is_file()]
+            noted.append({**figures, "bytes": sum(path.stat().st_size for path in files)})
         time.sleep(_POLL_S)
-    assert process.stderr is not None
-    if status:
-        raise ValueError(f"{' '.join(command)} failed: {process.stderr.read().decode()}")
-    process.stderr.close()
-    return {
-        "processor_s": usage.ru_utime + usage.ru_stime,  # with those of its workers
-        "wall_s": time.monotonic() - begun_s,
-        "peak_mib": peak_mib,
-        "open_files": open_files,
-        "bytes": sum(path.stat().st_size for path in (out, *out.rglob("*")) if path.is_file()),
-    }
+    if process.returncode:
+        raise ValueError(f"{' '.join(command)} ended with status {process.returncode}")
+    return noted
+
+
+def _processor_s(process: int) -> float:
+    """Processor time of a process, and of those below it that have ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:15])) / _TICKS
 
 
 def _family(process: int) -> list[int]:

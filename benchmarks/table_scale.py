@@ -17,8 +17,8 @@ def growth(record: Record) -> Rows:
         ["command", "workers", "frames", "processor ms a frame", "memory, MiB", "files open",
          "bytes written a frame"],
     ]  # fmt: skip
-    for row in sorted(record["results"], key=lambda row: (row["work"], row["workers"])):
-        cells = [f"{row['peak_mib']:,}", f"{row['open_files']}", f"{row['bytes']:,}"]
+    for row in record["results"]:
+        cells = [f"{row['mib']:,}", f"{row['open_files']}", f"{row['bytes']:,}"]
         time = f"{row['processor_ms']:.1f}"
         rows.append([row["work"], f"{row['workers']}", f"{row['frames']:,}", time, *cells])
     return rows
@@ -55,7 +55,7 @@ def ten_million(record: Record) -> Rows:
         ["frames in shards", f"{_FRAMES * row['frame_bytes'] / 1e12:,.1f} TB"],
         ["results in shards", f"{_FRAMES * row['bytes'] / 1e12:,.2f} TB"],
         [f"files, with {_FRAMES_PER_SHARD:,} frames in a shard", f"{4 * shards:,}"],
-        ["memory of a worker", f"{row['peak_mib']:,} MiB"],
+        ["memory of a worker", f"{row['mib']:,} MiB"],
         ["read by each core", f"{1000 * core_gb_s:,.1f} MB/s"],
         [
             "read by all cores",
