@@ -52,12 +52,20 @@ class Job(NamedTuple):
     """Divisor of the marks, for frames that take long."""
 
 
-def main(scratch: Path, marks: tuple[int, ...] = (100, 1000), seed: int = 0) -> None:
+def main(
+    scratch: Path,
+    marks: tuple[int, ...] = (100, 1000),
+    works: tuple[str, ...] = ("simulate", "shard", "corrupt", "predict", "perceive"),
+    by_two: tuple[str, ...] = ("corrupt", "predict"),
+    seed: int = 0,
+) -> None:
     """Print a table, then one line of JSON.
 
     Args:
         scratch: Empty folder for the frames and results, which are removed.
         marks: Numbers of frames at which figures are noted, ascending; a tenth for `simulate`.
+        works: Commands to run by one worker.
+        by_two: Commands to run by two workers, too.
         seed: Seed of the simulated frames.
     """
     scratch = scratch.absolute()
@@ -66,11 +74,10 @@ def main(scratch: Path, marks: tuple[int, ...] = (100, 1000), seed: int = 0) -> 
     size = marks[-1] + marks[-1] // 20 + _FEW  # so that the last mark is not the end
     copy_frames(first, data, size)
     results: list[dict[str, Any]] = []
-    for name, job in jobs(data, scratch / "one", size, seed).items():
-        results += rows(name, 1, measure(job, [_FEW, *marks], workers=1))
-    for name, job in jobs(data, scratch / "two", size, seed).items():
-        if name in ("corrupt", "predict"):
-            results += rows(name, 2, measure(job, [_FEW, *marks], workers=2))
+    for workers, names in ((1, works), (2, by_two)):
+        for name in names:
+            job = jobs(data, scratch / f"by-{workers}", size, seed)[name]
+            results += rows(name, workers, measure(job, [_FEW, *marks], workers=workers))
     record = {"marks": marks, "results": results, "full_size": full_size(scratch)}
     shutil.rmtree(scratch)
     print_record(record, seed=seed, weights=FAST.values())
