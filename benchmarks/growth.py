@@ -4,8 +4,7 @@ Commands over many small frames, each in a process of its own that is looked at 
 so many frames, its processor time, memory, open files and bytes written are noted. A
 frame's time is the difference of two such moments, divided by the frames between them: processor
 time, since the machine is shared. Frames are few simulated ones under many names. At the end a few
-frames of KITTI's size, from which the needs of ten million are computed. Its last line is kept in
-benchmarks/results/growth.json.
+frames of KITTI's size, the bytes of a frame in shards, too.
 """
 
 import os

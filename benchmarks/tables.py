@@ -89,9 +89,7 @@ TABLES: Final = {
         ("joined_calibration", "joined_calibration_simulated"), table_joined.calibration
     ),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
-    "growth": Table(("growth",), table_scale.growth),
     "random-kills": Table(("random_kills",), table_scale.random_kills),
-    "ten-million": Table(("growth",), table_scale.ten_million),
 }  # fmt: skip
 
 
@@ -115,10 +113,9 @@ def main(*, check: bool = False) -> None:
 
 
 def pages() -> list[Path]:
-    """List the pages that may hold tables: those of results, and the guide with an estimate."""
+    """List the pages that may hold tables."""
     docs = ROOT / "docs"
-    results = [docs / "results.md", *sorted((docs / "results").glob("*.md"))]
-    return [*results, docs / "guides" / "scale.md"]
+    return [docs / "results.md", *sorted((docs / "results").glob("*.md"))]
 
 
 def rendered(text: str) -> str:
