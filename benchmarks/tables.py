@@ -19,6 +19,7 @@ from benchmarks import (
     table_board,
     table_joined,
     table_papers,
+    table_scale,
     table_sensors,
     table_speed,
 )
@@ -89,6 +90,7 @@ TABLES: Final = {
     ),
     "page": Table(("page_latency",), table_speed.page),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
+    "random-kills": Table(("random_kills",), table_scale.random_kills),
 }  # fmt: skip
 
 

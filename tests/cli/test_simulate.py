@@ -49,6 +49,7 @@ def test_what_is_not_given_is_as_the_settings_have_it(calls: list[dict], capsys)
             "frames": chosen.frames,
             "config": SimulationConfig(),
             "workers": 2,
+            "driver": "local",
             "velodyne": chosen.velodyne,
             "validation_frames": chosen.validation_frames,
             "shard_index": 0,
@@ -72,12 +73,14 @@ def test_every_setting_is_an_option_with_its_text_and_default(capsys):
 def test_options_reach_the_settings_of_their_names(calls: list[dict]):
     options = "--frames 7 --validation-frames 2 --velodyne velodyne_reduced --seed 5"
     options += " --image-size 1920,1200 --focal-px 600 --samples-per-pixel 4 --lidar vlp-16"
-    options += " --rolling-shutter --no-camera --hard --workers 3 --shard-index 1 --num-shards 2"
+    options += " --rolling-shutter --no-camera --hard --workers 3 --driver ray"
+    options += " --shard-index 1 --num-shards 2"
     assert run(*options.split()) == 0
     assert calls[0] == {
         "out": Path("street"),
         "frames": 7,
         "workers": 3,
+        "driver": "ray",
         "velodyne": "velodyne_reduced",
         "validation_frames": 2,
         "shard_index": 1,

@@ -9,8 +9,11 @@ import pytest
 import torch
 from threadpoolctl import threadpool_info
 
+from sightline.jobs import crew
 from sightline.jobs import pool as parallel
-from sightline.jobs.pool import holding_signals, run_pieces
+from sightline.jobs.crew import Lost
+from sightline.jobs.pool import ProcessCrew, holding_signals
+from sightline.jobs.run import run_pieces
 
 
 def later_first(position: int) -> str:
@@ -23,6 +26,41 @@ def one_piece_ends_its_process(position: int) -> str:
     if position == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return ""
+
+
+def every_piece_ends_its_process(position: int) -> str:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return f"{position}"
+
+
+class EndsOnce:
+    """Pieces of which one ends its process when it runs for the first time, and says its number."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __call__(self, position: int) -> str:
+        (self.folder / f"{position}-{os.getpid()}").touch()
+        if position == 2 and len(list(self.folder.glob("2-*"))) == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return f"{position}"
+
+
+class EndsTheOther:
+    """Pieces of which the last ends the worker of the first, which has nothing more to do."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __call__(self, position: int) -> str:
+        (self.folder / f"{position}-{os.getpid()}").touch()
+        while not (others := list(self.folder.glob(f"{1 - position}-*"))):
+            time.sleep(0.01)  # so that each has a worker
+        if position == 1:
+            time.sleep(0.5)
+            os.kill(int(others[0].name[2:]), signal.SIGKILL)
+            time.sleep(0.5)
+        return f"{position}"
 
 
 def one_piece_raises(position: int) -> str:
@@ -49,8 +87,8 @@ def one_piece_panics(position: int) -> str:
     return ""
 
 
-def hangs(position: int) -> str:
-    time.sleep(60)
+def one_piece_hangs(position: int) -> str:
+    time.sleep(60 if position == 1 else 0)
     return f"{position}"
 
 
@@ -87,9 +125,25 @@ def test_matrix_products_have_one_thread_while_a_job_runs_in_this_process():
     assert blas_threads() == before
 
 
-def test_a_worker_that_is_killed_ends_the_job_with_an_error():
-    with pytest.raises(ChildProcessError, match="use fewer workers"):
-        list(run_pieces(one_piece_ends_its_process, 4, 2))
+def test_the_piece_of_a_worker_that_is_killed_is_done_by_another(tmp_path):
+    assert list(run_pieces(EndsOnce(tmp_path), 6, 2)) == [str(i) for i in range(6)]
+    assert len(list(tmp_path.glob("2-*"))) == 2
+
+
+def test_a_worker_that_is_killed_while_it_has_nothing_to_do_is_no_loss(tmp_path):
+    assert list(run_pieces(EndsTheOther(tmp_path), 2, 2)) == ["0", "1"]
+
+
+def test_a_piece_that_ends_three_workers_is_lost_and_the_others_are_done():
+    outcomes = list(run_pieces(one_piece_ends_its_process, 4, 2))
+    assert outcomes[:1] + outcomes[2:] == ["", "", ""]
+    reason = "its worker has ended 3 times, the last time it was ended from outside by signal 9"
+    assert outcomes[1] == Lost(reason)
+
+
+def test_workers_that_all_end_without_a_result_end_the_job_with_an_error():
+    with pytest.raises(ChildProcessError, match=r"9 workers in a row .*use fewer workers"):
+        list(run_pieces(every_piece_ends_its_process, 50, 2))
 
 
 def test_an_error_of_a_piece_is_raised_with_its_traceback():
@@ -110,7 +164,7 @@ def test_a_job_that_is_not_finished_leaves_no_process():
 )
 def test_workers_end_with_the_program_and_say_nothing(ending: signal.Signals, to_all: bool):
     program = (
-        "from sightline.jobs.pool import holding_signals, run_pieces\n"
+        "from sightline.jobs.run import run_pieces\n"
         "from tests.jobs.test_pool import ends_soon\n"
         "try:\n"
         "    list(run_pieces(ends_soon, 2, 2))\n"
@@ -139,12 +193,38 @@ def test_a_result_of_any_length_comes_back():
     assert [len(result) for result in run_pieces(hundred_megabytes, 2, 2)] == [100_000_000] * 2
 
 
-def test_workers_that_hang_end_the_job_with_an_error_that_names_the_pieces(monkeypatch):
-    monkeypatch.setattr(parallel, "_MAX_PIECE_S", 0.2)
-    monkeypatch.setattr(parallel, "_POLL_S", 0.1)
-    monkeypatch.setattr(parallel, "_PATIENCE_S", 0.1)
-    with pytest.raises(ChildProcessError, match=r"no worker .*at pieces 0, 1\); use 1 worker"):
-        list(run_pieces(hangs, 4, 2))
+def test_a_worker_that_hangs_is_replaced_and_its_piece_lost_at_the_third_time(monkeypatch):
+    monkeypatch.setattr(crew, "_MAX_PIECE_S", 0.5)
+    monkeypatch.setattr(crew, "_POLL_S", 0.1)
+    outcomes = list(run_pieces(one_piece_hangs, 4, 2))
+    assert [outcomes[i] for i in (0, 2, 3)] == ["0", "2", "3"]
+    assert outcomes[1].reason.endswith("3 times, the last time it gave no result for 0.5 s")
+
+
+def test_workers_that_never_start_end_the_job_with_an_error(monkeypatch):
+    class Absent:
+        """Crew of a cluster without a free CPU."""
+
+        def hire(self):
+            return 0
+
+        def reports(self, timeout_s):
+            time.sleep(timeout_s)
+            return {}
+
+        def hand(self, *_):
+            raise AssertionError("none is ready")
+
+        def dismiss(self, *_):
+            raise AssertionError("none has a piece")
+
+        def close(self):
+            """Nothing was started."""
+
+    monkeypatch.setattr(crew, "_MAX_PIECE_S", 0.2)
+    monkeypatch.setattr(crew, "_POLL_S", 0.1)
+    with pytest.raises(ChildProcessError, match=r"no worker has started .* CPUs are free"):
+        list(crew.run_on_crew(Absent(), 3, 1))
 
 
 def test_workers_that_cannot_be_started_end_the_job_with_an_error(monkeypatch):
@@ -221,8 +301,9 @@ class Stubborn:
 def test_workers_that_do_not_finish_are_all_ended_before_one_is_waited_for(monkeypatch):
     monkeypatch.setattr(parallel, "_PATIENCE_S", 0.0)
     calls = []
-    pool = parallel._Pool(str)
-    ends = [parallel.multiprocessing.Pipe()[0] for _ in range(3)]
-    pool._processes = {end: Stubborn(number, calls) for number, end in enumerate(ends)}
+    pool = ProcessCrew(str)
+    pool._processes = {
+        number: (parallel.multiprocessing.Pipe()[0], Stubborn(number, calls)) for number in range(3)
+    }
     pool.close()
     assert calls == ["end 0", "end 1", "end 2", "join 0", "join 1", "join 2"]

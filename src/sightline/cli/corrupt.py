@@ -5,6 +5,7 @@ from pathlib import Path
 from sightline.cli.output import say
 from sightline.cli.report import named_file
 from sightline.data.kitti_trees import Velodyne
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 
 
@@ -19,6 +20,7 @@ def corrupt(
     velodyne: Velodyne | None = None,
     masks: bool = False,
     workers: int = 2,
+    driver: Driver = "local",
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
@@ -41,6 +43,8 @@ def corrupt(
         velodyne: Folder of the sweeps. Default: velodyne, or else velodyne_reduced.
         masks: Also writes masks of the pixels of each sensor that may have changed.
         workers: Number of processes.
+        driver: Kind of workers: processes of this machine (local), or of a Ray cluster (ray),
+            one CPU each, by pip install '.[ray]'; docs/guides/scale.md tells how.
         shard_index: Index of the shard of frames to process, from 0.
         num_shards: Number of shards, each of which can run on another machine.
     """
@@ -57,6 +61,7 @@ def corrupt(
         velodyne=velodyne,
         masks=masks,
         workers=workers,
+        driver=driver,
         shard_index=shard_index,
         num_shards=num_shards,
     )

@@ -8,10 +8,11 @@ from sightline.cli.declared import declare
 from sightline.cli.engine import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import named_file
+from sightline.cli.report import named_file, refuse_with_pack
 from sightline.cli.rig import Around, chosen_field, warn_of_rig
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 from sightline.tasks import find_task, task_names, weights_of
 
@@ -34,9 +35,13 @@ Args:
     velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
         velodyne_reduced.
     workers: Number of processes with one thread each; fastest with one per core.
+    driver: Kind of workers: processes of this machine (local), or of a Ray cluster (ray),
+        one CPU each, by pip install '.[ray]'; docs/guides/scale.md tells how.
     overwrite: Replaces existing files.
     shard_index: Index of the shard of frames to process, from 0.
     num_shards: Number of shards, each of which can run on another machine.
+    pack: Writes the results of each shard of DATA as a shard, with checksums. Shards that are whole
+        are skipped, and one that fails does not stop the others.
     video: MP4 file of all frames: camera with boxes, depth, bird's-eye view. H.264 with
         pip install '.[viz]'.
     rerun: File for the Rerun viewer (.rrd): image, depth, points, boxes on a time line. Needs
@@ -69,9 +74,11 @@ def perceive_command() -> Callable[..., None]:
         "sample_list": (str | None, None),
         "velodyne": (Velodyne | None, None),
         "workers": (int, 2),
+        "driver": (Driver, "local"),
         "overwrite": (bool, False),
         "shard_index": (int, 0),
         "num_shards": (int, 1),
+        "pack": (bool, False),
         "video": (Path | None, None),
         "rerun": (Path | None, None),
         "fps": (float, 10.0),
@@ -104,18 +111,27 @@ def _run(
     engine: EngineChoice,
     device: Device,
     around: Around,
+    pack: bool,
     **job: Any,  # noqa: ANN401 - the options of `perceive`
 ) -> None:
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
     files = [named_file(each) for each in (*weights.values(), job["sample_list"])]
     check_outputs(places, data=[data, *files])  # before networks are loaded
-    from sightline.perception.perceive import LINES_NAME, perceive
+    not_packed = {name: job[name] for name in ("sample_list", "overwrite", "video", "rerun")}
+    if pack:
+        refuse_with_pack(**not_packed)
+    from sightline.perception.perceive import LINES_NAME, perceive, perceive_shards
     from sightline.perception.perceiver import MultiTaskPredictor
 
     # One thread per worker; with several threads PyTorch's last digits differ.
     perceiver = MultiTaskPredictor.load(weights, engine=engine, device=device, threads=1)
     engines = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
     announce_engine(engine, next(iter(engines), None), device)
+    if pack:
+        kept = job.keys() - not_packed.keys() - {"fps", "min_score"}
+        options = {name: job[name] for name in kept} | {"around": chosen_field(around)}
+        say(f"{out}: shards: {perceive_shards(data, out, perceiver=perceiver, **options)}")
+        return
     names = [each.name for each in perceiver.predictors.values()]
     warn_of_rig(data, names, sample_list=job["sample_list"], velodyne=job["velodyne"])
     result = perceive(data, out, perceiver=perceiver, around=chosen_field(around), **job)

@@ -8,10 +8,11 @@ from sightline.cli.declared import declare
 from sightline.cli.engine import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import named_file
+from sightline.cli.report import named_file, refuse_with_pack
 from sightline.cli.rig import Around, chosen_field, warn_of_rig
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 from sightline.tasks import Task, find_task, task_names, weights_of
 
@@ -34,9 +35,13 @@ Args:
         velodyne_reduced.
     workers: Number of processes with one thread each; fastest with one per core. Any number gives
         the same files.
+    driver: Kind of workers: processes of this machine (local), or of a Ray cluster (ray),
+        one CPU each, by pip install '.[ray]'; docs/guides/scale.md tells how.
     overwrite: Replaces existing files.
     shard_index: Index of the shard of frames to process, from 0.
     num_shards: Number of shards, each of which can run on another machine.
+    pack: Writes the results of each shard of DATA as a shard, with checksums. Shards that are whole
+        are skipped, and one that fails does not stop the others.
 """
 
 _AROUND_HELP = """    around: Field of 3D detection: yes for the whole turn of the LiDAR, no for the
@@ -88,9 +93,11 @@ def _options(task: Task) -> dict[str, tuple[Any, object]]:
         "sample_list": (str | None, None),
         "velodyne": (Velodyne | None, None),
         "workers": (int, 2),
+        "driver": (Driver, "local"),
         "overwrite": (bool, False),
         "shard_index": (int, 0),
         "num_shards": (int, 1),
+        "pack": (bool, False),
     }
 
 
@@ -105,9 +112,11 @@ def _run(
     sample_list: str | None,
     velodyne: Velodyne | None,
     workers: int,
+    driver: Driver,
     overwrite: bool,
     shard_index: int,
     num_shards: int,
+    pack: bool,
     method: str | None = None,
     around: Around = "auto",
     **task_options: Any,  # noqa: ANN401 - folders of further outputs, and switches
@@ -119,7 +128,9 @@ def _run(
     }
     places = {"OUT": out} | {f"--{name}": folder for name, folder in also.items()}
     check_outputs(places, data=[data, named_file(weights), named_file(sample_list)])
-    from sightline.inference.predict import predict
+    if pack:
+        refuse_with_pack(sample_list=sample_list, overwrite=overwrite, **also)
+    from sightline.inference.predict import predict, predict_shards
 
     predictor = task.predictor(
         method=method,
@@ -129,6 +140,19 @@ def _run(
         threads=1,  # per worker; with several threads PyTorch's last digits differ
     )
     announce_engine(engine, predictor.made_by.get("engine"), device)
+    switches = [switch.name for switch in task.switches if task_options[switch.name]]
+    job: dict[str, Any] = {
+        "switches": switches,
+        "velodyne": velodyne,
+        "workers": workers,
+        "driver": driver,
+        "shard_index": shard_index,
+        "num_shards": num_shards,
+        "around": chosen_field(around),
+    }
+    if pack:
+        say(f"{out}: shards: {predict_shards(task, predictor, data, out, **job)}")
+        return
     warn_of_rig(data, [predictor.name], sample_list=sample_list, velodyne=velodyne)
     result = predict(
         task,
@@ -136,13 +160,8 @@ def _run(
         data,
         out,
         also=also,
-        switches=[switch.name for switch in task.switches if task_options[switch.name]],
         sample_list=sample_list,
-        velodyne=velodyne,
-        workers=workers,
         overwrite=overwrite,
-        shard_index=shard_index,
-        num_shards=num_shards,
-        around=chosen_field(around),
+        **job,
     )
     say(f"{out}: {task.outputs[0].name} of frames: {result}")

@@ -67,6 +67,20 @@ def named_file(name: str | None) -> Path | None:
     return Path(name) if name and Path(name).is_file() else None
 
 
+def refuse_with_pack(**options: object) -> None:
+    """Refuses options of a job that packs its results, which are whole shards.
+
+    Raises:
+        ValueError: One of the options is set.
+    """
+    for name, value in options.items():
+        if value:
+            raise ValueError(
+                f"--pack packs the first output of all frames; leave --{name.replace('_', '-')} "
+                "out, or --pack"
+            )
+
+
 def check_writable_folder(path: Path | None) -> None:
     """Refuses an unwritable folder of reports before the work.
 

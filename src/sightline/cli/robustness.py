@@ -9,6 +9,7 @@ from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def robustness(
     sample_list: str | None = None,
     velodyne: Velodyne | None = None,
     workers: int = 2,
+    driver: Driver = "local",
     compare: tuple[str, ...] | None = None,
     page: Path | None = None,
 ) -> None:
@@ -73,6 +75,8 @@ def robustness(
         velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
             velodyne_reduced.
         workers: Number of processes with one thread each. Any number gives the same files.
+        driver: Kind of workers: processes of this machine (local), or of a Ray cluster (ray),
+            one CPU each, by pip install '.[ray]'; docs/guides/scale.md tells how.
         compare: The robustness.json of two runs or more to compare.
         page: With --compare: page (.html) with the charts.
     """
@@ -111,6 +115,7 @@ def robustness(
         shown=show,
         picture_px=picture_px,
         workers=workers,
+        driver=driver,
     )
     if not results:
         report = run_bench(

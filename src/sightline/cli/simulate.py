@@ -10,6 +10,7 @@ from docstring_parser import parse_from_object
 
 from sightline.cli.declared import declare
 from sightline.cli.output import say
+from sightline.jobs.crew import Driver
 from sightline.simulation.rigs import choose_rig
 from sightline.simulation.settings import PresetName, SimulatedSet, SimulationConfig, choose_set
 
@@ -22,6 +23,8 @@ Args:
     out: Folder for the data.
     preset: Named data set, whose settings replace the defaults; given options replace either.
 {settings}    workers: Number of processes.
+    driver: Kind of workers: processes of this machine (local), or of a Ray cluster (ray),
+        one CPU each, by pip install '.[ray]'; docs/guides/scale.md tells how.
     shard_index: Index of the shard of frames or drives to process, from 0.
     num_shards: Number of shards, each of which can run on another machine.
 """
@@ -46,7 +49,8 @@ def simulate_command() -> Callable[..., None]:
             kind = str if setting.name == "rig" else types[setting.name]  # `choose_rig` reads it
             options[setting.name] = (kind, SUPPRESS)
             explained += f"    {setting.name}: {_help(setting, texts[setting.name])}\n"
-    options |= {"workers": (int, 2), "shard_index": (int, 0), "num_shards": (int, 1)}
+    options |= {"workers": (int, 2), "driver": (Driver, "local")}
+    options |= {"shard_index": (int, 0), "num_shards": (int, 1)}
     return declare(command, {"out": Path}, options, help_text=_HELP.format(settings=explained))
 
 
@@ -64,6 +68,7 @@ def _run(
     *,
     out: Path,
     workers: int,
+    driver: Driver,
     shard_index: int,
     num_shards: int,
     preset: PresetName | None = None,
@@ -81,6 +86,7 @@ def _run(
         frames=chosen.frames,
         config=chosen.config,
         workers=workers,
+        driver=driver,
         velodyne=chosen.velodyne,
         validation_frames=chosen.validation_frames,
         shard_index=shard_index,

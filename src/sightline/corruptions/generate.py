@@ -25,6 +25,7 @@ from sightline.data.kitti_trees import (
 from sightline.data.mask_png import read_mask_png, write_mask_png
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     acquire_output_dir,
     check_outside_dataset,
@@ -142,6 +143,7 @@ def corrupt_dataset(
     velodyne: Velodyne | None = None,
     masks: bool = False,
     workers: int = 2,
+    driver: Driver = "local",
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
@@ -160,7 +162,8 @@ def corrupt_dataset(
         sample_list: Frames to write; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder. None: velodyne, or else velodyne_reduced.
         masks: Whether to write the pixels that may have changed, too.
-        workers: Number of processes; 1 uses this process alone.
+        workers: Number of workers; 1 on this machine uses this process alone.
+        driver: Kind of workers: processes of this machine, or actors of a Ray cluster.
         shard_index: Part of the frames to write, from 0.
         num_shards: Number of parts; parts can run on separate machines at the same time.
 
@@ -176,7 +179,7 @@ def corrupt_dataset(
     requested = chosen.cases if cases is None else chosen.select(cases)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}")
-    check_workers(workers)
+    check_workers(workers, driver)
     shard((), shard_index, num_shards)  # rejects invalid values before the data is opened
     dataset = _open(data, sample_list, velodyne)
     _check_apart(dataset.root, out, requested)
@@ -209,6 +212,7 @@ def corrupt_dataset(
         workers,
         description=f"corrupting by {suite}",
         leave_out=LEAVE_OUT,
+        driver=driver,
     )
     written = sum(len(work.pending) for work in works)
     return JobResult(written=written, skipped=len(works) * len(requested) - written)

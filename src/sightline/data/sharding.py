@@ -109,7 +109,7 @@ def write_shards(
         for first in range(0, count, frames_per_shard)
     ]
     jobs = [
-        partial(_pack, sources.root, tar, files, compress)
+        partial(pack_files, sources.root, tar, files, compress=compress)
         for tar, files in zip(tars_of(out, count, frames_per_shard), contents, strict=True)
     ]
     return _run(jobs, workers, "packing")
@@ -163,7 +163,7 @@ def _find_sources(data: Path) -> _Sources:
         root, below = data.resolve().parent, data.resolve().name
     frames: dict[tuple[str, str], list[str]] = {}
     others: list[str] = []
-    for path in _files_below(root, below, frozenset()):
+    for path in files_below(root, below):
         relative_parts(path, root, "a file's path")
         frame = _frame_of(path)
         if frame is None:
@@ -171,7 +171,7 @@ def _find_sources(data: Path) -> _Sources:
         else:
             frames.setdefault(frame, []).append(path)
     if below:
-        others += _files_below(root, "ImageSets", frozenset())
+        others += files_below(root, "ImageSets")
     kept = {key: files for key, files in frames.items() if any(map(_is_sensor, files))}
     if not kept:
         raise FileError(data, "holds no frames", "give the folder of a data set")
@@ -183,7 +183,7 @@ def _find_sources(data: Path) -> _Sources:
     )
 
 
-def _files_below(root: Path, folder: str, above: frozenset[str]) -> Iterator[str]:
+def files_below(root: Path, folder: str = "", above: frozenset[str] = frozenset()) -> Iterator[str]:
     """Yield the paths of all files that are not hidden; links are followed, but in no circle."""
     place = root / folder
     real = os.path.realpath(place)
@@ -194,7 +194,7 @@ def _files_below(root: Path, folder: str, above: frozenset[str]) -> Iterator[str
             continue
         path = f"{folder}/{entry.name}" if folder else entry.name
         if entry.is_dir():
-            yield from _files_below(root, path, above | {real})
+            yield from files_below(root, path, above | {real})
         else:  # a pipe or a link to nothing is named when it is read
             yield path
 
@@ -235,9 +235,23 @@ def _without_dots(name: str) -> str:
     return quote(name, safe=" !#$&'()*+,:;=@[]~", encoding="utf-8").replace(".", "%2E")
 
 
-def _pack(root: Path, tar: Path, files: Sequence[str], compress: bool) -> bool:  # noqa: FBT001 - a partial's
-    """Write a tar and its index, unless they are there and whole."""
-    if _is_whole(tar):
+def pack_files(root: Path, tar: Path, files: Sequence[str], *, compress: bool = False) -> bool:
+    """Write a tar and its index, unless they are there and whole.
+
+    Args:
+        root: Folder of the files.
+        tar: The tar; its files are named as frames' are, those of shared.tar by their paths.
+        files: Paths of the files below the folder, in the order of the tar.
+        compress: Whether to pack all files but pictures by gzip.
+
+    Returns:
+        Whether it was written.
+
+    Raises:
+        FileError: A file cannot be read.
+        ValueError: The tar cannot be written.
+    """
+    if is_whole(tar):
         return False
     index_path(tar).unlink(missing_ok=True)
     members: dict[str, Member] = {}
@@ -271,7 +285,8 @@ def _add(archive: tarfile.TarFile, source: Path, tar: Path, name: str, *, compre
     )
 
 
-def _is_whole(tar: Path) -> bool:
+def is_whole(tar: Path) -> bool:
+    """Whether a tar and its index are there, and the checksum is that of the index."""
     try:
         index = read_index(tar)
         return index is not None and _fault(index) is None

@@ -195,7 +195,7 @@ def evaluate_depth(
         raise ValueError(
             f"bands must end at ascending distances above 0 m, got {', '.join(map(str, ends[1:]))}"
         )
-    predictions, truth = Path(predictions), data_path(truth)
+    predictions, truth = data_path(predictions), data_path(truth)
     score = partial(_score_files, truth=truth, workers=workers, progress=progress)
     images, unused = score(
         predictions, sparse=None if sparse is None else data_path(sparse), ends=ends

@@ -200,7 +200,7 @@ def _read_submission(
     missing_as_empty: bool,
     progress: bool,
 ) -> _Submission:
-    results_dir, labels_dir = Path(results_dir), data_path(labels_dir)
+    results_dir, labels_dir = data_path(results_dir), data_path(labels_dir)
     names = frame_names(labels_dir, sample_list)
     missing = _missing_results(results_dir, names) if missing_as_empty else set()
     frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)

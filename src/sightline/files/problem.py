@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-Extra = Literal["app", "export", "pretrained", "remote", "ros", "simulate", "train", "viz"]
+Extra = Literal["app", "export", "pretrained", "ray", "remote", "ros", "simulate", "train", "viz"]
 """Optional libraries, as `pyproject.toml` names them."""
 
 

@@ -8,7 +8,9 @@ from typing import Any
 
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
+from sightline.inference.packed import pack_results, run_named
 from sightline.inference.predictor import Output, PredictingTask, Predictor
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     Claim,
     check_outside_dataset,
@@ -34,6 +36,7 @@ def predict(
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne | None = None,
     workers: int = 2,
+    driver: Driver = "local",
     overwrite: bool = False,
     shard_index: int = 0,
     num_shards: int = 1,
@@ -54,7 +57,8 @@ def predict(
         switches: Names of the task's switches that are on.
         sample_list: List of the samples; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
-        workers: Number of worker processes; 1: only this process.
+        workers: Number of workers; 1 on this machine: only this process.
+        driver: Kind of workers: processes of this machine, or actors of a Ray cluster.
         overwrite: Whether to replace existing files.
         shard_index: Index of the shard to process, from 0.
         num_shards: Number of shards; shards can run on different machines at the same time.
@@ -65,7 +69,7 @@ def predict(
             be written to, the predictor lacks an output, there is no such switch, or the numbers of
             workers and shards are invalid. Errors about a sample name it; finished samples stay.
     """
-    check_workers(workers)
+    check_workers(workers, driver)
     shard((), shard_index, num_shards)  # refuses an invalid one before the data are opened
     places = output_places(task, predictor, out, also or {})
     check_outside_dataset(data, [folder for _, folder in places])
@@ -90,8 +94,67 @@ def predict(
         )
         for index in pending
     ]
-    run_job(works, workers, description=f"{task.name} by {predictor.name}", leave_out=LEAVE_OUT)
+    description = f"{task.name} by {predictor.name}"
+    run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+
+
+def predict_shards(
+    task: PredictingTask,
+    predictor: Predictor,
+    data: Path,
+    out: Path,
+    *,
+    switches: Collection[str] = (),
+    velodyne: Velodyne | None = None,
+    workers: int = 2,
+    driver: Driver = "local",
+    shard_index: int = 0,
+    num_shards: int = 1,
+    around: bool | None = None,
+) -> JobResult:
+    """Predicts every sample of a folder of shards, and packs the files of each shard into one.
+
+    The arguments are those of `predict`; see `pack_results` for `out` and the errors.
+    """
+    changes = _changes(task, switches)
+    writer = _ShardWriter(task, predictor, tuple(changes.items()), velodyne, around)
+    return pack_results(
+        writer,
+        data,
+        out,
+        description=f"shards: {task.name} by {predictor.name}",
+        workers=workers,
+        driver=driver,
+        shard_index=shard_index,
+        num_shards=num_shards,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _ShardWriter:
+    """Writer of a task's first output."""
+
+    task: PredictingTask
+    predictor: Predictor
+    changes: tuple[tuple[str, Callable[[Any], Any]], ...]
+    velodyne: Velodyne | None
+    around: bool | None
+
+    def open(self, data: Path) -> SampleDataset:
+        parts, needs = self.predictor.parts, self.predictor.needs
+        return open_dataset(data, velodyne=self.velodyne, parts=parts, needs=needs)
+
+    def claims(self, data: Path, dataset: SampleDataset, folder: Path) -> list[Claim]:
+        places, sweeps = ((self.task.outputs[0], folder),), sweeps_folder(dataset)
+        chosen = {**{name: True for name, _ in self.changes}, **around_entry(around=self.around)}
+        return output_claims(self.task, self.predictor, places, data, sweeps, chosen=chosen)
+
+    def write(self, dataset: SampleDataset, folder: Path) -> None:
+        places, changes = ((self.task.outputs[0], folder),), tuple(each for _, each in self.changes)
+        for index, name in enumerate(dataset.sample_ids):
+            work = _SampleWork(dataset, index, name, self.predictor, changes, places, self.around)
+            run_named(work)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,24 +1,23 @@
-"""Pool of processes for jobs of many independent pieces."""
+"""Processes of this machine as workers of a job, and their signals and threads."""
 
 import contextlib
+import itertools
 import multiprocessing
 import signal
 import sys
 import threading
 import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import FrameType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-Piece = Callable[[int], str]
-"""Function that runs piece N of a job; returns the error, empty: none."""
+from sightline.jobs.crew import Piece, Report, report_of
 
 one_blas_thread = partial(threadpool_limits, limits=1, user_api="blas")
 """Limits numpy's matrix products to one thread, permanently or as a context: the matrices here are
@@ -26,12 +25,12 @@ too small for several, and waiting threads occupy the cores of other workers."""
 
 _PATIENCE_S: Final = 5.0
 """Time for workers to finish their current pieces when the job is stopped."""
-_MAX_PIECE_S: Final = 3600.0
-"""Time without any result after which workers count as hanging."""
-_POLL_S: Final = 5.0
+_LAST_S: Final = 5.0
+"""Time for workers to end after they were told to."""
 _SIGNAL_S: Final = 0.2
 """Time between signals to the processes of a job, for example from a batch system."""
-_HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
+HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
+"""Signals by which programs are interrupted."""
 
 
 @contextmanager
@@ -53,7 +52,7 @@ def holding_signals() -> Iterator[None]:
 
     previous: dict[int, Any] = {}
     try:
-        for number in _HELD_SIGNALS:
+        for number in HELD_SIGNALS:
             if signal.getsignal(number) is not None:  # None: not Python's, so it raises nothing
                 previous[number] = signal.signal(number, record)
         yield
@@ -72,45 +71,8 @@ def ignore_interrupts() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def run_pieces(piece: Piece, count: int, workers: int) -> Iterator[str]:
-    """Runs pieces 0 to `count` - 1 of a job and yields their return values, in order.
-
-    A piece returns its error instead of raising it: an exception in a worker becomes a RuntimeError
-    with a traceback. Pieces write files atomically, so that a job stopped by Ctrl-C, for example,
-    leaves only complete files.
-
-    Args:
-        piece: Function of a piece; must be picklable on systems that spawn workers (macOS,
-            Windows).
-        count: Number of pieces.
-        workers: Number of worker processes; 1: only this process.
-
-    Raises:
-        ChildProcessError: A worker was ended from outside, such as for lack of memory, none could
-            be started, or there was no result for an hour.
-    """
-    if workers == 1:
-        with one_blas_thread():
-            yield from map(piece, range(count))
-        return
-    pool = _Pool(piece)
-    try:
-        pool.start(min(workers, count))
-        yield from pool.run(count)
-    finally:
-        pool.close()
-
-
-class _Outcome(NamedTuple):
-    """Result of a worker."""
-
-    result: str
-    fault: str
-    """Traceback, if the piece raised an error."""
-
-
-class _Pool:
-    """Pool of workers that run one piece at a time.
+class ProcessCrew:
+    """Worker processes of this machine.
 
     Not `concurrent.futures`: its workers print a traceback each after Ctrl-C and outlive a killed
     parent. Not PyTorch's `DataLoader`: PyTorch needs half a gigabyte per worker, and many jobs do
@@ -119,118 +81,108 @@ class _Pool:
 
     def __init__(self, piece: Piece) -> None:
         self._piece = piece
-        self._processes: dict[Connection, BaseProcess] = {}
-        self._doing: dict[Connection, int] = {}
+        self._processes: dict[int, tuple[Connection, BaseProcess]] = {}
+        self._numbers = itertools.count()
 
-    def start(self, workers: int) -> None:
-        """Start the processes."""
-        for _ in range(workers):
-            try:
-                with holding_signals():
-                    self._start_one()
-            except OSError as error:
-                raise ChildProcessError(
-                    f"a worker process cannot be started: {(error.strerror or str(error)).lower()}"
-                    "; use fewer workers"
-                ) from error
+    def hire(self) -> int:
+        """Start a process."""
+        try:
+            with holding_signals():
+                return self._start()
+        except OSError as error:
+            raise ChildProcessError(
+                f"a worker process cannot be started: {(error.strerror or str(error)).lower()}"
+                "; use fewer workers"
+            ) from error
 
-    def _start_one(self) -> None:
+    def _start(self) -> int:
         own_end, worker_end = multiprocessing.Pipe()
         process = multiprocessing.Process(target=_work, args=(self._piece, worker_end), daemon=True)
         process.start()
         worker_end.close()
-        self._processes[own_end] = process
+        number = next(self._numbers)
+        self._processes[number] = own_end, process
+        return number
 
-    def run(self, count: int) -> Iterator[str]:
-        """Runs the pieces and yields their return values, in order."""
-        waiting = iter(range(count))
-        done: dict[int, str] = {}
-        for channel in self._processes:
-            self._hand_out(channel, waiting)
-        for position in range(count):
-            while position not in done:
-                ready = self._ready()
-                for channel in [channel for channel in self._doing if channel in ready]:
-                    done[self._doing[channel]] = self._take_back(channel)
-                    self._hand_out(channel, waiting)
-            yield done.pop(position)
+    def hand(self, worker: int, position: int) -> None:
+        """Send a process the number of its next piece."""
+        with contextlib.suppress(OSError):  # it has ended, which is detected later
+            self._processes[worker][0].send(position)
 
-    def _ready(self) -> set[object]:
-        """Channels of workers that have a result or have ended."""
-        # Counted in short waits, so that the time of a suspended job does not count.
-        for _ in range(int(_MAX_PIECE_S / _POLL_S)):
-            ready: set[object] = set(wait(self._doing, timeout=_POLL_S))
-            if ready:
-                return ready
-        pieces = ", ".join(map(str, sorted(self._doing.values())))
-        raise ChildProcessError(
-            f"no worker process has given a result for {_MAX_PIECE_S:g} s (at pieces {pieces})"
-            "; use 1 worker"
-        )
+    def reports(self, timeout_s: float) -> dict[int, Report]:
+        """Read the results of processes, and note those that have ended."""
+        numbers = {channel: number for number, (channel, _) in self._processes.items()}
+        ready = [each for each in wait(numbers, timeout_s) if isinstance(each, Connection)]
+        return {numbers[channel]: self._report(numbers[channel]) for channel in ready}
+
+    def _report(self, worker: int) -> Report:
+        channel, process = self._processes[worker]
+        try:
+            return Report(*channel.recv())
+        except (EOFError, OSError):
+            time.sleep(_SIGNAL_S)  # a signal that ended every process of the job ends this one
+            process.join(_SIGNAL_S)
+            self.dismiss(worker)
+            return Report(ended=_cause(process.exitcode or 0))
+
+    def dismiss(self, worker: int) -> None:
+        """Kill a process."""
+        channel, process = self._processes.pop(worker)
+        process.kill()
+        process.join()
+        channel.close()
 
     def close(self) -> None:
         """Lets every worker finish its piece and ends it, by force if necessary."""
-        for channel in self._processes:
+        for channel, _ in self._processes.values():
             with contextlib.suppress(OSError):  # it has ended already
                 channel.send(None)
         deadline_s = time.monotonic() + _PATIENCE_S  # one deadline for all workers
-        processes = list(self._processes.values())
+        processes = [process for _, process in self._processes.values()]
         for process in processes:
             process.join(max(deadline_s - time.monotonic(), 0))
         for process in processes:  # signals all before waiting: they end in parallel
             process.terminate()
-        deadline_s = time.monotonic() + _POLL_S
+        deadline_s = time.monotonic() + _LAST_S
         for process in processes:
             process.join(max(deadline_s - time.monotonic(), 0))
             if process.is_alive():
                 process.kill()
 
-    def _hand_out(self, channel: Connection, waiting: Iterator[int]) -> None:
-        self._doing.pop(channel, None)
-        position = next(waiting, None)
-        if position is not None:
-            self._doing[channel] = position
-            with contextlib.suppress(OSError):  # it has ended, which is detected later
-                channel.send(position)
 
-    def _take_back(self, channel: Connection) -> str:
-        try:
-            outcome = _Outcome(*channel.recv())
-        except (EOFError, OSError):
-            time.sleep(_SIGNAL_S)  # a signal that ended every process of the job ends this one
-            raise ChildProcessError(
-                "a worker process was ended from outside; where memory ran out, use fewer workers"
-            ) from None
-        if outcome.fault:
-            raise RuntimeError(f"piece {self._doing[channel]} of the job failed:\n{outcome.fault}")
-        return outcome.result
+def _cause(exit_code: int) -> str:
+    """Describe the end of a process."""
+    if exit_code >= 0:
+        return f"ended by itself with status {exit_code}"
+    return f"was ended from outside by signal {-exit_code}"
+
+
+def take_one_thread() -> None:
+    """Limit the libraries of a worker to one thread.
+
+    Work is parallel over workers: additional threads would make them wait for each other.
+    """
+    import cv2  # here, because the command line imports this module and must start fast
+
+    cv2.setNumThreads(0)
+    one_blas_thread()
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
 
 
 def _work(piece: Piece, channel: Connection) -> None:
     """Run the pieces whose numbers come through the channel, until None or the end of the parent.
 
-    The parent ends its workers between two pieces. Work is parallel over workers: additional
-    threads would make them wait for each other.
+    The parent ends its workers between two pieces.
     """
-    import cv2  # here, because the command line imports this module and must start fast
-
     ignore_interrupts()
     with contextlib.suppress(EOFError, OSError):  # the parent informs the user
-        cv2.setNumThreads(0)
-        one_blas_thread()
-        if "torch" in sys.modules:
-            sys.modules["torch"].set_num_threads(1)
+        take_one_thread()
         parent = multiprocessing.parent_process()
         assert parent is not None, "a worker has a parent"
+        channel.send(tuple(Report()))
         while parent.sentinel not in wait([channel, parent.sentinel]):
             position = channel.recv()
             if position is None:
                 return
-            channel.send(tuple(_outcome(piece, position)))
-
-
-def _outcome(piece: Piece, position: int) -> _Outcome:
-    try:
-        return _Outcome(piece(position), "")
-    except BaseException:  # noqa: BLE001 - the parent raises it; some libraries' are no Exception
-        return _Outcome("", traceback.format_exc())
+            channel.send(tuple(report_of(piece, position)))

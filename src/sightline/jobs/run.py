@@ -1,12 +1,14 @@
 """Parallel jobs of independent pieces, and shards of them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.files.atomic import DiskError
+from sightline.files.extras import require_library
 from sightline.files.problem import memory_fault
-from sightline.jobs.pool import run_pieces
+from sightline.jobs.crew import Crew, Driver, Lost, Piece, run_on_crew
+from sightline.jobs.pool import ProcessCrew, one_blas_thread
 from sightline.jobs.progress import track
 
 Item = TypeVar("Item")
@@ -65,29 +67,89 @@ LEAVE_OUT: Final = "leave it out by a sample_list of the others"
 """Remedy for a faulty sample of a job that takes a list of samples."""
 _CORRECT: Final = "correct this one and run the same again"
 _RUN_AGAIN: Final = "then run the same again"
+_MAX_NAMED: Final = 20  # failed pieces in an error
 
 
-def run_job(works: Sequence[Work], workers: int, *, description: str, leave_out: str = "") -> None:
+def run_job(
+    works: Sequence[Work],
+    workers: int,
+    *,
+    description: str,
+    leave_out: str = "",
+    driver: Driver = "local",
+    keep_going: bool = False,
+) -> None:
     """Runs the pieces of a job in parallel.
+
+    The piece of a worker that ends, for lack of memory or with its machine, is tried again on
+    another one. If it ends three workers, it counts as failed, and the others are finished first.
 
     Args:
         works: The pieces.
-        workers: Number of worker processes; 1: only this process.
+        workers: Number of workers; 1 on this machine: only this process.
         description: Description of the job for the display of progress.
         leave_out: Way to continue without a faulty piece.
+        driver: Kind of workers.
+        keep_going: Whether to finish the others first, too, if a piece raises an error.
 
     Raises:
+        ChildProcessError: No worker can be started, or all end without a result.
         ValueError: There is no worker, or a piece fails: the error names it, the number of earlier
             pieces, whose results stay, and the number of pieces left.
     """
-    check_workers(workers)
+    check_workers(workers, driver)
     way_on = f"{_CORRECT}, or {leave_out}" if leave_out else _CORRECT
-    outcomes = run_pieces(_Attempt(works, way_on), len(works), workers)
+    outcomes = run_pieces(_Attempt(works, way_on), len(works), workers, driver)
     tracked = track(outcomes, description=description, total=len(works))
+    failed: list[str] = []
     for num_done, outcome in enumerate(tracked):
-        if outcome:
+        if isinstance(outcome, Lost):
+            failed.append(f"{works[num_done]}: {outcome.reason}")
+        elif outcome:
             error, _, remedy = outcome.rpartition("\n")
-            raise ValueError(f"{error}{_progress(num_done, len(works), remedy)}")
+            if not keep_going or remedy == _RUN_AGAIN:
+                raise ValueError(f"{error}{_progress(num_done, len(works), remedy)}")
+            failed.append(error)
+    if failed:
+        named = [*failed[:_MAX_NAMED], *([".."] if len(failed) > _MAX_NAMED else [])]
+        raise ValueError(
+            f"{len(failed):,} of {len(works):,} failed, the others are done: {'; '.join(named)}. "
+            "To make only what failed, run the same again"
+        )
+
+
+def run_pieces(
+    piece: Piece, count: int, workers: int, driver: Driver = "local"
+) -> Iterator[str | Lost]:
+    """Runs pieces 0 to `count` - 1 of a job and yields their return values, in order.
+
+    A piece returns its error instead of raising it: an exception in a worker becomes a RuntimeError
+    with a traceback. Pieces write files atomically, so that a job stopped by Ctrl-C, for example,
+    leaves only complete files.
+
+    Args:
+        piece: Function of a piece; must be picklable on systems that spawn workers (macOS,
+            Windows), and for Ray.
+        count: Number of pieces.
+        workers: Number of workers; 1 on this machine: only this process.
+        driver: Kind of workers.
+
+    Raises:
+        ChildProcessError: See `run_job`.
+    """
+    if driver == "local" and workers == 1:
+        with one_blas_thread():
+            yield from map(piece, range(count))
+    elif count:
+        yield from run_on_crew(_crew(piece, driver), count, workers)
+
+
+def _crew(piece: Piece, driver: Driver) -> Crew:
+    if driver == "local":
+        return ProcessCrew(piece)
+    from sightline.jobs.ray_crew import RayCrew
+
+    return RayCrew(piece)
 
 
 def _progress(num_done: int, total: int, way_on: str) -> str:
@@ -98,14 +160,16 @@ def _progress(num_done: int, total: int, way_on: str) -> str:
     return f". {num_done:,} of {total:,} are done and stay, {left}: {way_on}"
 
 
-def check_workers(workers: int) -> None:
-    """Refuses an invalid number of workers.
+def check_workers(workers: int, driver: Driver = "local") -> None:
+    """Refuses an invalid number of workers, and a driver whose library is not installed.
 
     Raises:
-        ValueError: There is no worker.
+        ValueError: There is no worker, or Ray is not installed.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
+    if driver == "ray":
+        require_library("ray", "ray")
 
 
 @dataclass(frozen=True, slots=True)

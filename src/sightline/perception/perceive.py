@@ -1,5 +1,6 @@
 """Runs all tasks on a whole data set, resumable and in parallel, with one line per frame."""
 
+import shutil
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from sightline.data.kitti_trees import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
 from sightline.files.atomic import atomic_write_text
 from sightline.geometry.wrong_types import named_arguments
+from sightline.inference.packed import pack_results, run_named
 from sightline.inference.predict import (
     Places,
     around_entry,
@@ -20,6 +22,7 @@ from sightline.inference.predict import (
     with_field,
     write_prediction,
 )
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.joining.files import write_objects
@@ -68,6 +71,7 @@ def perceive(
     velodyne: Velodyne | None = None,
     all_outputs: bool = False,
     workers: int = 1,
+    driver: Driver = "local",
     overwrite: bool = False,
     shard_index: int = 0,
     num_shards: int = 1,
@@ -106,7 +110,8 @@ def perceive(
         sample_list: List of the frames; see `read_sample_list`. None: all.
         velodyne: The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced.
         all_outputs: Whether to write also the further outputs of tasks: expected errors, gates.
-        workers: Number of worker processes; 1: only this process.
+        workers: Number of workers; 1 on this machine: only this process.
+        driver: Kind of workers: processes of this machine, or actors of a Ray cluster.
         overwrite: Whether to replace existing files.
         shard_index: Index of the shard to process, from 0.
         num_shards: Number of shards; shards can run on different machines at the same time.
@@ -126,7 +131,7 @@ def perceive(
         raise ValueError(
             "a shard cannot make the whole video; make the pictures in a last run of all frames"
         )
-    check_workers(workers)
+    check_workers(workers, driver)
     shard((), shard_index, num_shards)  # refuses an invalid one before the data are opened
     data, out = Path(data), Path(out)
     check_outputs(
@@ -144,8 +149,8 @@ def perceive(
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
     places = _places(perceiver, out, all_outputs=all_outputs)
-    made_by = {name: predictor.name for name, predictor in perceiver.predictors.items()}
-    _claim(perceiver, places, data, out, sweeps_folder(dataset), around=around)
+    made_by = _made_by(perceiver)
+    claim_folders(_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around))
     folder = out / LINES_FOLDER
     done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
     works = [
@@ -153,7 +158,7 @@ def perceive(
         for index, name in zip(indices, names, strict=True)
         if name not in done
     ]
-    run_job(works, workers, description=JOB_NAME, leave_out=LEAVE_OUT)
+    run_job(works, workers, description=JOB_NAME, leave_out=LEAVE_OUT, driver=driver)
     files = _line_files(out)  # before they are read: other shards may go on writing meanwhile
     lines = _join_lines(out)
     _warn_of_missing(out, files, lines, _join_timings(out))
@@ -167,6 +172,70 @@ def perceive(
             for task in made_by
         },
     )
+
+
+def perceive_shards(
+    data: Path,
+    out: Path,
+    *,
+    perceiver: MultiTaskPredictor,
+    velodyne: Velodyne | None = None,
+    all_outputs: bool = False,
+    workers: int = 1,
+    driver: Driver = "local",
+    shard_index: int = 0,
+    num_shards: int = 1,
+    around: bool | None = None,
+) -> JobResult:
+    """Runs all tasks on a folder of shards, and packs the results of each shard into one.
+
+    The arguments are those of `perceive`; see `pack_results` for `out` and the errors. The shards
+    hold each frame's line, but no perception.jsonl and no times, which differ between runs.
+    """
+    return pack_results(
+        _ShardWriter(perceiver, velodyne, all_outputs, around),
+        data,
+        out,
+        description=f"shards: {JOB_NAME}",
+        workers=workers,
+        driver=driver,
+        shard_index=shard_index,
+        num_shards=num_shards,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _ShardWriter:
+    """Writer of the results of all tasks."""
+
+    perceiver: MultiTaskPredictor
+    velodyne: Velodyne | None
+    all_outputs: bool
+    around: bool | None
+
+    def open(self, data: Path) -> SampleDataset:
+        return open_dataset(data, velodyne=self.velodyne, parts=self.perceiver.parts, needs=())
+
+    def claims(self, data: Path, dataset: SampleDataset, folder: Path) -> list[Claim]:
+        places = _places(self.perceiver, folder, all_outputs=self.all_outputs)
+        sweeps = sweeps_folder(dataset)
+        return _claims(self.perceiver, places, data, folder, sweeps, around=self.around)
+
+    def write(self, dataset: SampleDataset, folder: Path) -> None:
+        places = _places(self.perceiver, folder, all_outputs=self.all_outputs)
+        made_by = _made_by(self.perceiver)
+        for index, name in enumerate(dataset.sample_ids):
+            run_named(
+                _FrameWork(
+                    dataset, index, name, self.perceiver, places, made_by, folder, self.around
+                )
+            )
+        shutil.rmtree(folder / _TIMINGS_FOLDER, ignore_errors=True)
+
+
+def _made_by(perceiver: MultiTaskPredictor) -> dict[str, str]:
+    """Names of the predictors by task."""
+    return {name: predictor.name for name, predictor in perceiver.predictors.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +285,7 @@ def _places(perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool) -> d
     return places
 
 
-def _claim(
+def _claims(
     perceiver: MultiTaskPredictor,
     places: Mapping[str, Places],
     data: Path,
@@ -224,8 +293,8 @@ def _claim(
     velodyne: Velodyne,
     *,
     around: bool | None,
-) -> None:
-    """Claims the whole folder, and each task's folder as `predict` does."""
+) -> list[Claim]:
+    """Create the claims on the whole folder, and on each task's folder as `predict` does."""
     made_by = {
         name: {"method": predictor.name, **predictor.made_by}
         for name, predictor in perceiver.predictors.items()
@@ -254,7 +323,7 @@ def _claim(
             )
             for folder in JOINED_FOLDERS
         ]
-    claim_folders(claims)
+    return claims
 
 
 def _done_frames(

@@ -18,6 +18,7 @@ from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
 from sightline.inference.predictor import Predictor
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
 from sightline.robustness.comparable import check_baseline, check_healthy
 from sightline.robustness.examples import ExampleDrawer
@@ -96,6 +97,8 @@ class BenchSettings:
     picture_px: int = 800
     """Width of these pictures."""
     workers: int = 2
+    driver: Driver = "local"
+    """Kind of workers."""
 
     def chosen_cases(self, suite: Suite) -> tuple[Case, ...]:
         """List the requested cases.
@@ -156,7 +159,7 @@ def run_bench(
     if isinstance(suite, str):
         suite = find_suite(suite)
     cases = _with_earlier(settings.chosen_cases(suite), suite, out)
-    check_numbers(seed, settings.workers)
+    check_numbers(seed, settings.workers, settings.driver)
     check_outside_dataset(data, [out])
     baseline = read_baseline(settings.baseline)
     healthy = read_healthy(settings.healthy)
@@ -198,15 +201,30 @@ def run_bench(
         for folder, predictor, also in zip(folders, predictors, (drawer, None), strict=False)
     ]
     description = f"{task.name} in {suite.name}"
-    workers = settings.workers
-    predict_in_cases(dataset, runs, scoring, seed=seed, workers=workers, description=description)
+    predict_in_cases(
+        dataset,
+        runs,
+        scoring,
+        seed=seed,
+        workers=settings.workers,
+        driver=settings.driver,
+        description=description,
+    )
     records = [
         Record(
             method=plain_line(predictor.name),
             made_by={name: plain_line(value) for name, value in predictor.made_by.items()},
             setting=setting,
             cases=infos,
-            scores=score_cases(scoring, dataset, each / _PREDICTIONS, tuple(infos), each, workers),
+            scores=score_cases(
+                scoring,
+                dataset,
+                each / _PREDICTIONS,
+                tuple(infos),
+                each,
+                settings.workers,
+                driver=settings.driver,
+            ),
             notes=scoring.notes(dataset),
         )
         for each, predictor in zip(folders, predictors, strict=True)

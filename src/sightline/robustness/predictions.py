@@ -7,6 +7,7 @@ from pathlib import Path
 from sightline.corruptions.suites import Case
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import finished_names
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
@@ -34,6 +35,7 @@ def predict_in_cases(
     seed: int,
     workers: int,
     description: str,
+    driver: Driver = "local",
 ) -> JobResult:
     """Run every method on every frame in each of its cases.
 
@@ -46,8 +48,9 @@ def predict_in_cases(
         runs: The methods with their cases; their folders are already claimed.
         writer: Defines the methods' input and the stored part of their predictions.
         seed: Another seed draws other boxes, discs and noise.
-        workers: Number of processes; 1 uses this process alone.
+        workers: Number of workers; 1 on this machine uses this process alone.
         description: Text for the progress display.
+        driver: Kind of workers.
 
     Returns:
         Predictions written and skipped.
@@ -56,7 +59,7 @@ def predict_in_cases(
         ValueError: A frame cannot be read, prepared or predicted. The error contains its name;
             finished frames are kept.
     """
-    check_numbers(seed, workers)
+    check_numbers(seed, workers, driver)
     present = {
         (each.folder, case.name): finished_names(each.folder / case.name, writer.suffix)
         for each in runs
@@ -76,18 +79,18 @@ def predict_in_cases(
         for start in range(0, len(pending), _CASES_PER_READ):
             cases_of_read = tuple(pending[start : start + _CASES_PER_READ])
             works.append(_FrameWork(dataset, index, name, writer, seed, cases_of_read))
-    run_job(works, workers, description=description, leave_out=LEAVE_OUT)
+    run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
     total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)
 
 
-def check_numbers(seed: int, workers: int) -> None:
+def check_numbers(seed: int, workers: int, driver: Driver = "local") -> None:
     """Check the numbers before a folder is claimed.
 
     Raises:
-        ValueError: The seed is negative, or there is no worker.
+        ValueError: The seed is negative, there is no worker, or Ray is not installed.
     """
-    check_workers(workers)
+    check_workers(workers, driver)
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
 

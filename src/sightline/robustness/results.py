@@ -57,7 +57,7 @@ def score_results(
             another version; results lack the clean case, a given case or a frame; or as for
             `run_bench`.
     """
-    check_workers(settings.workers)
+    check_workers(settings.workers, settings.driver)
     scoring = task.scoring()
     if not scoring.takes_results:
         raise ValueError(
@@ -116,7 +116,14 @@ def score_results(
         setting=setting,
         cases=infos,
         scores=score_cases(
-            scoring, dataset, results, tuple(infos), out, settings.workers, anew=True
+            scoring,
+            dataset,
+            results,
+            tuple(infos),
+            out,
+            settings.workers,
+            driver=settings.driver,
+            anew=True,
         ),
         notes=scoring.notes(dataset),
     )

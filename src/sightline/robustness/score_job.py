@@ -10,6 +10,7 @@ from sightline.data.open import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError
+from sightline.jobs.crew import Driver
 from sightline.jobs.run import run_job
 from sightline.robustness.record import number_or_none
 from sightline.robustness.scoring import Scores, Scoring
@@ -25,6 +26,7 @@ def score_cases(
     out: Path,
     workers: int,
     *,
+    driver: Driver = "local",
     anew: bool = False,
 ) -> dict[str, Scores]:
     """Score every case.
@@ -35,7 +37,8 @@ def score_cases(
         predictions: Stored predictions, a folder for each case.
         cases: Names of the cases.
         out: Folder of the run, in which scores are stored, too.
-        workers: Number of processes; 1 uses this process alone.
+        workers: Number of workers; 1 on this machine uses this process alone.
+        driver: Kind of workers.
         anew: Whether to repeat existing scores, because predictions may have changed.
 
     Raises:
@@ -47,7 +50,7 @@ def score_cases(
         for case, path in files.items()
         if anew or _stored_scores(path, scoring) is None
     ]
-    run_job(works, workers, description="scoring")
+    run_job(works, workers, description="scoring", driver=driver)
     scores = {}
     for case, path in files.items():
         stored = _stored_scores(path, scoring)

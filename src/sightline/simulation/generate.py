@@ -25,6 +25,7 @@ from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
+from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, is_finished
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.simulation.rig_sensors import Sensors
@@ -248,6 +249,7 @@ def simulate(
     frames: int,
     config: SimulationConfig,
     workers: int = 2,
+    driver: Driver = "local",
     velodyne: Velodyne = "velodyne",
     validation_frames: int = 0,
     streets: StreetMaker = make_street,
@@ -265,7 +267,8 @@ def simulate(
         out: Output folder; its simulation.json records the settings.
         frames: Number of frames, over all drives.
         config: Settings of the simulation.
-        workers: Number of processes; 1 uses this process alone.
+        workers: Number of workers; 1 on this machine uses this process alone.
+        driver: Kind of workers: processes of this machine, or actors of a Ray cluster.
         velodyne: Whole turns of the LiDAR, or "velodyne_reduced" for only the points within view of
             the camera.
         validation_frames: Number of frames, the first ones, that go to ImageSets/val.txt instead of
@@ -280,7 +283,7 @@ def simulate(
             beyond the others and the requested frames, or is not writable; or the numbers are
             invalid. Errors about a frame contain its name; finished frames are kept.
     """
-    check_workers(workers)
+    check_workers(workers, driver)
     if frames < 1 or not 0 <= validation_frames <= frames:
         raise ValueError(
             "a simulation needs at least 1 frame and no more validation_frames than frames, got "
@@ -330,7 +333,7 @@ def simulate(
     for index in pending:
         action = partial(_write_frame, layout, config, streets, velodyne, index)
         works.append(_Work(f"frame {index}", action))
-    run_job(works, workers, description="simulating")
+    run_job(works, workers, description="simulating", driver=driver)
     if isinstance(layout, ObjectLayout):
         layout.write_lists(frames, validation_frames)
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))

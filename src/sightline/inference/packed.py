@@ -1,0 +1,210 @@
+"""Results of shards of frames, packed into shards: one in, one out."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Protocol, runtime_checkable
+
+from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.open import SampleDataset
+from sightline.data.sharding import files_below, is_whole, pack_files
+from sightline.files.atomic import DiskError, scratch_folder
+from sightline.files.problem import FileError
+from sightline.files.shard_index import FORMAT, MANIFEST, read_manifest, tars_of
+from sightline.files.shard_path import data_path
+from sightline.jobs.crew import Driver
+from sightline.jobs.output_dirs import (
+    KITTI_SPLITS,
+    Claim,
+    acquire_output_dir,
+    check_outside_dataset,
+    claim_folders,
+    data_name,
+)
+from sightline.jobs.run import JobResult, Work, check_workers, run_job, shard
+
+_DRIVE_SPLITS: Final = ("val", "train")  # of depth trees; their drives are sorted together
+
+
+@runtime_checkable  # for beartype, which checks arguments under pytest
+class ShardWriter(Protocol):
+    """Writer of the results of frames to a folder; must be picklable."""
+
+    def open(self, data: Path) -> SampleDataset:
+        """Open the frames of a shard.
+
+        Raises:
+            ValueError: The data cannot be read.
+        """
+        ...
+
+    def claims(self, data: Path, dataset: SampleDataset, folder: Path) -> Sequence[Claim]:
+        """List the claims of a job without shards on its folders."""
+        ...
+
+    def write(self, dataset: SampleDataset, folder: Path) -> None:
+        """Write the results of all frames; equal frames give equal bytes.
+
+        Raises:
+            ValueError: A frame cannot be read or predicted.
+        """
+        ...
+
+
+def pack_results(
+    writer: ShardWriter,
+    data: Path,
+    out: Path,
+    *,
+    description: str,
+    workers: int = 2,
+    driver: Driver = "local",
+    shard_index: int = 0,
+    num_shards: int = 1,
+) -> JobResult:
+    """Writes the results of each shard of frames as a shard of the same name.
+
+    `out` becomes a folder of shards, which commands read as if it were unpacked: the files are
+    those of a job without shards, with its sightline.json in shared.tar. A shard is the unit of
+    work: each worker opens one at a time, by its own index. Shards that are whole, by their
+    checksum, are skipped; one that fails does not stop the others.
+
+    Args:
+        writer: Writer of the results.
+        data: Folder of shards, or a split or drive in it.
+        out: Folder for the shards of results.
+        description: Description of the job for the display of progress.
+        workers: Number of workers; 1 on this machine: only this process.
+        driver: Kind of workers: processes of this machine, or actors of a Ray cluster.
+        shard_index: Index of the part of the shards to process, from 0.
+        num_shards: Number of parts, each of which can run on another machine.
+
+    Returns:
+        Numbers of shards written and skipped.
+
+    Raises:
+        ValueError: `data` are no shards, `out` holds other results, a number is invalid, or a shard
+            fails: the error names it after the others are done.
+    """
+    check_workers(workers, driver)
+    shard((), shard_index, num_shards)  # refuses an invalid one before the data are opened
+    root, place, manifest = _source(data)
+    check_outside_dataset(root, [out])
+    frames, frames_per_shard = int(manifest["frames"]), int(manifest["frames_per_shard"])
+    tars = tars_of(root, frames, frames_per_shard)[1:]
+    place = place or _default_split(tars)
+    dataset = _first_readable(writer, tars, place)
+    with scratch_folder() as folder:
+        claims = writer.claims(data, dataset, folder)
+        results = {
+            claim.folder.relative_to(folder).as_posix(): dict(claim.settings) for claim in claims
+        }
+        head = {"format": FORMAT, "data": data_name(root)}
+        sizes = {"frames": frames, "frames_per_shard": frames_per_shard}
+        settings = head | sizes | {"results": results}
+        acquire_output_dir(out, settings, results=("*.tar",), manifest_name=MANIFEST)
+        claim_folders(claims)
+        shared, *targets = tars_of(out, frames, frames_per_shard)
+        pack_files(folder, shared, sorted(files_below(folder)))
+    chosen = shard(list(zip(tars, targets, strict=True)), shard_index, num_shards)
+    works = [
+        _ShardWork(writer, source, place, target)
+        for source, target in chosen
+        if not is_whole(target)
+    ]
+    run_job(works, workers, description=description, driver=driver, keep_going=True)
+    return JobResult(written=len(works), skipped=len(chosen) - len(works))
+
+
+@dataclass(frozen=True, slots=True)
+class _ShardWork:
+    """Work item: writes the results of a shard, and packs them."""
+
+    writer: ShardWriter
+    source: Path
+    place: str
+    target: Path
+
+    def __str__(self) -> str:
+        return f"shard {self.source.name}"
+
+    def run(self) -> None:
+        with scratch_folder() as folder:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # those of the first shard have been shown
+                dataset = _open(self.writer, self.source, self.place)
+            if dataset is not None:
+                self.writer.write(dataset, folder)
+            by_frame = sorted(files_below(folder), key=lambda path: (Path(path).stem, path))
+            pack_files(folder, self.target, by_frame)
+
+
+def run_named(work: Work) -> None:
+    """Run the work on a frame of a shard; an error names the frame.
+
+    Raises:
+        ValueError: The frame cannot be read or predicted.
+    """
+    try:
+        work.run()
+    except DiskError:
+        raise
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{work}: {error}") from error
+
+
+def _source(data: Path) -> tuple[Path, str, dict[str, Any]]:
+    """Find the folder of shards, the place in it, and its manifest."""
+    for root in (data, *data.parents):
+        manifest = read_manifest(root)
+        if manifest is not None and not _is_below_tar(data.relative_to(root)):
+            place = data.relative_to(root).as_posix()
+            return root, "" if place == "." else place, manifest
+    raise FileError(
+        data,
+        "is no folder of shards",
+        "pack the data by `sightline shard` first, or leave --pack out",
+    )
+
+
+def _is_below_tar(place: Path) -> bool:
+    return any(part.endswith(".tar") for part in place.parts[:1])
+
+
+def _default_split(tars: Sequence[Path]) -> str:
+    """Split that an object tree opens by default; empty: other data."""
+    for tar in reversed(tars):  # frames are sorted: training is among the last, if there is one
+        try:
+            tree = data_path(tar)
+        except ValueError:  # it is named when its turn comes
+            continue
+        return next((split for split in KITTI_SPLITS if (tree / split).is_dir()), "")
+    return ""
+
+
+def _open(writer: ShardWriter, tar: Path, place: str) -> SampleDataset | None:
+    """Open the frames of a shard in a place; None: it has none there."""
+    path = data_path(tar) / place
+    if place and path.parent.is_dir() and not path.is_dir():
+        return None
+    return writer.open(path)
+
+
+def _first_readable(writer: ShardWriter, tars: Sequence[Path], place: str) -> SampleDataset:
+    """Open the first shard that has frames and can be read."""
+    fault: ValueError | None = None
+    for tar in tars:
+        try:
+            dataset = _open(writer, tar, place)
+        except ValueError as error:
+            fault = fault or error
+            continue
+        if dataset is None:
+            continue
+        if not place and isinstance(dataset, KittiDepthDataset) and dataset.split in _DRIVE_SPLITS:
+            raise FileError(
+                tars[0].parent, "may hold several splits", "name one, such as SHARDS/val"
+            )
+        return dataset
+    raise fault or FileError(tars[0].parent / place, "holds no frames", "name another folder")

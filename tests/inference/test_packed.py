@@ -1,0 +1,146 @@
+"""Results of shards in shards: their bytes, resumption, damage, and who may write to them."""
+
+import json
+import shutil
+import tarfile
+
+import pytest
+
+from sightline.cli.main import main
+from sightline.data.sharding import unpack_shards, write_shards
+from sightline.depth_completion.registration import TASK
+from sightline.files.shard_path import data_path
+from sightline.inference.predict import predict_shards
+from sightline.jobs.run import JobResult
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.inference.test_predict import FunctionPredictor, sparse, write
+from tests.inference.trees import write_object_tree
+
+
+@pytest.fixture
+def shards(tmp_path):
+    """Shards of two frames: five of training after one of testing."""
+    tree = write_object_tree(tmp_path / "tree", 5)
+    write_object_tree(tmp_path / "other", 1)
+    shutil.move(tmp_path / "other" / "training", tree / "testing")
+    write_shards(tree, tmp_path / "shards", frames_per_shard=2)
+    return tmp_path / "shards"
+
+
+def pack(shards, out, *, workers=1, name="sparse", **job):
+    return predict_shards(
+        TASK, FunctionPredictor(sparse, name), shards, out, workers=workers, **job
+    )
+
+
+def contents(root):
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_unpacked_results_are_those_of_a_job_without_shards(shards, tmp_path):
+    assert pack(shards, tmp_path / "packed") == JobResult(written=3, skipped=0)
+    with tarfile.open(tmp_path / "packed" / "000001.tar") as tar:
+        assert tar.getnames() == ["000001.png", "000002.png"]
+    unpack_shards(tmp_path / "packed", tmp_path / "unpacked")
+    write(shards, tmp_path / "expected")
+    assert contents(tmp_path / "unpacked") == contents(tmp_path / "expected")
+    read = data_path(tmp_path / "packed")
+    assert (read / "000004.png").read_bytes() == (tmp_path / "expected/000004.png").read_bytes()
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+def test_bytes_do_not_depend_on_workers_or_parts(shards, tmp_path):
+    pack(shards, tmp_path / "one")
+    pack(shards, tmp_path / "two", workers=2)
+    for index in (1, 0):
+        pack(shards, tmp_path / "parts", shard_index=index, num_shards=2)
+    expected = contents(tmp_path / "one")
+    assert len(expected) == 9
+    assert contents(tmp_path / "two") == contents(tmp_path / "parts") == expected
+
+
+def test_whole_shards_are_skipped_and_a_changed_one_is_made_again(shards, tmp_path):
+    out = tmp_path / "out"
+    pack(shards, out)
+    expected = contents(out)
+    tar = out / "000001.tar"
+    tar.write_bytes(tar.read_bytes()[:-1] + b"\1")
+    assert pack(shards, out) == JobResult(written=1, skipped=2)
+    assert contents(out) == expected
+
+
+def test_a_damaged_shard_is_named_the_rest_finishes_and_mended_it_is_made_alone(shards, tmp_path):
+    pack(shards, tmp_path / "expected")
+    tar = shards / "000001.tar"
+    whole = tar.read_bytes()
+    rows = json.loads(tar.with_suffix(".json").read_text())["files"]
+    offset = next(row[2] for row in rows if row[0] == "training/velodyne/000002.bin")
+    tar.write_bytes(whole[: offset + 5] + bytes([whole[offset + 5] ^ 1]) + whole[offset + 6 :])
+    message = r"1 of 3 failed, the others are done: shard 000001\.tar: sample 000002: .* damaged"
+    with pytest.raises(ValueError, match=message):
+        pack(shards, tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").glob("*.tar")) == [
+        "000000.tar",
+        "000002.tar",
+        "shared.tar",
+    ]
+    tar.write_bytes(whole)
+    assert pack(shards, tmp_path / "out") == JobResult(written=1, skipped=2)
+    assert contents(tmp_path / "out") == contents(tmp_path / "expected")
+
+
+def test_another_job_in_the_same_folder_is_refused_and_nothing_changes(shards, tmp_path):
+    out = tmp_path / "out"
+    pack(shards, out)
+    before = contents(out)
+    with pytest.raises(ValueError, match=r"method sparse instead of other.*would mix with this"):
+        pack(shards, out, name="other")
+    write_shards(tmp_path / "tree", tmp_path / "fewer", frames_per_shard=4)
+    with pytest.raises(ValueError, match="frames_per_shard 2 instead of 4"):
+        pack(tmp_path / "fewer", out)
+    assert contents(out) == before
+
+
+@pytest.mark.parametrize("data", ["tree", "shards/000001.tar"])
+def test_what_is_no_folder_of_shards_is_refused(shards, tmp_path, data):
+    assert shards.is_dir()
+    with pytest.raises(ValueError, match="is no folder of shards; pack the data by"):
+        pack(tmp_path / data, tmp_path / "out")
+
+
+def test_perceive_packs_all_tasks_and_their_shards_are_scored(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_shards(PACKAGED_FRAMES, tmp_path / "shards", frames_per_shard=1)
+    tasks = ["--detection2d", "detection2d-fast-cpu", "--depth-completion", "nearest",
+             "--detection3d", "none", "--workers", "1"]  # fmt: skip
+    assert main(["perceive", "shards", "packed", "--pack", *tasks]) == 0
+    assert "packed: shards: 2 written, 0 there already" in capsys.readouterr().out
+    assert main(["perceive", "shards", "plain", *tasks]) == 0
+    assert main(["unshard", "packed", "unpacked"]) == 0
+    expected = {
+        path: content
+        for path, content in contents(tmp_path / "plain").items()
+        if not path.startswith(("timings", "perception.jsonl"))
+    }
+    assert contents(tmp_path / "unpacked") == expected
+    assert any(path.startswith("lines/") for path in expected)
+    capsys.readouterr()
+    scores = []
+    for name in ("packed", "plain"):
+        labels = PACKAGED_FRAMES / "training" / "label_2"
+        assert main(["evaluate", "objects", f"{name}/detection2d", str(labels)]) == 0
+        depth = ["evaluate", "depth", f"{name}/depth-completion"]
+        assert main([*depth, str(PACKAGED_FRAMES / "training" / "depth")]) == 0
+        scores.append(capsys.readouterr().out.replace(name, ""))
+    assert scores[0] == scores[1]
+    assert "Car" in scores[0]
+
+
+def test_options_that_whole_shards_cannot_have_are_refused(tmp_path, capsys):
+    command = ["predict", "depth-completion", str(PACKAGED_FRAMES), str(tmp_path / "out"), "--pack"]
+    assert main([*command, "--method", "nearest", "--overwrite"]) == 2
+    assert "leave --overwrite out, or --pack" in capsys.readouterr().err
