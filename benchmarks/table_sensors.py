@@ -3,6 +3,7 @@
 from typing import Any
 
 from benchmarks.own_sensor_rigs import RIGS
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 Record = dict[str, Any]
 Rows = list[list[str]]
@@ -69,6 +70,20 @@ def yaw(simulated: Record, real: Record) -> Rows:
             keys = ("median_deg", "p90_deg", "own_median_deg", "own_p90_deg")
             cells = [f"{row[key]:.3f}" for key in keys]
             rows.append([name, f"{row['frames']}", f"{row['estimates']}", *cells])
+    return rows
+
+
+def lidar_height(in_space: Record, in_image: Record) -> Rows:
+    """Give the rows of a LiDAR at other heights, scored in 3D and in the image."""
+    classes = ("Car", "Pedestrian", "Cyclist")
+    head = ["LiDAR", "given height", "height used [m]"]
+    rows: Rows = [[*head, *(f"{where}: {name}" for where in ("3D", "2D") for name in classes)]]
+    for space, image in zip(in_space["results"], in_image["results"], strict=True):
+        up_m = space["up_m"]
+        title = f"{abs(up_m):g} m {'higher' if up_m > 0 else 'lower'}" if up_m else "as KITTI's"
+        height_m = KITTI_LIDAR_HEIGHT_M if space["height_m"] is None else space["height_m"]
+        scores = (f"{row[name]:.1f}" for row in (space, image) for name in classes)
+        rows.append([title, space["source"], f"{height_m:.2f}", *scores])
     return rows
 
 
