@@ -127,7 +127,7 @@ def _in_the_image(detection: Record, times: Record, quoted: Record) -> Rows:
 
 
 def _joined(joined: Record) -> Rows:
-    """Give the rows of joined objects, beside the two detectors that they are joined from."""
+    """Give the rows of joined objects, and their lead over the better of both detectors."""
     frames = f"{joined['frames']} frames"
     rows: Rows = []
     for title, case, name, metric, iou in (
@@ -143,11 +143,12 @@ def _joined(joined: Record) -> Rows:
             if (row["case"], row["class"], row["metric"], row["iou"]) == (case, name, metric, iou)
         )
         parts = ("image", "sweep") if metric == "bbox" else ("sweep",)
-        low, high = found[f"less_{parts[0]}_95"]
+        better = max(parts, key=lambda part: float(found[part]))
+        low, high = found[f"less_{better}_95"]
         alone = ", ".join(f"{found[part]:.0f} detection{_DETECTORS[part]}-best" for part in parts)
         where = "IoU" if metric == "bbox" else "3D IoU"
-        ours = f"**{found['joined']:.0f}**; less {_DETECTORS[parts[0]].upper()} detection's: "
-        ours += f"{found['joined'] - found[parts[0]]:+.0f} [{low:+.0f}, {high:+.0f}]"
+        ours = f"**{found['joined']:.0f}**; less {_DETECTORS[better].upper()} detection's: "
+        ours += f"{found['joined'] - found[better]:+.0f} [{low:+.0f}, {high:+.0f}]"
         rows.append([title, f"AP, {where} {iou}, {frames}", ours, alone, "-", ""])
     return rows
 
