@@ -19,8 +19,20 @@ def depth_faults(record: Record) -> Rows:
     return rows
 
 
-def sensor_health(simulated: Record, real: Record) -> Rows:
+def with_newer(record: Record, newer: Record) -> Record:
+    """Replace the cases of a health record, and their delays, by a later run of some of them."""
+    found = dict(record)
+    for key in ("cases", "delays"):
+        later = {each["case"]: each for each in newer[key]}
+        found[key] = [later.get(each["case"], each) for each in record[key]]
+    return found
+
+
+def sensor_health(
+    simulated: Record, real: Record, newer_simulated: Record, newer_real: Record
+) -> Rows:
     """Give the rows of the health monitor: AUROC by severity, alarms and delays."""
+    simulated, real = with_newer(simulated, newer_simulated), with_newer(real, newer_real)
     rows: Rows = [
         ["kind", "simulated, severity 1 to 5", "real, severity 1 to 5", "alarms", "delay, frames"]
     ]
@@ -35,10 +47,9 @@ def sensor_health(simulated: Record, real: Record) -> Rows:
             for side in cases
         ]
         delays = [_delay(record, kind) for record in (simulated, real)]
-        older = simulated.get("superseded", {}).get(kind)
         rows.append(
             [
-                f"{kind} ({older})" if older else kind,
+                kind,
                 *(" ".join(_share(each["own"]) for each in side) for side in cases),
                 ", ".join(alarms),
                 ", ".join(delays),
