@@ -15,12 +15,11 @@ from typing import Any, Final, NamedTuple
 import jsonargparse
 import torch
 
-from benchmarks.joined_frames import CASES, DetectionStore
+from benchmarks.joined_frames import CASES, DetectionStore, open_labelled
 from benchmarks.record import print_record
-from sightline.data.kitti_conversion import kitti_from_detections, kitti_from_labels
+from sightline.data.kitti_conversion import kitti_from_detections
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.open import open_dataset
 from sightline.evaluation.kitti_object_comparison import (
     ComparedEntry,
     PairedDifference,
@@ -35,7 +34,7 @@ from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.files import kitti_from_objects
 from sightline.joining.fitting import FitFrame
 from sightline.joining.join import JoinConfig, join_detections
-from sightline.joining.models import SHIPPED, JoinModels, read_models
+from sightline.joining.models import SHIPPED, JoinModels
 from sightline.structures.level import level_calibration
 from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
@@ -87,18 +86,14 @@ def main(
         engine: Inference engine.
     """
     torch.set_num_threads(1)
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
-    samples = [dataset[index] for index in range(len(dataset))]
-    labels = [kitti_from_labels(s.objects, s.calibration) for s in samples if s.objects is not None]
-    fitted = read_models(models)
-    weights: dict[str, str] = fitted.provenance["weights"]
-    store = DetectionStore(weights["detection2d"], weights["detection3d"], cache, engine)
+    given = open_labelled(data, sample_list, velodyne, models, cache, engine)
+    samples, labels, store = given.samples, given.labels, given.store
     results: list[dict[str, Any]] = []
     for case in cases:
         frames = list(store.frames(samples, case, CASES[case]))
         alignment = measure_alignment(frames[index].sample for index in evenly_spread(len(frames)))
         aligned = _aligned(store, samples, case, frames, alignment)
-        found = join_all(frames, fitted, aligned)
+        found = join_all(frames, given.models, aligned)
         told = {"by_boxes": alignment.by_boxes, "undone": alignment.turn.to_json()}
         for row in _compare(found, labels, resamples, seed):
             results.append({"case": case, **told, **row})
@@ -112,7 +107,7 @@ def main(
             "results": results,
         },
         seed=seed,
-        weights=list(weights.values()),
+        weights=given.weights,
     )
 
 

@@ -15,19 +15,17 @@ import numpy as np
 import torch
 
 from benchmarks.joined import join_all
-from benchmarks.joined_frames import CASES, DetectionStore
+from benchmarks.joined_frames import CASES, open_labelled
 from benchmarks.record import print_record
 from sightline.data.image_file import write_rgb
-from sightline.data.kitti_conversion import kitti_from_labels
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.open import open_dataset
 from sightline.evaluation.calibration_errors import Outcomes, find_outcomes, find_reliability
 from sightline.evaluation.kitti_object_matching import index_pairs, select
 from sightline.evaluation.kitti_object_pairs import find_pairs
 from sightline.evaluation.kitti_object_rules import CLASSES, DIFFICULTIES, METRICS, Metric
 from sightline.export.names import EngineName
-from sightline.joining.models import SHIPPED, read_models
+from sightline.joining.models import SHIPPED
 from sightline.structures.reliability import Reliability
 from sightline.visualization.reliability import draw_reliability_sheet
 
@@ -78,16 +76,12 @@ def main(
         picture: PNG or JPEG for reliability diagrams of cars in the image, a row for each state.
     """
     torch.set_num_threads(1)
-    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
-    samples = [dataset[index] for index in range(len(dataset))]
-    labels = [kitti_from_labels(s.objects, s.calibration) for s in samples if s.objects is not None]
-    fitted = read_models(models)
-    weights: dict[str, str] = fitted.provenance["weights"]
-    store = DetectionStore(weights["detection2d"], weights["detection3d"], cache, engine)
+    given = open_labelled(data, sample_list, velodyne, models, cache, engine)
+    samples, labels, store = given.samples, given.labels, given.store
     results: list[dict[str, Any]] = []
     diagrams = []
     for case in cases:
-        found = join_all(list(store.frames(samples, case, CASES[case])), fitted)
+        found = join_all(list(store.frames(samples, case, CASES[case])), given.models)
         for score in _SCORES:
             in_image = score.metric == "bbox"
             lists = {
@@ -116,7 +110,7 @@ def main(
             "results": results,
         },
         seed=seed,
-        weights=list(weights.values()),
+        weights=given.weights,
     )
 
 

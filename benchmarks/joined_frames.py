@@ -5,12 +5,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import torch
 
 from sightline.augmentation.sample_changes import thin_rings
 from sightline.corruptions.suites import find_suite
+from sightline.data.kitti_conversion import kitti_from_labels
+from sightline.data.kitti_labels import KittiObjects
+from sightline.data.kitti_trees import Velodyne
+from sightline.data.open import open_dataset
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.export.names import EngineName
@@ -18,6 +22,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.joining.fitting import FitFrame
+from sightline.joining.models import JoinModels, read_models
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -175,6 +180,35 @@ class DetectionStore:
         """Yield the frames of a case in order."""
         for position, sample in enumerate(samples):
             yield self.frame(sample, case, position, change)
+
+
+class LabelledFrames(NamedTuple):
+    """Labelled frames, and all that joins their detections."""
+
+    samples: list[CameraLidarSample]
+    labels: list[KittiObjects]
+    models: JoinModels
+    weights: list[str]
+    """Names of the detectors' weights."""
+    store: DetectionStore
+
+
+def open_labelled(
+    data: Path,
+    sample_list: str,
+    velodyne: Velodyne | None,
+    models: Path,
+    cache: Path,
+    engine: EngineName,
+) -> LabelledFrames:
+    """Read labelled frames, models of joined scores, and the detectors that these name."""
+    dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
+    samples = [dataset[index] for index in range(len(dataset))]
+    labels = [kitti_from_labels(s.objects, s.calibration) for s in samples if s.objects is not None]
+    fitted = read_models(models)
+    weights: dict[str, str] = fitted.provenance["weights"]
+    store = DetectionStore(weights["detection2d"], weights["detection3d"], cache, engine)
+    return LabelledFrames(samples, labels, fitted, list(weights.values()), store)
 
 
 def plain(found: Detections2D | Detections3D) -> dict[str, Any]:

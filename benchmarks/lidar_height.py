@@ -2,7 +2,8 @@
 
 The LiDAR frame's origin is moved up or down, with points and calibration; the rings keep their
 points. The detector gets no height, the true height, or the height above the road estimated from
-five sweeps. Prints a table, then one line of JSON.
+five sweeps. Prints a table, then one line of JSON; benchmarks/results/lidar_height.json holds those
+of `detection3d-best` and of `--weights detection2d-best`.
 """
 
 import tempfile
@@ -63,9 +64,9 @@ def main(
             sweeps[:: max(frames // _NUM_HEIGHT_SWEEPS, 1)][:_NUM_HEIGHT_SWEEPS]
         )
         heights_m = {
-            "nothing": None,
-            "its height": KITTI_LIDAR_HEIGHT_M + up_m,
-            "the road": by_road_m,
+            "none": None,
+            "true height": round(KITTI_LIDAR_HEIGHT_M + up_m, 3),
+            "five sweeps": by_road_m,
         }
         for source, height_m in heights_m.items():
             with tempfile.TemporaryDirectory() as out:
@@ -80,7 +81,7 @@ def main(
                 for entry in report["entries"]
                 if entry["metric"] == metric and entry["difficulty"] == "moderate"
             }
-            rows.append({"up_m": up_m, "told": source, "height_m": height_m, **scores})
+            rows.append({"up_m": up_m, "source": source, "height_m": height_m, **scores})
             print(" ".join(f"{key} {value}" for key, value in rows[-1].items()))
     setting = {"frames": frames, "metric": f"{metric} AP_R40 moderate"}
     print_record({**setting, "results": rows}, seed=None, weights=[weights])

@@ -3,6 +3,7 @@
 from typing import Any
 
 from benchmarks.table_accuracy import Rows, difference, errors, interval, score, with_interval
+from benchmarks.table_sensors import with_newer
 from benchmarks.table_speed import fastest
 
 Record = dict[str, Any]
@@ -21,6 +22,8 @@ def scoreboard(
     time_depth: Record,
     health_simulated: Record,
     health_real: Record,
+    weather_simulated: Record,
+    weather_real: Record,
     evaluation: Record,
     joined: Record,
     quoted: Record,
@@ -34,7 +37,9 @@ def scoreboard(
         *_in_the_image(detection, time2d, quoted),
         *_joined(joined),
         _rings(rings, time_depth),
-        _faults(health_simulated, health_real, quoted),
+        _faults(
+            with_newer(health_simulated, weather_simulated), with_newer(health_real, weather_real)
+        ),
         _evaluation(evaluation, quoted),
     ]
 
@@ -127,7 +132,7 @@ def _in_the_image(detection: Record, times: Record, quoted: Record) -> Rows:
 
 
 def _joined(joined: Record) -> Rows:
-    """Give the rows of joined objects, beside the two detectors that they are joined from."""
+    """Give the rows of joined objects, and their lead over the better of both detectors."""
     frames = f"{joined['frames']} frames"
     rows: Rows = []
     for title, case, name, metric, iou in (
@@ -143,11 +148,12 @@ def _joined(joined: Record) -> Rows:
             if (row["case"], row["class"], row["metric"], row["iou"]) == (case, name, metric, iou)
         )
         parts = ("image", "sweep") if metric == "bbox" else ("sweep",)
-        low, high = found[f"less_{parts[0]}_95"]
+        better = max(parts, key=lambda part: float(found[part]))
+        low, high = found[f"less_{better}_95"]
         alone = ", ".join(f"{found[part]:.0f} detection{_DETECTORS[part]}-best" for part in parts)
         where = "IoU" if metric == "bbox" else "3D IoU"
-        ours = f"**{found['joined']:.0f}**; less {_DETECTORS[parts[0]].upper()} detection's: "
-        ours += f"{found['joined'] - found[parts[0]]:+.0f} [{low:+.0f}, {high:+.0f}]"
+        ours = f"**{found['joined']:.0f}**; less {_DETECTORS[better].upper()} detection's: "
+        ours += f"{found['joined'] - found[better]:+.0f} [{low:+.0f}, {high:+.0f}]"
         rows.append([title, f"AP, {where} {iou}, {frames}", ours, alone, "-", ""])
     return rows
 
@@ -166,17 +172,14 @@ def _rings(rings: Record, times: Record) -> list[str]:
     ]
 
 
-def _faults(simulated: Record, real: Record, quoted: Record) -> list[str]:
+def _faults(simulated: Record, real: Record) -> list[str]:
     """Give the row of the health monitor: the worse of simulated and real frames counts."""
     worst: dict[str, float] = {}
     for record in (simulated, real):
         for case in record["cases"]:
             kind = case["case"].rpartition("-")[0]
-            if case["severity"] == _SEVERITY and kind not in record["superseded"]:
+            if case["severity"] == _SEVERITY:
                 worst[kind] = min(case["own"], worst.get(kind, 1.0))
-    for kind in simulated["superseded"]:
-        newer = quoted["health_revision_3"][kind]
-        worst[kind] = min(newer[side][_SEVERITY - 1] for side in ("simulated", "real"))
     good = sum(round(area, 2) >= _KIND_LIMIT for area in worst.values())
     others = sorted(
         f"{kind} {area:.2f}" for kind, area in worst.items() if round(area, 2) < _KIND_LIMIT

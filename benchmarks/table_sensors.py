@@ -3,6 +3,7 @@
 from typing import Any
 
 from benchmarks.own_sensor_rigs import RIGS
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 Record = dict[str, Any]
 Rows = list[list[str]]
@@ -18,8 +19,20 @@ def depth_faults(record: Record) -> Rows:
     return rows
 
 
-def sensor_health(simulated: Record, real: Record) -> Rows:
+def with_newer(record: Record, newer: Record) -> Record:
+    """Replace the cases of a health record, and their delays, by a later run of some of them."""
+    found = dict(record)
+    for key in ("cases", "delays"):
+        later = {each["case"]: each for each in newer[key]}
+        found[key] = [later.get(each["case"], each) for each in record[key]]
+    return found
+
+
+def sensor_health(
+    simulated: Record, real: Record, newer_simulated: Record, newer_real: Record
+) -> Rows:
     """Give the rows of the health monitor: AUROC by severity, alarms and delays."""
+    simulated, real = with_newer(simulated, newer_simulated), with_newer(real, newer_real)
     rows: Rows = [
         ["kind", "simulated, severity 1 to 5", "real, severity 1 to 5", "alarms", "delay, frames"]
     ]
@@ -34,10 +47,9 @@ def sensor_health(simulated: Record, real: Record) -> Rows:
             for side in cases
         ]
         delays = [_delay(record, kind) for record in (simulated, real)]
-        older = simulated.get("superseded", {}).get(kind)
         rows.append(
             [
-                f"{kind} ({older})" if older else kind,
+                kind,
                 *(" ".join(_share(each["own"]) for each in side) for side in cases),
                 ", ".join(alarms),
                 ", ".join(delays),
@@ -69,6 +81,20 @@ def yaw(simulated: Record, real: Record) -> Rows:
             keys = ("median_deg", "p90_deg", "own_median_deg", "own_p90_deg")
             cells = [f"{row[key]:.3f}" for key in keys]
             rows.append([name, f"{row['frames']}", f"{row['estimates']}", *cells])
+    return rows
+
+
+def lidar_height(in_space: Record, in_image: Record) -> Rows:
+    """Give the rows of a LiDAR at other heights, scored in 3D and in the image."""
+    classes = ("Car", "Pedestrian", "Cyclist")
+    head = ["LiDAR", "given height", "height used [m]"]
+    rows: Rows = [[*head, *(f"{where}: {name}" for where in ("3D", "2D") for name in classes)]]
+    for space, image in zip(in_space["results"], in_image["results"], strict=True):
+        up_m = space["up_m"]
+        title = f"{abs(up_m):g} m {'higher' if up_m > 0 else 'lower'}" if up_m else "as KITTI's"
+        height_m = KITTI_LIDAR_HEIGHT_M if space["height_m"] is None else space["height_m"]
+        scores = (f"{row[name]:.1f}" for row in (space, image) for name in classes)
+        rows.append([title, space["source"], f"{height_m:.2f}", *scores])
     return rows
 
 

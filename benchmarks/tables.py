@@ -46,8 +46,8 @@ TABLES: Final = {
     "scoreboard": Table(
         (
             "real_depth_truth", "detection3d", "detection_accuracy", "detection2d",
-            "held_out_rings", "depth_completion", "sensor_health", "kitti_evaluation", "joined",
-            "quoted",
+            "held_out_rings", "depth_completion", "sensor_health", "sensor_health_weather",
+            "kitti_evaluation", "joined", "quoted",
         ),
         table_board.scoreboard,
     ),
@@ -60,8 +60,11 @@ TABLES: Final = {
     "held-out-rings": Table(("held_out_rings",), table_accuracy.held_out_rings),
     "valid-depth": Table(("valid_depth",), table_accuracy.valid_depth),
     "depth-faults": Table(("depth_robustness",), table_sensors.depth_faults),
-    "sensor-health": Table(("sensor_health",), table_sensors.sensor_health),
+    "sensor-health": Table(
+        ("sensor_health", "sensor_health_weather"), table_sensors.sensor_health
+    ),
     "yaw": Table(("yaw_error",), table_sensors.yaw),
+    "lidar-height": Table(("lidar_height",), table_sensors.lidar_height),
     "own-sensor": Table(("own_sensor",), table_sensors.own_sensor),
     "sim-or-real": Table(("sim_or_real",), table_sensors.sim_or_real),
     "gated-fusion-table-1": Table(("gated_fusion_table_1",), table_papers.table_1),

@@ -4,18 +4,19 @@ import json
 from dataclasses import replace
 
 import pytest
+import yaml
 
-from sightline.adaptation.adapt import AdaptSettings, adapt
+from sightline.adaptation.adapt import FINE_TUNINGS, AdaptSettings, _arguments, adapt
 from sightline.cli.main import main
 from sightline.files.weights import read_weights
 from sightline.simulation.generate import simulate
 from sightline.simulation.rigs import Rig, named_rig
 from sightline.simulation.settings import SimulationConfig
+from sightline.tasks import PACKAGE_RECIPES
+from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
 
-SMALL = AdaptSettings(
-    tasks=("depth-completion", "detection3d"), frames=4, validation_frames=1, steps=1, workers=1
-)
+SMALL = AdaptSettings(tasks=("detection3d",), frames=4, validation_frames=1, steps=1, workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,20 @@ def test_scores_before_and_after_are_in_the_report(adapted):
         scores = content["tasks"][task]
         assert scores["before"].keys() == scores["after"].keys()
         assert scores["is_better"] == report.is_better(task)
-    assert report.table().row_count == 7
+    assert report.table().row_count == 4
+
+
+@pytest.mark.parametrize("task", FINE_TUNINGS)
+def test_the_recipe_of_each_task_takes_the_settings_of_its_fine_tuning(task, tmp_path, capsys):
+    arguments = _arguments(task, tmp_path / "frames", tmp_path / "out", SMALL)
+    with pytest.raises(SystemExit) as end:
+        run_training("fit", [*arguments, "--print_config"], PACKAGE_RECIPES)
+    assert end.value.code in (None, 0)
+    printed = yaml.safe_load(capsys.readouterr().out)
+    optimizer = printed["model"]["init_args"]["optimizer"]
+    assert optimizer["learning_rate"] == FINE_TUNINGS[task].learning_rate
+    assert printed["data"]["init_args"]["root"] == str(tmp_path / "frames")
+    assert printed["trainer"]["max_steps"] == SMALL.steps
 
 
 def test_finished_steps_are_not_repeated_and_other_settings_are_refused(

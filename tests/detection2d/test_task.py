@@ -53,12 +53,10 @@ def train(task, batch, steps, learning_rate):
     return costs
 
 
-def scores_of(task, batch, times=1):
-    """AP over 40 recall positions needs more than 40 objects to come near 100."""
+def scores_of(task, batch):
     task.network.eval()
     with torch.inference_mode():
-        for _ in range(times):
-            task.score(batch)
+        task.score(batch)
     return {name: float(value) for name, value in task.scores().items()}
 
 
@@ -67,7 +65,8 @@ def test_the_papers_network_learns_two_frames_by_heart():
     torch.manual_seed(0)
     task = Detection2D(replace(TINY, width=0.0625))
     train(task, batch, steps=120, learning_rate=1e-3)
-    assert scores_of(task, batch, times=30)["Car/bbox/moderate"] > 90
+    # Over all points: AP over 40 recall positions needs more than 40 objects to come near 100.
+    assert scores_of(task, batch)["Car/bbox/moderate_all_points"] > 90
 
 
 @pytest.mark.parametrize("num_updates", [20, pytest.param(200, marks=pytest.mark.slow)])

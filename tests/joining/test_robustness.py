@@ -15,7 +15,7 @@ from sightline.joining.robustness import SCORING, JoinedTask
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.scoring import BenchFrame, BenchPrediction
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from sightline.structures.objects import Objects, no_objects
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import Perception
 from tests.joining.test_predictor import joined
 
@@ -84,7 +84,7 @@ def test_each_place_is_scored_by_its_own_file_and_results_of_others_by_one(tmp_p
 
 def test_nothing_found_scores_zero_and_classes_without_objects_have_no_score(tmp_path):
     dataset = open_dataset(PACKAGED_FRAMES, sample_list=("000000",))
-    SCORING.store(tmp_path / "000000.txt", prediction(lambda _: no_objects()))
+    SCORING.store(tmp_path / "000000.txt", prediction(lambda _: Objects.from_json([])))
     scores = SCORING.score(tmp_path, dataset)
     assert scores["Car_centre_0.5-4m_hard"] == 0
     counted = {name for name, value in scores.items() if value is not None}
@@ -98,7 +98,7 @@ def test_predictions_and_read_results_are_drawn_on_both_panels(tmp_path, case_na
     path = tmp_path / "000000.txt"
     SCORING.store(path, drawn)
     read = drawn._replace(output=SCORING.read(path, drawn.corrupted.sample))
-    empty = drawn._replace(output=Perception(objects=no_objects()))
+    empty = drawn._replace(output=Perception(objects=Objects.from_json([])))
     panels = [SCORING.draw(each, 300) for each in (drawn, read, empty)]
     for each in panels:
         assert [panel.caption for panel in each] == ["objects", "from above, labels white"]

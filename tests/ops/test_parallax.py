@@ -29,8 +29,10 @@ def test_points_of_one_lidar_ray_lie_apart_by_the_difference_of_their_inverse_de
     points = torch.from_numpy(np.stack([direction * rng.uniform(4, 80) for _ in range(2)]))
     far, near = project_points(points, calibration).pixels.numpy()
     far_m, near_m = project_points(points, calibration).depths.tolist()
-    shift = Parallax.from_calibration(calibration).shift_px_m(*far, far_m)
-    np.testing.assert_allclose(near - far, np.array(shift) * (1 / near_m - 1 / far_m), atol=1e-6)
+    parallax = Parallax.from_calibration(calibration)
+    scale = 1 + parallax.growth_m / far_m
+    shift = (np.array(parallax.base_px_m) + parallax.growth_m * far) / scale
+    np.testing.assert_allclose(near - far, shift * (1 / near_m - 1 / far_m), atol=1e-6)
 
 
 @given(st.integers(0, 2**31), st.floats(-200, 200), st.floats(-200, 200), st.floats(-1, 1))

@@ -3,7 +3,7 @@ import torch
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
-from sightline.structures.objects import Objects, no_objects
+from sightline.structures.objects import Objects
 from sightline.structures.predictions import Perception
 
 
@@ -62,7 +62,7 @@ def test_objects_are_filtered_by_score_as_part_of_a_perception():
 
 
 def test_no_objects_are_an_empty_list_and_win_over_objects_of_a_later_part():
-    joined = Perception.joined([Perception(objects=no_objects()), Perception()])
+    joined = Perception.joined([Perception(objects=Objects.from_json([])), Perception()])
     assert len(joined.objects) == 0
     assert joined.to_json()["objects"] == []
     assert next(iter(joined.to_json())) == "objects"
@@ -85,4 +85,4 @@ def test_objects_come_back_from_json_rounded():
     assert again.has_box2d.tolist() == [True, False, True]
     assert again.has_box3d.tolist() == [True, True, False]
     assert again.origins == ("measured", "measured", "none")
-    assert Objects.from_json(no_objects().to_json()).to_json() == []
+    assert Objects.from_json(Objects.from_json([]).to_json()).to_json() == []

@@ -11,6 +11,7 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import Checkpoint
 
+from sightline.data.kitti_object import KittiObjectDataset
 from sightline.files.weights import read_weights
 from sightline.training.callbacks import checkpoint_callbacks
 from sightline.training.interruption import (
@@ -83,6 +84,22 @@ def run(frames, folder, strike, *, every=100, place=None, **settings):
         except SystemExit as end:
             return end.__context__
     return None
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _frames_stay_in_memory():
+    """Read each frame once: it took a third of these hundreds of runs, and is tested elsewhere."""
+    read, kept = KittiObjectDataset.__getitem__, {}
+
+    def read_once(dataset, index):
+        frame = dataset.root, dataset.sample_ids[index]
+        if frame not in kept:
+            kept[frame] = read(dataset, index)
+        return kept[frame]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(KittiObjectDataset, "__getitem__", read_once)
+        yield
 
 
 def results(folder):

@@ -1,6 +1,5 @@
 """Sensor faults for training, robustness tables and pages."""
 
-import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ from sightline.augmentation.sample_changes import (
     rotate_extrinsics,
     thin_rings,
 )
+from sightline.structures.lidar_turn import LidarTurn
 from sightline.structures.sample import CameraLidarSample
 
 _END_OF_NAME = 256  # not a byte
@@ -41,17 +41,8 @@ class Fault(ABC):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class TurnedLidar(Fault):
+class TurnedLidar(LidarTurn, Fault):
     """LiDAR rotated in its mount without a change of the calibration."""
-
-    yaw_deg: float = 0.0
-    pitch_deg: float = 0.0
-    roll_deg: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Checks the angles."""
-        if not all(map(math.isfinite, (self.yaw_deg, self.pitch_deg, self.roll_deg))):
-            raise ValueError(f"a LiDAR turns by finite angles, got {self}")
 
     def __str__(self) -> str:
         """Lists the angles that are not 0."""

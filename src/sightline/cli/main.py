@@ -212,7 +212,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _refuse_shell_mistakes(arguments: list[str]) -> None:
-    """Refuses words that would become places which nobody means.
+    """Refuse arguments that a mistake in the shell would turn into a wrong path.
 
     `-` would not be standard input or output but a file's name, an empty word (a variable without a
     value) the current folder, and `~` a folder of that name, as shells leave it in `--json=~/x`.

@@ -26,7 +26,7 @@ class Case:
     """Row of a suite's table."""
 
     name: str
-    """Name of its folder and in reports."""
+    """Name of the case's folder, and in reports."""
     title: str
     """Name in the suite's source."""
     corruption: Corruption

@@ -51,10 +51,10 @@ class View:
     placement: Placement
     """Placement of the band in the frame."""
     range_m: float = DHI_RANGE_M
-    """Far end of the LiDAR image's depth channel. Half the scale shows an object like one at twice
-    the distance, which half the range tells the network, too."""
+    """Far end of the LiDAR image's depth channel. At half the scale an object looks as if it were
+    twice as far away; half the range gives its depth the matching value."""
     heights_px: tuple[float, float] = (0.0, math.inf)
-    """Heights of the boxes for which the view answers, in pixels of the band."""
+    """Heights of the boxes that are taken from this view, in pixels of the band."""
 
     @property
     def full_height(self) -> int:
@@ -78,7 +78,7 @@ class View:
         return {name: padded(images[name], size)[None] for name in names}
 
     def own(self, found: Candidates) -> Candidates:
-        """Select the candidates for which the view answers.
+        """Select the candidates that are taken from this view.
 
         They have suitable heights and, unless it is the coarsest view, do not touch an edge where
         it is cut off.

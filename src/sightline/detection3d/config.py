@@ -95,7 +95,7 @@ class Detection3DConfig:
     training_proposals: ProposalConfig = field(
         default_factory=lambda: ProposalConfig(num_proposals=300)
     )
-    """The same selection while the second stage is trained."""
+    """Selection of the point stage's boxes while the second stage is trained."""
     centers: PillarDetectionConfig = field(default_factory=PillarDetectionConfig)
     """Selection of the pillar stage's boxes for the second stage."""
     regions: RegionConfig | None = field(default_factory=RegionConfig)

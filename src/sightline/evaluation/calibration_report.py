@@ -23,7 +23,7 @@ class ScoreCalibration:
     overlap: Reliability
     """Reliability against precision times mean overlap: its error is LaECE."""
     any_overlap: Reliability
-    """The same if any overlap makes a detection true: LaECE_0 of Kuzucu et al. 2024, "On
+    """Reliability where any overlap makes a detection true: LaECE_0 of Kuzucu et al. 2024, "On
     calibration of object detectors", eq. 7."""
 
     def to_json(self) -> dict[str, Any]:

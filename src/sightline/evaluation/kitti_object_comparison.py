@@ -73,7 +73,7 @@ class ComparedEntry:
     """nuScenes' AP by the distance of centres, mean of 0.5, 1, 2 and 4 m; None except for 3d, or if
     no object counts."""
     centre_2m: PairedDifference | None = None
-    """The same for 2 m alone."""
+    """nuScenes' AP at 2 m alone; None in the same cases."""
 
     def named_pairs(self) -> tuple[tuple[str, PairedDifference | None], ...]:
         """All differences by their name in the file."""

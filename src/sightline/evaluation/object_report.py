@@ -71,7 +71,8 @@ class ObjectEntry:
     ap_r40: float
     """Mean precision of the slots 1 to 40."""
     aos_r11: float | None
-    """Same for orientation similarity; None except for bbox, or if a detection has no alpha."""
+    """Mean orientation similarity of the slots 0, 4, ..., 40; None except for bbox, or if a
+    detection has no alpha."""
     aos_r40: float | None
     precision: Float64[np.ndarray, "41"]
     """Precision by slot, 0 to 1, the best of this and later slots; unreached slots are 0."""

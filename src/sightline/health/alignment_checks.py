@@ -15,7 +15,8 @@ class AlignmentChecks(NamedTuple):
     """Advantage of the best angle over the calibration's, in standard deviations of the match
     curve."""
     tilted: float
-    """Same for upper edges, over all angles of pitch and roll."""
+    """Advantage of the best pitch and roll over the calibration's by upper edges, in standard
+    deviations of the match curve."""
 
 
 MIN_SPREADS = AlignmentChecks(turned=0.4, mismatched=1.0, tilted=1.0)

@@ -52,7 +52,7 @@ class CameraChecks(NamedTuple):
     still: float
     """Share of small unsaturated blocks without the sensor's noise: the view is covered."""
     muddy: float
-    """Same for smaller and dim places: spots on the lens."""
+    """Share of smaller, dim blocks without the sensor's noise: spots on the lens."""
     blurred: float
     """Log2 of the gradient's growth from full to half size, in the direction that loses more: blur
     removes the finest detail first."""

@@ -39,18 +39,6 @@ class Parallax:
         x, y, z = (intrinsics @ origin + image_from_camera[:, 3]).tolist()
         return cls(base_px_m=(x, y), growth_m=-z)
 
-    def shift_px_m(self, x: float, y: float, depth_m: float) -> tuple[float, float]:
-        """Compute the pixel shift (x, y) along a LiDAR ray, per 1/m that a point is nearer.
-
-        Args:
-            x: Column of the pixel.
-            y: Row of the pixel.
-            depth_m: Depth of the point in the pixel.
-        """
-        scale = 1 + self.growth_m / depth_m
-        base_x, base_y = self.base_px_m
-        return (base_x + self.growth_m * x) / scale, (base_y + self.growth_m * y) / scale
-
 
 def hidden_by_parallax(
     sweep_m: Float32[ndarray, "height width"],

@@ -1,4 +1,4 @@
-"""Figures of the course on two-stage 3D detection: those of its report on problem 1, and results.
+"""Figures of the two-stage detection report: inputs of the second stage, training, results.
 
 Three regions of interest, a scene with all proposals and pooled points, curves of a training and
 validation scenes at its beginning, middle and end; precision over recall, and one frame's boxes.

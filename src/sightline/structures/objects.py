@@ -165,22 +165,6 @@ class Objects:
         }
 
 
-def no_objects() -> Objects:
-    """Make a frame's objects without any object."""
-    empty = torch.zeros(0, dtype=torch.float64)
-    return Objects(
-        class_names=(),
-        boxes2d=Boxes2D(empty.reshape(0, 4)),
-        boxes3d=Boxes3D(empty.reshape(0, 7)),
-        origins=(),
-        scores=empty,
-        scores3d=empty,
-        image_support=empty,
-        lidar_support=empty,
-        num_points=empty.long(),
-    )
-
-
 def _box3d_row(box: Mapping[str, Any] | None) -> list[float]:
     """Columns of `Boxes3D`; zeros without a box."""
     if box is None:

@@ -47,7 +47,7 @@ class Topic:
 
     name: str
     kind: str
-    """Kind of its messages, e.g. sensor_msgs/msg/Image."""
+    """Type of the messages, e.g. sensor_msgs/msg/Image."""
     count: int
     """Number of messages."""
 
@@ -63,7 +63,7 @@ class Message:
 
     topic: str
     number: int
-    """Index in its topic, from 0."""
+    """Index among the messages of the topic, from 0."""
     received_ns: int
     content: Any
     """Content with the fields of its type."""

@@ -137,7 +137,7 @@ class RegionLossConfig:
     knee: float = 0.25
     """Error of the code where the loss changes from quadratic to linear."""
     corner_knee_m: float = 0.05
-    """The same knee for the corner loss."""
+    """Error of a corner where the corner loss changes from quadratic to linear."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""

@@ -52,8 +52,9 @@ class BoxCode(NamedTuple):
     y_bin: Int64[Tensor, " n"]
     heading_bin: Int64[Tensor, " n"]
     x_residual: Float[Tensor, " n"]
-    """Offset from the bin's middle, in bins; the same for y."""
+    """Offset from the bin's middle, in bins."""
     y_residual: Float[Tensor, " n"]
+    """Offset from the bin's middle, in bins."""
     heading_residual: Float[Tensor, " n"]
     """Offset from the bin's middle, in half bins."""
     z_offset: Float[Tensor, " n"]

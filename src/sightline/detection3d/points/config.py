@@ -310,7 +310,7 @@ class ProposalSamplingConfig:
     foreground_iou: float = 0.55
     """3D IoU from which a proposal is foreground."""
     background_iou: float = 0.45
-    """3D IoU below which a proposal is background; between the two it is unused."""
+    """3D IoU below which a proposal is background; from here to `foreground_iou` it is unused."""
     easy_iou: float = 0.05
     """3D IoU below which background is easy."""
 
@@ -339,7 +339,7 @@ class RefinementLossConfig:
     positive_iou: float = 0.6
     """3D IoU from which a proposal is positive for the confidence."""
     negative_iou: float = 0.45
-    """3D IoU up to which a proposal is negative; between the two it is unused."""
+    """3D IoU up to which a proposal is negative; from here to `positive_iou` it is unused."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
