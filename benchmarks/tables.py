@@ -19,6 +19,7 @@ from benchmarks import (
     table_board,
     table_joined,
     table_papers,
+    table_rigs,
     table_scale,
     table_sensors,
     table_speed,
@@ -92,6 +93,10 @@ TABLES: Final = {
         ("joined_calibration", "joined_calibration_simulated"), table_joined.calibration
     ),
     "page": Table(("page_latency",), table_speed.page),
+    "rigs-detection2d": Table(("rigs",), table_rigs.detection2d),
+    "rigs-detection3d": Table(("rigs",), table_rigs.detection3d),
+    "rigs-depth": Table(("rigs",), table_rigs.depth),
+    "rigs-cost": Table(("rigs",), table_rigs.cost),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
     "random-kills": Table(("random_kills",), table_scale.random_kills),
 }  # fmt: skip
