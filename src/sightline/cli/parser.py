@@ -25,6 +25,7 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--results": (str, None),
     "--healthy": (str, None),
     "--compare": (str, None),
+    "--tasks": (str, None),
 }
 """Options with several values: their type, and their number if it is fixed."""
 
