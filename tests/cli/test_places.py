@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from sightline.cli.main import _commands, main
+from sightline.cli.parser import _LISTS
 from sightline.files.problem import plain_line
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import REGISTRY, find_task
@@ -91,6 +92,14 @@ def test_every_argument_that_is_a_text_is_known_to_be_a_file_or_none():
                 assert name in FILES | RESULTS | OUTPUTS | NO_FILES, name
 
 
+def test_every_option_with_several_values_takes_them_as_words():
+    for command, function in commands():
+        for name, each in inspect.signature(function).parameters.items():
+            is_option = each.kind is each.KEYWORD_ONLY and each.annotation is not bool
+            if is_option and "tuple[" in str(each.annotation):
+                assert f"--{name.replace('_', '-')}" in _LISTS, f"{command} --{name}"
+
+
 def test_every_command_with_inputs_is_walked():
     counts = {name: len(list(pairs(command))) for name, command in COMMANDS.items()}
     assert {name for name, count in counts.items() if not count} == {
@@ -140,3 +149,12 @@ def test_a_link_that_leads_to_itself_is_named_in_one_line(tmp_path, capsys):
         assert main([str(word) for word in command]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert str(loop) in line
+
+
+@pytest.mark.parametrize("name", ["x" * 256, "/".join(["x" * 200] * 21)])
+def test_a_path_that_is_too_long_is_named_with_its_remedy(name, tmp_path, capsys):
+    assert main(["check", str(tmp_path / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the path is too long" in line
+    assert line.endswith("choose a shorter one")
+    assert len(line) < 300

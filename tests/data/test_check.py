@@ -362,7 +362,7 @@ def test_depth_maps_of_8_bits_and_truths_without_depth_are_problems(tmp_path):
     assert [line.split(": ", 1)[1].split(",")[0] for line in lines(tmp_path)] == [
         "is a PNG of 3 channels with 8 bits",
         "holds 3 numbers",
-        "holds no depth; extract it again",
+        "holds no depth; create it again",
     ]
 
 

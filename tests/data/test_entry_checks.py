@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from sightline.data.check import check_tree
+from sightline.data.frame_checks import check_depth_fit
 from sightline.data.image_file import write_rgb
 from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
@@ -123,6 +124,32 @@ def test_depth_is_compared_with_the_points_that_it_shows(tree):
         write_depth_png(tree / "depth" / f"00000{number}.png", np.full((12, 40), 90.0))
     (doubt,) = doubts(tree, parts=("image", "points", "depth"))
     assert "times the depths of the points" in doubt
+    for number in (1, 2, 3):
+        write_depth_png(tree / "depth" / f"00000{number}.png", np.full((6, 20), 90.0))
+    (doubt,) = doubts(tree, parts=("image", "points", "depth"))
+    assert "is 6x20 (height x width) but the image" in doubt, "the scale is no fault of its own"
+
+
+def test_depth_maps_of_other_frames_are_doubted(tmp_path):
+    rows, columns = np.mgrid[:20, :40].reshape(2, -1)
+    depth_m = np.random.default_rng(0).uniform(5, 50, (20, 40)).astype(np.float32)
+    image_from_camera = np.array([[10.0, 0, 20, 0], [0, 10, 10, 0], [0, 0, 1, 0]])
+    rays = np.stack(((columns - 19.5) / 10, (rows - 9.5) / 10, np.ones(800), np.zeros(800)), axis=1)
+    points = (rays * depth_m.reshape(-1, 1)).astype(np.float32)
+    path = tmp_path / "depth" / "000001.png"
+    assert check_depth_fit(depth_m, points, image_from_camera, path) == []
+    (doubt,) = check_depth_fit(np.roll(depth_m, 7), points, image_from_camera, path)
+    assert "agrees with the points at only" in str(doubt)
+    few = points[:50]
+    assert check_depth_fit(np.roll(depth_m, 7), few, image_from_camera, path) == []
+
+
+def test_depth_maps_without_depth_are_doubted(tree):
+    (tree / "depth").mkdir()
+    for number in (1, 2, 3):
+        write_depth_png(tree / "depth" / f"00000{number}.png", np.zeros((12, 40)))
+    (doubt,) = doubts(tree, parts=("image", "points", "depth"))
+    assert "000001.png: holds no depth; create it again, or remove it (3 like it" in doubt
 
 
 @pytest.mark.parametrize("bad", [".bmp", ".tif", ".ppm", ""])

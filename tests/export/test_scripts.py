@@ -233,6 +233,23 @@ def test_the_scripts_are_short_and_need_numpy_and_onnxruntime_alone():
             assert "cv2" not in imported(path), path.name
 
 
+def test_wrong_arguments_of_a_script_are_one_line(tmp_path, monkeypatch):
+    from kitti_frame import arguments, read_frame
+
+    picture, calibration = (
+        str(PACKAGED_FRAMES / "training" / part)
+        for part in ("image_2/000000.png", "calib/000000.txt")
+    )
+    monkeypatch.setattr("sys.argv", ["script.py", "model.onnx"])
+    with pytest.raises(SystemExit, match=r"^usage: python script\.py A B$"):
+        arguments("Title.\n\npython script.py A B\n", 2)
+    (tmp_path / "odd.bin").write_bytes(bytes(20))
+    for sweep, described in ((tmp_path / "none.bin", calibration), (picture, calibration),
+                             (tmp_path / "odd.bin", calibration), (picture, picture)):  # fmt: skip
+        with pytest.raises(SystemExit, match=r"give IMAGE.png VELODYNE.bin CALIB.txt of KITTI"):
+            read_frame(picture, str(sweep), described)
+
+
 def test_a_file_without_the_steps_is_refused_in_one_line(onnx_file, tmp_path):
     import onnx
 

@@ -43,7 +43,7 @@ def test_values_within_their_limits_are_taken(given):
         ({"count": float("inf")}, "count must be finite and at least 1, got inf"),
         ({"range_m": (2.0, 1.0)}, "range_m must be two numbers from 0 to 10, the lower first"),
         ({"range_m": (1.0, 11.0)}, "got 1 and 11"),
-        ({"color": (3, 256, 0)}, "color must be two numbers from 0 to 255.*got 0 and 256"),
+        ({"color": (3, 256, 0)}, "each number of color must be finite and from 0 to 255, got 256"),
     ],
 )
 def test_a_value_beyond_its_limits_is_named(given, message):

@@ -154,6 +154,11 @@ def test_json_and_a_rosette_are_read_too(file):
         ("pitch_deg: 2.5", "principal_px: [1, 2, 3]", "principal_px is '(1, 2, 3)'"),
         ("pitch_deg: 2.5", "principal_px: [700, 2]", "principal_px must lie in the image"),
         ("[-12, -20, 3]", "[-12, -20]", "an entry of fans is '[-12, -20]', expected a list of"),
+        (
+            "fans: [[10, -10, 5], [-12, -20, 3]]",
+            "elevations_deg: [0.1, 0, -0.1, -0.4]",
+            "span 0.5 degrees, expected at least 2",
+        ),
         ("[-12, -20, 3]", "[12, 20, 3]", "elevations_deg must fall, from the top ring"),
         ("[-12, -20, 3]", "[-12, -20, 900]", "each of fans must have 1 to 256 rings, got 900"),
         ("height_m: 1.9", "roof_m: 1.7", "roof_m must be 0.1 m or more below the LiDAR at 1.73 m"),

@@ -192,6 +192,24 @@ def test_what_comes_of_weights_that_are_not_finite_is_told_as_such(frames):
             step(batch, 0)
 
 
+class RefusedTruth(toy.ToyModule):
+    """Module whose scores refuse a truth, without a word on its frame."""
+
+    def losses(self, batch):
+        raise ValueError(f"a truth of {len(batch)} holds no depth at all")
+
+    score = losses
+
+
+def test_a_batch_that_is_refused_is_named(frames):
+    module = RefusedTruth()
+    batch = next(iter(toy.data(frames).train_dataloader()))
+    expected = f"^samples {', '.join(batch.sample_ids)}: a truth of 2 holds no depth at all$"
+    for step in (module.training_step, module.validation_step, module.test_step):
+        with pytest.raises(ValueError, match=expected):
+            step(batch, 0)
+
+
 def test_a_run_does_not_go_on_from_the_checkpoint_of_another_network(recipes):
     for folder, channels in (("first", 2), ("second", 5)):
         network = f"--model.network.channels={channels}"

@@ -112,6 +112,18 @@ def test_without_the_random_states_dropout_would_differ(frames, tmp_path):
     assert not torch.equal(resumed.state_dict()[name], whole.state_dict()[name])
 
 
+@pytest.mark.parametrize(
+    "key", ["epoch", "global_step", "loops", "callbacks", "optimizer_states", "lr_schedulers"]
+)
+def test_a_checkpoint_of_the_weights_alone_is_refused(frames, tmp_path, key):
+    _, last = train(frames, tmp_path, every=3, kill=3)
+    checkpoint = torch.load(last, weights_only=True)
+    checkpoint[key] = {} if key == "loops" else None
+    torch.save(checkpoint, last)
+    with pytest.raises(ValueError, match=f"cannot be resumed: it lacks {key}; name a last.ckpt"):
+        train(frames, tmp_path, resume=last)
+
+
 def test_all_global_generators_go_on_where_they_were(frames, tmp_path):
     class Draw(Callback):
         def __init__(self):

@@ -23,19 +23,28 @@ class Frame(NamedTuple):
     mounting: Array  # 4 x 4, camera frame from LiDAR frame: R0_rect @ Tr_velo_to_cam
 
 
+def arguments(usage: str | None, count: int) -> list[str]:
+    """Take the arguments of a script, or end it with the last line of its docstring."""
+    if len(sys.argv) != count + 1:
+        sys.exit(f"usage: {(usage or '').strip().splitlines()[-1]}")
+    return sys.argv[1:]
+
+
 def read_frame(image: str, sweep: str, calibration: str) -> Frame:
     """Read image_2/N.png, velodyne/N.bin and calib/N.txt."""
-    lines = (line.split(":") for line in Path(calibration).read_text().splitlines() if ":" in line)
-    values = {name: np.array(text.split(), np.float64) for name, text in lines}
-    rectification, mounting = np.eye(4), np.eye(4)
-    rectification[:3, :3] = values["R0_rect"].reshape(3, 3)
-    mounting[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
-    points = np.fromfile(sweep, np.float32).reshape(-1, 4)
-    camera = values["P2"].reshape(3, 4)
     bgr = cv2.imread(image)
     if bgr is None:
         sys.exit(f"{image} cannot be read as an image; give a .png file of image_2")
-    return Frame(bgr[..., ::-1], points, camera, rectification @ mounting)
+    try:
+        lines = [line.split(":") for line in Path(calibration).read_text().splitlines() if line]
+        values = {name: np.array(text.split(), np.float64) for name, text in lines}
+        rectification, mounting = np.eye(4), np.eye(4)
+        rectification[:3, :3] = values["R0_rect"].reshape(3, 3)
+        mounting[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
+        points = np.frombuffer(Path(sweep).read_bytes(), np.float32).reshape(-1, 4)
+        return Frame(bgr[..., ::-1], points, values["P2"].reshape(3, 4), rectification @ mounting)
+    except (OSError, KeyError, ValueError) as error:
+        sys.exit(f"{error}: give IMAGE.png VELODYNE.bin CALIB.txt of KITTI, in this order")
 
 
 def project(points: Array, camera: Array, mounting: Array) -> tuple[Array, Array, Array]:

@@ -3,13 +3,12 @@
 python onnx_depth.py NAME.onnx IMAGE.png VELODYNE.bin CALIB.txt OUT.npz
 """
 
-import sys
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from adaptive_fill import fill, inverted
-from kitti_frame import Array, Frame, Steps, open_graph, pixels_of, project, read_frame
+from kitti_frame import Array, Frame, Steps, arguments, open_graph, pixels_of, project, read_frame
 from smooth_planes import smooth_planes
 
 
@@ -97,4 +96,5 @@ def drop_small_corrections(depth: Array, filled: Array, measured: Array, rule: S
 
 
 if __name__ == "__main__":
-    np.savez_compressed(sys.argv[5], **complete(sys.argv[1], read_frame(*sys.argv[2:5]))._asdict())
+    model, *files, out = arguments(__doc__, 5)
+    np.savez_compressed(out, **complete(model, read_frame(*files))._asdict())

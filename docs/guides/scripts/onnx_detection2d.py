@@ -3,11 +3,19 @@
 python onnx_detection2d.py NAME.onnx IMAGE.png VELODYNE.bin CALIB.txt
 """
 
-import sys
-
 import numpy as np
 
-from kitti_frame import Array, Frame, Steps, open_graph, pixels_of, project, read_frame, single
+from kitti_frame import (
+    Array,
+    Frame,
+    Steps,
+    arguments,
+    open_graph,
+    pixels_of,
+    project,
+    read_frame,
+    single,
+)
 
 Found = list[tuple[str, float, Array]]
 """Class, score and x_min, y_min, x_max, y_max [px] of each box, the surest first."""
@@ -82,5 +90,6 @@ def suppress(scores: Array, boxes: Array, names: list[str], rule: Steps) -> Foun
 
 
 if __name__ == "__main__":
-    for name, score, box in detect(sys.argv[1], read_frame(*sys.argv[2:])):
+    model, *files = arguments(__doc__, 4)
+    for name, score, box in detect(model, read_frame(*files)):
         print(name, f"{score:.4f}", *(f"{side:.2f}" for side in box))

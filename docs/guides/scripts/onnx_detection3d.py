@@ -3,12 +3,11 @@
 python onnx_detection3d.py NAME-proposals.onnx NAME-refinement.onnx IMAGE.png VELODYNE.bin CALIB.txt
 """
 
-import sys
 from typing import Any
 
 import numpy as np
 
-from kitti_frame import Array, Frame, Steps, open_graph, read_frame, seen_points, single
+from kitti_frame import Array, Frame, Steps, arguments, open_graph, read_frame, seen_points, single
 from pillars import Proposals, propose
 from regions import cut_regions, decode_regions, run_network, turn_regions
 from rotated_boxes import mean_of_two, suppress, wrap
@@ -95,5 +94,6 @@ def run_passes(
 
 
 if __name__ == "__main__":
-    for name, score, box in detect(sys.argv[1], sys.argv[2], read_frame(*sys.argv[3:])):
+    proposals, refinement, *files = arguments(__doc__, 5)
+    for name, score, box in detect(proposals, refinement, read_frame(*files)):
         print(name, f"{score:.4f}", *(f"{number:.3f}" for number in box))

@@ -4,7 +4,6 @@ python onnx_joined.py FOLDER IMAGE.png VELODYNE.bin CALIB.txt
 """
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 import onnx_detection2d
 import onnx_detection3d
 from joined_objects import Found, join
-from kitti_frame import Frame, read_frame
+from kitti_frame import Frame, arguments, read_frame
 
 
 def detect(folder: str, frame: Frame) -> list[Found]:
@@ -25,6 +24,7 @@ def detect(folder: str, frame: Frame) -> list[Found]:
 
 
 if __name__ == "__main__":
-    for each in detect(sys.argv[1], read_frame(*sys.argv[2:])):
+    model, *files = arguments(__doc__, 4)
+    for each in detect(model, read_frame(*files)):
         print(each.name, f"{each.score:.4f}", *np.round(each.box, 2), each.origin,
               f"{each.score3d:.4f}", *np.round(each.box3d, 3))  # fmt: skip

@@ -4,6 +4,8 @@ Each command is a typed function; jsonargparse turns its signature and docstring
 help. Commands import their dependencies themselves, so that `--help` is fast.
 """
 
+import errno
+import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -44,6 +46,7 @@ from sightline.cli.show import show
 from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
 from sightline.export.names import Format
+from sightline.files.plain_text import shortened
 from sightline.files.problem import memory_fault
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
@@ -201,7 +204,7 @@ def main(arguments: list[str] | None = None) -> int:
         if (number := raised_signal()) is not None:
             return fail(HOW_TO_FINISH, Interruption("", number).exit_status)
         if isinstance(error, (ValueError, OSError)):
-            return fail(str(error), REFUSED)
+            return fail(_too_long_name(error) or str(error), REFUSED)
         if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):
             return fail(
                 f"{error}: a link that leads to itself; remove it, or give another path", REFUSED
@@ -209,6 +212,18 @@ def main(arguments: list[str] | None = None) -> int:
         if (fault := memory_fault(error)) is None:
             raise
         return fail(fault, REFUSED)
+
+
+def _too_long_name(error: Exception) -> str | None:
+    """Describe the refusal of a name that is too long; None: another error."""
+    if not isinstance(error, OSError) or error.errno != errno.ENAMETOOLONG:
+        return None
+    path = os.fsdecode(error.filename or "")
+    longest = max((len(os.fsencode(part)) for part in path.split("/")), default=0)
+    return (
+        f"{shortened(path, 100)}: the path is too long ({len(os.fsencode(path))} bytes, its "
+        f"longest name {longest}; a name may have 255, a path 4095); choose a shorter one"
+    )
 
 
 def _refuse_shell_mistakes(arguments: list[str]) -> None:

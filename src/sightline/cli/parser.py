@@ -28,6 +28,7 @@ _LISTS: dict[str, tuple[type[int] | type[float] | type[str], int | None]] = {
     "--frames": (str, None),
     "--kinds": (str, None),
     "--severities": (int, None),
+    "--tasks": (str, None),
 }
 """Options with several values: their type, and their number if it is fixed."""
 

@@ -19,7 +19,7 @@ from sightline.data.kitti_calibration import (
     read_rectified_intrinsics,
 )
 from sightline.data.kitti_labels import read_labels
-from sightline.data.kitti_trees import DepthFrame, DriveFrame, ObjectFrame
+from sightline.data.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
 from sightline.data.map_png import read_depth_png
@@ -34,6 +34,9 @@ _MAX_LIDAR_DEPTH_M = 120.0  # largest plausible 99th percentile of a projected s
 _MIN_DEPTH_M = 1.0  # smallest plausible 99th percentile
 _MIN_COMPARED_PX = 20  # pixels with a depth and a point
 _MAX_DEPTH_RATIO = 1.5  # ratio between depth and point that counts as a wrong scale
+_CLOSE_SHARE = 0.1  # deviation of a depth from the point at its pixel, as a share of it
+_MIN_CLOSE_PX = 100  # pixels with a depth and a point for this comparison
+_MIN_CLOSE = 0.7  # share of close depths; 0.91 or more in each of 57 sound frames
 
 Content = TypeVar("Content")
 
@@ -68,10 +71,12 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
     """Examine one frame of the object tree; absent parts are not reported."""
     found = Findings()
     size = _image_size(frame.image, found)
-    depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
+    depth_m = examine_depth(frame.depth, found)
     if depth_m is not None and frame.depth is not None:
-        found.implausible += _check_size(depth_m, frame.depth, size, frame.image)
+        other_size = _check_size(depth_m, frame.depth, size, frame.image)
+        found.implausible += other_size
         size = size or depth_m.shape
+        depth_m = None if other_size else depth_m
     matrices = read_or_note(read_object_matrices, frame.calibration, found.unreadable)
     if matrices is not None and frame.calibration is not None:
         found.implausible += check_matrices(matrices, size, frame.calibration)
@@ -82,7 +87,7 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
         found.implausible += axes_problems or _check_view(points, matrices, size, frame.points)
         if not axes_problems and depth_m is not None and frame.depth is not None:
             image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
-            found.implausible += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
+            found.implausible += check_depth_fit(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
         found.implausible += check_objects(objects, size, frame.objects)
         if matrices is not None and found.is_consistent:
@@ -95,14 +100,11 @@ def examine_depth_frame(frame: DepthFrame) -> Findings:
     found = Findings()
     size = _image_size(frame.image, found)
     for path in (frame.sparse, frame.truth):
-        depth_m = read_or_note(read_depth_png, path, found.unreadable)
+        depth_m = examine_depth(path, found, may_be_empty=path == frame.sparse)
         if depth_m is None or path is None:
             continue
         found.implausible += _check_size(depth_m, path, size, frame.image)
         found.implausible += _check_depth_range(depth_m, path)
-        if path == frame.truth and not depth_m.any():
-            empty = Problem(path=path, problem="holds no depth", remedy="extract it again")
-            found.implausible.append(empty)
         found.has_empty_sweep |= path == frame.sparse and not depth_m.any()
     if frame.camera is None:
         intrinsics = read_or_note(read_intrinsics, frame.intrinsics, found.unreadable)
@@ -133,6 +135,17 @@ def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "heig
     if image is not None:
         found.has_blank_image = is_blank(image)
     return image
+
+
+def examine_depth(
+    path: Path | None, found: Findings, *, may_be_empty: bool = False
+) -> Float32[np.ndarray, "height width"] | None:
+    """Read a depth map; note if it is unreadable or holds no depth."""
+    depth_m = read_or_note(read_depth_png, path, found.unreadable)
+    if depth_m is not None and path is not None and not (may_be_empty or depth_m.any()):
+        remedy = "create it again, or remove it"
+        found.implausible.append(Problem(path=path, problem="holds no depth", remedy=remedy))
+    return depth_m
 
 
 def is_blank(image: UInt8[np.ndarray, "height width 3"]) -> bool:
@@ -252,13 +265,13 @@ def _check_view(
     ]
 
 
-def check_depth_scale(
+def check_depth_fit(
     depth_m: Float32[np.ndarray, "height width"],
     points: Float32[np.ndarray, "num_points 4"],
     image_from_lidar: Float64[np.ndarray, "3 4"],
     path: Path,
 ) -> list[Problem]:
-    """Check that the scale of a depth map agrees with the points."""
+    """Check that scale and frame of a depth map agree with the points."""
     size = (depth_m.shape[0], depth_m.shape[1])
     shown = points[is_in_view(points, image_from_lidar, size), :3].astype(np.float64)
     projected = shown @ image_from_lidar[:, :3].T + image_from_lidar[:, 3]
@@ -268,10 +281,20 @@ def check_depth_scale(
     if len(ratios) < _MIN_COMPARED_PX:
         return []
     ratio = float(np.median(ratios))
-    if 1 / _MAX_DEPTH_RATIO <= ratio <= _MAX_DEPTH_RATIO:
+    if not 1 / _MAX_DEPTH_RATIO <= ratio <= _MAX_DEPTH_RATIO:
+        return [
+            _wrong_scale(path, f"has {ratio:.3g} times the depths of the points at the same pixels")
+        ]
+    close = float(np.mean(np.abs(ratios - 1) < _CLOSE_SHARE))
+    is_clear = close < _MIN_CLOSE and len(ratios) >= _MIN_CLOSE_PX
+    if not is_clear or (path.parent.parent / CORRUPTED).is_dir():
         return []
     return [
-        _wrong_scale(path, f"has {ratio:.3g} times the depths of the points at the same pixels")
+        Problem(
+            path=path,
+            problem=f"agrees with the points at only {close:.0%} of {len(ratios)} common pixels",
+            remedy="check that depth map, cloud and calibration are of the same frame",
+        )
     ]
 
 

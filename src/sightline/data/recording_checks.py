@@ -9,7 +9,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.frame_checks import Findings, check_depth_scale, examine_image, read_or_note
+from sightline.data.frame_checks import (
+    Findings,
+    check_depth_fit,
+    examine_depth,
+    examine_image,
+    read_or_note,
+)
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_labels import KittiObjects, read_labels
@@ -24,7 +30,6 @@ from sightline.data.lidar_mount import (
     mount_doubts_of_recording,
     pose_of_recording,
 )
-from sightline.data.map_png import read_depth_png
 from sightline.data.pixels import is_in_view
 from sightline.data.point_files import cloud_rows, read_cloud
 from sightline.data.recording_calibration import (
@@ -200,7 +205,7 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
     found = Findings()
     calibration = read_or_note(read_recording_calibration, frame.calibration, [])
     image = examine_image(frame.image, found)
-    depth_m = read_or_note(read_depth_png, frame.depth, found.unreadable)
+    depth_m = examine_depth(frame.depth, found)
     points = read_or_note(
         # without a calibration, the limit of intensities is unknown
         partial(
@@ -236,7 +241,7 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         image_from_lidar = (
             calibration.matrices.image_from_camera @ calibration.matrices.camera_from_lidar
         )
-        found.implausible += check_depth_scale(depth_m, points, image_from_lidar, frame.depth)
+        found.implausible += check_depth_fit(depth_m, points, image_from_lidar, frame.depth)
     _check_label_fit(found, frame.objects, objects, calibration, points, size)
     return found
 

@@ -24,6 +24,7 @@ _LARGEST_PX = 8192
 _MAX_PX = 2**23  # about a 4K picture
 _SMALLEST_PRIOR_PX = 0.1
 _LARGEST_RATIO = 100.0
+_LARGEST_L2_NORM_SCALE = 1000.0
 _MAX_DETECTIONS = 10_000
 
 
@@ -125,6 +126,7 @@ class DgfnConfig:
             check_range("dgfn.prior_sizes_px", size_px, _SMALLEST_PRIOR_PX, _LARGEST_PX)
         for ratio in (each for map_ in self.prior_ratios for each in map_):
             check_range("dgfn.prior_ratios", ratio, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
+        check_range("dgfn.l2_norm_scale", self.l2_norm_scale, 0, _LARGEST_L2_NORM_SCALE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,8 @@ def check_ranges(settings: object) -> None:
         elif len(value) == 2:
             check_range(name, value, *limits)
         else:
-            check_range(name, (min(value), max(value)), *limits)
+            for each in value:
+                check_number(f"each number of {name}", each, *limits)
 
 
 @cache

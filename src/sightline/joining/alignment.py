@@ -1,7 +1,7 @@
 """Rotation of the LiDAR against its calibration, measured over frames for joining."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import reduce
 from operator import add
 from typing import Final, NamedTuple
@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.geometry.ranges import check_number
 from sightline.health.monitor import HealthMonitor
 from sightline.health.tilt_error import estimate_tilt
 from sightline.health.yaw_error import LARGEST_DEG, EdgeMatch, estimate_yaw
@@ -52,6 +53,12 @@ class AlignmentConfig:
     """Roll likewise; the estimate's steps are 0.4."""
     max_yaw_spread_deg: float = 0.4
     """Interquartile range of the frames' own yaws, above which they do not agree; 0.07 if sound."""
+
+    def __post_init__(self) -> None:
+        """Check the angles."""
+        for each in fields(self):
+            lowest = 0 if each.name.startswith(("min_", "max_")) else -180
+            check_number(each.name, getattr(self, each.name), lowest, 180)
 
 
 class Measured(NamedTuple):

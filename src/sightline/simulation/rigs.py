@@ -30,6 +30,8 @@ MIN_SIDE_PX: Final = 32
 MAX_SIDE_PX: Final = 8192
 """Together the limits of `data.image_header` for an image."""
 _MAX_RINGS: Final = 256
+_MIN_RINGS_WITH_VIEW: Final = 4
+_MIN_VIEW_DEG: Final = 2.0  # a LiDAR with rings sees 10 degrees or more; 115 are 2 radians
 _MAX_ELEVATION_DEG: Final = 89.0
 _REMEDY: Final = "see docs/guides/simulate.md, Other rigs, for an example"
 
@@ -167,6 +169,11 @@ class LidarRig:
             )
         if list(rings) != sorted(rings, reverse=True):
             raise ValueError("elevations_deg must fall, from the top ring to the lowest")
+        if len(rings) >= _MIN_RINGS_WITH_VIEW and rings[0] - rings[-1] < _MIN_VIEW_DEG:
+            raise ValueError(
+                f"elevations_deg span {rings[0] - rings[-1]:.2g} degrees, expected at least "
+                f"{_MIN_VIEW_DEG:g} for {len(rings)} rings: they are probably in radians"
+            )
         if self.roof_m > self.height_m - MIN_ROOF_GAP_M:
             raise ValueError(
                 f"roof_m must be {MIN_ROOF_GAP_M:g} m or more below the LiDAR at "

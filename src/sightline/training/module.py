@@ -38,6 +38,15 @@ STEP: Final = "step"
 """Lightning's name of the training step among the scores of a checkpoint."""
 
 _NUM_STEPS_KEY = "sightline_num_steps"
+_TRAINING_STATE: Final = {
+    "epoch": int,
+    "global_step": int,
+    "loops": dict,
+    "callbacks": dict,
+    "optimizer_states": list,
+    "lr_schedulers": list,
+}
+"""Parts of a checkpoint that a resumed training needs, and their types."""
 _FINITE_CHECK_INTERVAL = 50  # interval of checks for a finite loss on a GPU
 _NUM_PICTURES = 4  # number of validation batches whose first sample is drawn
 
@@ -145,7 +154,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             ValueError: The training has diverged.
         """
         del batch_idx
-        with self._reporting_divergence():
+        with self._explaining_failures(batch):
             losses = self.losses(batch)
         self._check_finite(losses.total)
         terms = {f"training/{name}": value for name, value in losses._asdict().items()}
@@ -157,7 +166,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Scores a batch; draws the first few. Batch None: only other ranks have samples left."""
         if batch is None:
             return
-        with self._reporting_divergence():
+        with self._explaining_failures(batch):
             prediction = self.score(batch)
         if batch_idx < _NUM_PICTURES and self.loggers:
             picture = self.picture(batch, prediction)
@@ -176,7 +185,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Scores a batch. Batch None: only other ranks have samples left."""
         del batch_idx
         if batch is not None:
-            with self._reporting_divergence():
+            with self._explaining_failures(batch):
                 self.score(batch)
 
     def on_test_epoch_end(self) -> None:
@@ -247,18 +256,28 @@ class TrainingModule(lightning.LightningModule, ABC):
             config=self.network_config(),
         )
         self._num_steps = checkpoint.get(_NUM_STEPS_KEY)
-        if self._trainer is not None and self._trainer.state.fn is not TrainerFn.FITTING:
+        if self._trainer is None:
+            return
+        if self._trainer.state.fn is TrainerFn.FITTING:
+            _check_resumable(checkpoint)
+        else:
             self._scored_at = (int(checkpoint["epoch"]), int(checkpoint["global_step"]))
 
     @contextmanager
-    def _reporting_divergence(self) -> Iterator[None]:
-        """Reports a divergence if a batch fails because the weights are not finite."""
+    def _explaining_failures(self, batch: Batch) -> Iterator[None]:
+        """Reports a divergence if a batch fails because the weights are not finite, else names it.
+
+        A batch of which the message names a sample stays as it is.
+        """
         try:
             yield
         except ValueError as error:
-            if all(parameter.isfinite().all() for parameter in self.parameters()):
+            if not all(parameter.isfinite().all() for parameter in self.parameters()):
+                raise _diverged("its weights are not finite") from error
+            if any(sample_id in str(error) for sample_id in batch.sample_ids):
                 raise
-            raise _diverged("its weights are not finite") from error
+            samples = "sample" if len(batch) == 1 else "samples"
+            raise ValueError(f"{samples} {', '.join(batch.sample_ids)}: {error}") from error
 
     def _check_finite(self, loss: Tensor) -> None:
         """Ends a diverged training, whose loss is not finite."""
@@ -281,6 +300,20 @@ class TrainingModule(lightning.LightningModule, ABC):
         monitored, _ = self.monitored
         for name, score in scores.items():
             self.log(name, score, prog_bar=name == monitored)
+
+
+def _check_resumable(checkpoint: Mapping[str, Any]) -> None:
+    """Refuses a checkpoint without the state of a training, which Lightning resumes in part."""
+    lacking = [
+        key for key, kind in _TRAINING_STATE.items() if not isinstance(checkpoint.get(key), kind)
+    ]
+    if not lacking and not checkpoint["loops"].get("fit_loop"):
+        lacking = ["loops"]
+    if lacking:
+        raise ValueError(
+            f"the checkpoint cannot be resumed: it lacks {', '.join(lacking)}; name a last.ckpt, "
+            "or start another run from its weights by --model.init_args.initial_weights"
+        )
 
 
 def _diverged(symptom: str) -> ValueError:

@@ -42,10 +42,12 @@ class OptimizerConfig:
 
     def __post_init__(self) -> None:
         """Checks the ranges."""
-        if self.learning_rate <= 0:
-            raise ValueError(f"learning_rate must be positive, got {self.learning_rate}")
-        if self.weight_decay < 0:
-            raise ValueError(f"weight_decay must not be negative, got {self.weight_decay}")
+        if not 0 < self.learning_rate < math.inf:
+            raise ValueError(f"learning_rate must be finite and positive, got {self.learning_rate}")
+        if not 0 <= self.weight_decay < math.inf:
+            raise ValueError(
+                f"weight_decay must be finite and not negative, got {self.weight_decay}"
+            )
         if not 0 <= self.warm_up_share < 1:
             raise ValueError(f"warm_up_share must be in [0, 1), got {self.warm_up_share}")
         if not 0 <= self.momentum < 1:

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
+from sightline.data.importing.bag import open_bag
 from sightline.data.importing.bag_messages import image_file_from_message, image_from_message
+from sightline.data.importing.bag_sectors import describe_parts_of_turns
 from sightline.data.importing.import_recording import import_recording
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
@@ -98,3 +100,25 @@ def test_times_of_receipt_of_no_clock_are_named(tmp_path):
         database.execute("update messages set timestamp = 9223372036854775807")
     with pytest.raises(ValueError, match=r"unreadable messages of .*: its time of receipt, 9223"):
         import_recording(path, tmp_path / "out")
+
+
+@pytest.mark.parametrize("parts", [1, 5])
+def test_clouds_of_parts_of_a_turn_are_told(tmp_path, parts):
+    angles = np.linspace(-3.1, 3.1, 2000, dtype=np.float32)
+    turn = np.stack((np.cos(angles) * 9, np.sin(angles) * 9, angles * 0, angles * 0), axis=1)
+    with BagMaker(tmp_path / "bag") as bag:
+        for at in range(10):
+            bag.cloud("/points", 10**9 + at * 10**7, points=np.array_split(turn, parts)[at % parts])
+    with open_bag(tmp_path / "bag") as bag:
+        found = describe_parts_of_turns(bag, "/points")
+    assert len(found) == (parts > 1)
+    assert all("show different sectors of 75 degrees one after the other" in line for line in found)
+
+
+def test_a_recording_that_was_not_closed_is_named_with_its_repair(tmp_path):
+    with BagMaker(tmp_path / "bag") as bag:
+        bag.cloud("/points", 10**9)
+    content = next((tmp_path / "bag").glob("*.mcap")).read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match="was not closed or is cut short: repair it by `mcap rec"):
+        import_recording(tmp_path / "cut.mcap", tmp_path / "out")

@@ -212,6 +212,18 @@ def plain_frame(name: object) -> str:
     return str(name).strip().lstrip("/")
 
 
+def _remedy(reason: str) -> str:
+    """Remedy for a bag that its library refuses, by the library's message."""
+    if "end magic" in reason or "not indexed" in reason:
+        return (
+            "the recording was not closed or is cut short: repair it by `mcap recover`, "
+            "`ros2 bag reindex` or `rosbag reindex`"
+        )
+    if "rofile" in reason:
+        return "only MCAP files of ROS 2 with messages in CDR are read: convert it to a ROS 2 bag"
+    return "give a folder with metadata.yaml, or an intact .mcap, .db3 or .bag file"
+
+
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Opens a bag: a folder with metadata.yaml, a .mcap, .db3 or .bag file, or a folder of them.
@@ -235,8 +247,8 @@ def open_bag(path: Path) -> Iterator[Bag]:
             raise
         except Exception as error:
             raise ValueError(
-                f"{path} cannot be read as a ROS bag: {_one_line(error)}; give a folder with "
-                "metadata.yaml, or an intact .mcap, .db3 or .bag file"
+                f"{path} cannot be read as a ROS bag: {_one_line(error).rstrip('.')}; "
+                f"{_remedy(_one_line(error))}"
             ) from error
         is_ros1 = any(isinstance(reader, Ros1Reader) for reader in readers)
         if is_ros1 and not all(isinstance(reader, Ros1Reader) for reader in readers):

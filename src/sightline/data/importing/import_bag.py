@@ -22,6 +22,7 @@ from sightline.data.importing.bag_messages import (
     image_from_message,
 )
 from sightline.data.importing.bag_pairs import Pairs, pair_messages
+from sightline.data.importing.bag_sectors import describe_parts_of_turns
 from sightline.data.importing.bag_topics import ChosenTopics, choose_topics
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.writer import (
@@ -89,6 +90,7 @@ def import_bag(
         pairs = pair_messages(
             bag, topics, max_gap_s, clock, keep_other_frames=calibration is not None
         )
+        notes += describe_parts_of_turns(bag, topics.lidar.name)
         intensity = max_intensity or given.max_intensity
         if max_intensity is None and intensity == 1:
             intensity = _guess_intensity(bag, topics, pairs)

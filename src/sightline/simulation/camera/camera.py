@@ -41,14 +41,14 @@ _METERED_FROM: Final = 0.45  # share of the image, from its top, excluded from m
 class SensorConfig:
     """Response of sensor and lens."""
 
-    sensitivity: float = 3.0
+    sensitivity: Annotated[float, Within(0)] = 3.0
     """Share of a photosite filled by one unit of radiance at an exposure of 1."""
-    metering: float = 0.7
+    metering: Annotated[float, Within(0, 1)] = 0.7
     """Weight of the scene's brightness in the exposure; 0: only the light's exposure, 1: full
     metering."""
     metering_limit: Annotated[float, Within(1)] = 2.5
     """Maximum factor by which metering raises or lowers the light's exposure."""
-    target_level: float = 0.32
+    target_level: Annotated[float, Within(0)] = 0.32
     """Target of metering: mean exposed radiance below the horizon; 1 fills a photosite."""
     vignette: Annotated[float, Within(0)] = 0.16  # share of the light lost in the corners
     lens_blur_px: Annotated[float, Within(0)] = 0.4
@@ -64,8 +64,8 @@ class SensorConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if self.gamma <= 0:
-            raise ValueError(f"gamma must be positive, got {self.gamma}")
+        if not 0 < self.gamma < math.inf:
+            raise ValueError(f"gamma must be finite and positive, got {self.gamma}")
         check_ranges(self)
 
 
@@ -159,7 +159,7 @@ class CameraConfig:
     ambient_stride: Annotated[int, Within(1)] = 3
     """Step [px] of the grid on which ambient light is gathered."""
     ambient_rays: Annotated[int, Within(1)] = 4  # ambient rays per grid point
-    lidar_height_m: float = KITTI_LIDAR_HEIGHT_M
+    lidar_height_m: Annotated[float, Within(-100, 100)] = KITTI_LIDAR_HEIGHT_M
     """Height of the LiDAR, the calibration's reference frame, above the ego's footprint."""
     sensor: SensorConfig = field(default_factory=SensorConfig)
 
