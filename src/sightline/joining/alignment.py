@@ -1,14 +1,16 @@
 """Rotation of the LiDAR against its calibration, measured over frames for joining."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import add
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.data.open import SampleDataset
 from sightline.health.monitor import HealthMonitor
 from sightline.health.tilt_error import estimate_tilt
 from sightline.health.yaw_error import LARGEST_DEG, EdgeMatch, estimate_yaw
@@ -23,6 +25,7 @@ MIN_FRAMES: Final = 5
 _GROUPS: Final = 10  # of frames, each left out once for the noise
 _NOISES: Final = 3.0  # by which an angle must exceed its noise
 _LARGEST_DEG: Final = (LARGEST_DEG, 3.0, 1.4)  # yaw, pitch, roll: search ends little beyond
+_DECIMALS: Final = 2  # of degrees: an angle is undone as it is told, on every machine
 
 
 class _Angles(NamedTuple):
@@ -73,6 +76,40 @@ class Alignment:
     by_boxes: bool = False
     """Alignment of each frame by its own boxes (`turn_by_boxes`), because the frames disagree."""
 
+    def __bool__(self) -> bool:
+        """Tell whether there is anything to undo."""
+        return self.by_boxes or bool(self.turn)
+
+    def __str__(self) -> str:
+        """Describe it for the user."""
+        if self.by_boxes:
+            return (
+                "the frames disagree on the LiDAR's rotation in its mount: each is aligned by the "
+                "boxes that both detectors found"
+            )
+        angles = ", ".join(
+            f"{name.removesuffix('_deg')} {angle:g} deg"
+            for name, angle in self.turn.to_json().items()
+            if angle
+        )
+        return f"the LiDAR is turned in its mount against the calibration ({angles}): undone"
+
+    def to_json(self) -> dict[str, Any]:
+        """List the angles [degrees], or the alignment by boxes."""
+        return {"by_boxes": True} if self.by_boxes else self.turn.to_json()
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> "Alignment":
+        """Read what `to_json` made.
+
+        Raises:
+            TypeError: There are other entries.
+            ValueError: An angle is not finite.
+        """
+        if content == {"by_boxes": True}:
+            return cls(by_boxes=True)
+        return cls(turn=LidarTurn(**{name: float(angle) for name, angle in content.items()}))
+
 
 def measure_angles(samples: Iterable[CameraLidarSample]) -> Measured | None:
     """Measure the rotation of the LiDAR by edges of image and depth; about 40 ms a frame.
@@ -118,12 +155,21 @@ def measure_alignment(
     )
     limits = (config.min_yaw_deg, config.min_pitch_deg, config.min_roll_deg)
     yaw_deg, pitch_deg, roll_deg = (
-        angle if max(limit, _NOISES * noise) < abs(angle) <= largest else 0.0
+        round(angle, _DECIMALS) if max(limit, _NOISES * noise) < abs(angle) <= largest else 0.0
         for angle, limit, noise, largest in zip(
             less_bias, limits, measured.noise_deg, _LARGEST_DEG, strict=True
         )
     )
     return Alignment(turn=LidarTurn(yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg))
+
+
+def spread_samples(
+    samples: Sequence[CameraLidarSample] | SampleDataset,
+) -> Iterator[CameraLidarSample]:
+    """Yield up to `NUM_ALIGNED_FRAMES` frames, evenly spread; unreadable ones are left out."""
+    for index in evenly_spread(len(samples)):
+        with suppress(ValueError):
+            yield samples[index]
 
 
 def evenly_spread(num_frames: int) -> list[int]:

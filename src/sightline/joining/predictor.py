@@ -13,8 +13,8 @@ from sightline.inference.sample_predictor import SamplePredictor
 from sightline.joining.alignment import (
     Alignment,
     AlignmentConfig,
-    evenly_spread,
     measure_alignment,
+    spread_samples,
 )
 from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.join import JoinConfig, join_detections
@@ -93,8 +93,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
                 a data set. If fewer than five show edges, nothing is undone.
             config: Biases and limits. None: those for KITTI's rig.
         """
-        chosen = (samples[index] for index in evenly_spread(len(samples)))
-        alignment = measure_alignment(chosen, config or AlignmentConfig())
+        alignment = measure_alignment(spread_samples(samples), config or AlignmentConfig())
         return JoinedPredictor(
             self.detector2d, self.detector3d, self.models, self.config, alignment
         )
