@@ -75,13 +75,20 @@ class Alignment:
     """Rotation to undo in each frame; 0 for angles not surely above their noise."""
     by_boxes: bool = False
     """Alignment of each frame by its own boxes (`turn_by_boxes`), because the frames disagree."""
+    late: bool = False
+    """Whether the sweeps are late (`measure_advance`): their boxes are wrong in the image."""
 
     def __bool__(self) -> bool:
         """Tell whether there is anything to undo."""
-        return self.by_boxes or bool(self.turn)
+        return self.by_boxes or self.late or bool(self.turn)
 
     def __str__(self) -> str:
         """Describe it for the user."""
+        if self.late:
+            return (
+                "the sweeps are late behind the images: boxes of objects in the image are the "
+                "image detector's alone; correct the time stamps"
+            )
         if self.by_boxes:
             return (
                 "the frames disagree on the LiDAR's rotation in its mount: each is aligned by the "
@@ -92,10 +99,15 @@ class Alignment:
             for name, angle in self.turn.to_json().items()
             if angle
         )
-        return f"the LiDAR is turned in its mount against the calibration ({angles}): undone"
+        return (
+            f"the LiDAR is turned in its mount against the calibration ({angles}): undone; correct "
+            "the calibration"
+        )
 
     def to_json(self) -> dict[str, Any]:
-        """List the angles [degrees], or the alignment by boxes."""
+        """List the angles [degrees], or the state that is on."""
+        if self.late:
+            return {"late": True}
         return {"by_boxes": True} if self.by_boxes else self.turn.to_json()
 
     @classmethod
@@ -106,8 +118,8 @@ class Alignment:
             TypeError: There are other entries.
             ValueError: An angle is not finite.
         """
-        if content == {"by_boxes": True}:
-            return cls(by_boxes=True)
+        if content in ({"by_boxes": True}, {"late": True}):
+            return cls(**content)
         return cls(turn=LidarTurn(**{name: float(angle) for name, angle in content.items()}))
 
 
@@ -134,17 +146,19 @@ def measure_angles(samples: Iterable[CameraLidarSample]) -> Measured | None:
 
 def measure_alignment(
     samples: Iterable[CameraLidarSample], config: AlignmentConfig = AlignmentConfig()
-) -> Alignment:
+) -> Alignment | None:
     """Measure the rotation of the LiDAR less its bias, and keep the angles that are sure.
 
     Args:
-        samples: Frames of one recording; more than `NUM_ALIGNED_FRAMES` are hardly any better. If
-            fewer than `MIN_FRAMES` show edges, nothing is undone.
+        samples: Frames of one recording; more than `NUM_ALIGNED_FRAMES` are hardly any better.
         config: Biases and limits.
+
+    Returns:
+        The state; None: fewer than `MIN_FRAMES` show edges, so nothing is known.
     """
     measured = measure_angles(samples)
     if measured is None:
-        return Alignment()
+        return None
     if measured.yaw_spread_deg > config.max_yaw_spread_deg:
         return Alignment(by_boxes=True)
     turn = measured.turn

@@ -45,7 +45,7 @@ TIMINGS_NAME: Final = "timings.jsonl"
 """File with the time of each prediction: the only output that differs between runs."""
 
 _TIMINGS_FOLDER = "timings"
-_ON_ALIGNMENT: Final = "; correct the calibration, or leave it as it is by --align no (align=False)"
+_ON_ALIGNMENT: Final = "; --align no (align=False) takes the frames as they are"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

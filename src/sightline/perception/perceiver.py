@@ -11,18 +11,14 @@ from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
-from sightline.joining.alignment import (
-    Alignment,
-    AlignmentConfig,
-    measure_alignment,
-    spread_samples,
-)
+from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
-from sightline.joining.join import join_detections
+from sightline.joining.join import JoinConfig, join_detections
 from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.joining.recording import measure_recording
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.objects import Objects
-from sightline.structures.predictions import Perception
+from sightline.structures.predictions import Detections2D, Detections3D, Perception
 from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
 
@@ -155,16 +151,16 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
     ) -> "MultiTaskPredictor":
         """Makes a predictor whose tasks get frames with the LiDAR's measured rotation undone.
 
-        As `JoinedPredictor.aligned`. If frames disagree, only the joined objects are aligned, frame
-        by frame; without them nothing is.
+        As `JoinedPredictor.aligned`. If frames disagree or sweeps are late, only the joined objects
+        know of it.
 
         Args:
             samples: Frames of one recording, of which up to 15 are read, evenly spread.
             config: Biases and limits. None: those for KITTI's rig.
         """
-        alignment = measure_alignment(spread_samples(samples), config or AlignmentConfig())
-        if alignment.by_boxes and self.join_models is None:
-            alignment = Alignment()
+        alignment = measure_recording(samples, self._detect, config or AlignmentConfig())
+        if self.join_models is None:
+            alignment = Alignment(turn=alignment.turn)
         return MultiTaskPredictor(self.predictors, alignment)
 
     @property
@@ -201,9 +197,26 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         if alignment.by_boxes:
             turn = turn_by_boxes(sample, found.detections2d, found.detections3d)
             sample = undo_turn(sample, turn)
-        objects = join_detections(sample, found.detections2d, found.detections3d, self.join_models)
+        objects = join_detections(
+            sample,
+            found.detections2d,
+            found.detections3d,
+            self.join_models,
+            JoinConfig(sweep_in_image=not alignment.late),
+        )
         milliseconds[JOINED] = 1000 * (time.perf_counter() - start)
         return replace(predictions, objects=objects, undone_turn=turn or None)
+
+    def _detect(self, sample: CameraLidarSample) -> tuple[Detections2D | None, Detections3D | None]:
+        """Detections to be joined; none unless they are."""
+        if self.join_models is None:
+            return None, None
+        found = Perception.joined(
+            find_task(name).perception(self.predictors[name](sample))
+            for name in _JOINED_TASKS
+            if not lacking_parts(self.predictors[name], sample)
+        )
+        return found.detections2d, found.detections3d
 
     def answer(self, sample: CameraLidarSample) -> FramePredictions:
         """Deprecated name of `predict_by_task`."""
