@@ -85,7 +85,12 @@ TABLES: Final = {
     "joined": Table(("joined", "joined_sample_train"), table_joined.joined),
     "joined-faults": Table(("joined_faults", "joined_late"), table_joined.faults),
     "joined-calibration": Table(
-        ("joined_calibration", "joined_calibration_simulated"), table_joined.calibration
+        (
+            "joined_calibration",
+            "joined_calibration_sample_train",
+            "joined_calibration_simulated",
+        ),
+        table_joined.calibration,
     ),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
 }  # fmt: skip
