@@ -6,6 +6,7 @@ other weights. Simulated frames suffice; nothing is random.
 """
 
 import hashlib
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.export.names import EngineName
 from sightline.files.weights_header import find_weights
-from sightline.joining.fitting import fit_models
+from sightline.joining.calibrating import calibrate_models
+from sightline.joining.fitting import FitFrame, fit_models
 
 
 def main(
@@ -47,12 +49,13 @@ def main(
     samples = [dataset[index] for index in range(len(dataset))]
     store = DetectionStore(detection2d, detection3d, cache, engine)
     given = {"detection2d": detection2d, "detection3d": detection3d}
+
+    def frames() -> Iterator[FitFrame]:
+        for case, change in FIT_CASES.items():
+            yield from store.frames(samples, case, change)
+
     models = fit_models(
-        (
-            frame
-            for case, change in FIT_CASES.items()
-            for frame in store.frames(samples, case, change)
-        ),
+        frames(),
         {
             "weights": {task: Path(name).stem for task, name in given.items()},
             "sha256": {
@@ -66,7 +69,7 @@ def main(
             "sightline": version("sightline"),
         },
     )
-    models.write(out)
+    calibrate_models(models, frames()).write(out)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,9 @@ and nuScenes' AP by centre distance. In each state the LiDAR's mount is measured
 in benchmarks/results/joined.json.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -29,12 +30,13 @@ from sightline.evaluation.kitti_object_pairs import find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, ClassOverlaps, MinimumOverlaps
 from sightline.export.names import EngineName
 from sightline.geometry.boxes2d import Boxes2D
-from sightline.joining.alignment import Alignment, evenly_spread, measure_alignment
+from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.files import kitti_from_objects
 from sightline.joining.fitting import FitFrame
 from sightline.joining.join import JoinConfig, join_detections
 from sightline.joining.models import SHIPPED, JoinModels
+from sightline.joining.recording import measure_recording
 from sightline.structures.level import level_calibration
 from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
@@ -91,10 +93,19 @@ def main(
     results: list[dict[str, Any]] = []
     for case in cases:
         frames = list(store.frames(samples, case, CASES[case]))
-        alignment = measure_alignment(frames[index].sample for index in evenly_spread(len(frames)))
+        by_name = {frame.sample.sample_id: (frame.found2d, frame.found3d) for frame in frames}
+        alignment = measure_recording(
+            [frame.sample for frame in frames], partial(_found, by_name), AlignmentConfig()
+        )
         aligned = _aligned(store, samples, case, frames, alignment)
-        found = join_all(frames, given.models, aligned)
-        told = {"by_boxes": alignment.by_boxes, "undone": alignment.turn.to_json()}
+        found = join_all(
+            frames, given.models, aligned, JoinConfig(sweep_in_image=not alignment.late)
+        )
+        told = {
+            "by_boxes": alignment.by_boxes,
+            "late": alignment.late,
+            "undone": alignment.turn.to_json(),
+        }
         for row in _compare(found, labels, resamples, seed):
             results.append({"case": case, **told, **row})
             print(f"{case:<18} {_text(row)}", flush=True)
@@ -109,6 +120,13 @@ def main(
         seed=seed,
         weights=given.weights,
     )
+
+
+def _found(
+    by_name: Mapping[str, tuple[Detections2D | None, Detections3D | None]],
+    sample: CameraLidarSample,
+) -> tuple[Detections2D | None, Detections3D | None]:
+    return by_name[sample.sample_id]
 
 
 def _aligned(
@@ -135,17 +153,21 @@ def _aligned(
 
 
 def join_all(
-    frames: Sequence[FitFrame], models: JoinModels, aligned: Sequence[FitFrame] | None = None
+    frames: Sequence[FitFrame],
+    models: JoinModels,
+    aligned: Sequence[FitFrame] | None = None,
+    config: JoinConfig | None = None,
 ) -> _Results:
     """Join the detections of all frames of one state, as result files.
 
     `aligned` has the same frames with the rotation of their LiDAR undone, which are joined in their
     place.
     """
+    config = config or JoinConfig()
     found = _Results([], [], [], [])
     for given, frame in zip(frames, aligned or frames, strict=True):
         sample = frame.sample
-        objects = join_detections(sample, frame.found2d, frame.found3d, models, JoinConfig())
+        objects = join_detections(sample, frame.found2d, frame.found3d, models, config)
         found.image.append(_columns(given, given.found2d))
         found.sweep.append(_columns(given, given.found3d))
         found.joined_image.append(kitti_from_objects(objects, sample))

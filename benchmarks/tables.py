@@ -88,9 +88,14 @@ TABLES: Final = {
     "raycast": Table(("raycast",), table_speed.raycast),
     "simulate": Table(("simulate",), table_speed.simulate),
     "joined": Table(("joined", "joined_sample_train"), table_joined.joined),
-    "joined-faults": Table(("joined_faults",), table_joined.faults),
+    "joined-faults": Table(("joined_faults", "joined_late"), table_joined.faults),
     "joined-calibration": Table(
-        ("joined_calibration", "joined_calibration_simulated"), table_joined.calibration
+        (
+            "joined_calibration",
+            "joined_calibration_sample_train",
+            "joined_calibration_simulated",
+        ),
+        table_joined.calibration,
     ),
     "page": Table(("page_latency",), table_speed.page),
     "rigs-detection2d": Table(("rigs",), table_rigs.detection2d),

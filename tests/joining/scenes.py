@@ -6,7 +6,7 @@ import torch
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
-from sightline.joining.models import CLASSES, COLUMNS, JoinModels, LogisticModel
+from sightline.joining.models import CLASSES, COLUMNS, JoinModels, LogisticModel, identity_maps
 from sightline.joining.scene import Boxes, Scene
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -86,4 +86,4 @@ def own_score_models(provenance=None):
         }
         for kind, columns in COLUMNS.items()
     }
-    return JoinModels(**kinds, provenance=provenance or {})
+    return JoinModels(**kinds, calibrators=identity_maps(), provenance=provenance or {})

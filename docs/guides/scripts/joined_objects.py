@@ -40,6 +40,7 @@ def join(frame: Frame, in_image: Detections, in_sweep: Detections, rule: Steps) 
             box3d, row = lift(scene, index)
             origin, score3d = "lifted", float(score(rule["lifted"][name], row[None])[0])
         found.append(Found(name, float(scores2d[index]), box, origin, score3d, box3d))
+    found = [calibrated(each, kind, rule["calibrators"]) for each in found]
     return without_repeats(found, settings["min_iou"], settings["max_iou"])
 
 
@@ -51,6 +52,20 @@ def mixed(boxes: Boxes, rows: Array, rule: Steps, kind: str) -> Array:
         given = score(model, rows[chosen])
         scores[chosen] = (1 - share) * given + share * boxes.scores[chosen]
     return scores
+
+
+def calibrated(found: Found, kind: str, maps: Steps) -> Found:
+    """Calibrate both scores, without a change of their order."""
+    in_image = beta(maps[kind][found.name], found.score)
+    in_space = beta(maps[f"{kind}_3d"][found.name], found.score3d)
+    return found._replace(score=in_image, score3d=0.0 if found.origin == "none" else in_space)
+
+
+def beta(slopes: Steps, score: float) -> float:
+    """Map a score by beta calibration."""
+    score = min(max(score, 1e-9), 1 - 1e-9)
+    logit = slopes["low"] * np.log(score) - slopes["high"] * np.log1p(-score) + slopes["bias"]
+    return float(1 / (1 + np.exp(-logit.clip(-50, 50))))
 
 
 def match(fit: Array, scores: Array) -> Array:

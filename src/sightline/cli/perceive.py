@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from sightline.cli.declared import declare
 from sightline.cli.engine import announce_engine
@@ -50,6 +50,8 @@ Args:
     min_score: Score threshold of drawn detections; the results contain all of them.
     around: Field of 3D detection: yes for the whole turn of the LiDAR, no for the camera's view,
         or auto: the whole turn for recordings whose sweeps have one.
+    align: auto: measures the LiDAR's rotation in its mount over up to 15 frames, and undoes it if
+        it is surer than its noise; no: takes the calibration as it is, as --pack always does.
 """
 _TASK_HELP = """    {argument}: Weights of {name}: name ({known}) or file
         (.safetensors, .ckpt){methods}, or none to leave the task out. Default: {default}.
@@ -84,6 +86,7 @@ def perceive_command() -> Callable[..., None]:
         "fps": (float, 10.0),
         "min_score": (float, 0.3),
         "around": (Around, "auto"),
+        "align": (Literal["auto", "no"], "auto"),
     }
     return declare(command, {"data": Path, "out": Path}, tasks | options, help_text=text)
 
@@ -112,6 +115,7 @@ def _run(
     device: Device,
     around: Around,
     pack: bool,
+    align: Literal["auto", "no"],
     **job: Any,  # noqa: ANN401 - the options of `perceive`
 ) -> None:
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
@@ -134,6 +138,7 @@ def _run(
         return
     names = [each.name for each in perceiver.predictors.values()]
     warn_of_rig(data, names, sample_list=job["sample_list"], velodyne=job["velodyne"])
-    result = perceive(data, out, perceiver=perceiver, around=chosen_field(around), **job)
+    job |= {"around": chosen_field(around), "align": align == "auto"}
+    result = perceive(data, out, perceiver=perceiver, **job)
     predicted = ", ".join(f"{task} {count}" for task, count in result.predicted.items())
     say(f"{out / LINES_NAME}: frames: {result}; predicted: {predicted}")

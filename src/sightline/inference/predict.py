@@ -239,7 +239,7 @@ def output_claims(
     data: Path,
     velodyne: Velodyne,
     *,
-    chosen: Mapping[str, bool] | None = None,
+    chosen: Mapping[str, object] | None = None,
 ) -> list[Claim]:
     """Create the claims on the output folders for predictor, data and chosen options."""
     made_from = {"data": data_name(data), "velodyne": velodyne}

@@ -1,14 +1,16 @@
 """Rotation of the LiDAR against its calibration, measured over frames for joining."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import reduce
 from operator import add
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.data.open import SampleDataset
 from sightline.geometry.ranges import check_number
 from sightline.health.monitor import HealthMonitor
 from sightline.health.tilt_error import estimate_tilt
@@ -24,6 +26,7 @@ MIN_FRAMES: Final = 5
 _GROUPS: Final = 10  # of frames, each left out once for the noise
 _NOISES: Final = 3.0  # by which an angle must exceed its noise
 _LARGEST_DEG: Final = (LARGEST_DEG, 3.0, 1.4)  # yaw, pitch, roll: search ends little beyond
+_DECIMALS: Final = 2  # of degrees: an angle is undone as it is told, on every machine
 
 
 class _Angles(NamedTuple):
@@ -79,6 +82,52 @@ class Alignment:
     """Rotation to undo in each frame; 0 for angles not surely above their noise."""
     by_boxes: bool = False
     """Alignment of each frame by its own boxes (`turn_by_boxes`), because the frames disagree."""
+    late: bool = False
+    """Whether the sweeps are late (`measure_advance`): their boxes are wrong in the image."""
+
+    def __bool__(self) -> bool:
+        """Tell whether there is anything to undo."""
+        return self.by_boxes or self.late or bool(self.turn)
+
+    def __str__(self) -> str:
+        """Describe it for the user."""
+        if self.late:
+            return (
+                "the sweeps are late behind the images: boxes of objects in the image are the "
+                "image detector's alone; correct the time stamps"
+            )
+        if self.by_boxes:
+            return (
+                "the frames disagree on the LiDAR's rotation in its mount: each is aligned by the "
+                "boxes that both detectors found"
+            )
+        angles = ", ".join(
+            f"{name.removesuffix('_deg')} {angle:g} deg"
+            for name, angle in self.turn.to_json().items()
+            if angle
+        )
+        return (
+            f"the LiDAR is turned in its mount against the calibration ({angles}): undone; correct "
+            "the calibration"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """List the angles [degrees], or the state that is on."""
+        if self.late:
+            return {"late": True}
+        return {"by_boxes": True} if self.by_boxes else self.turn.to_json()
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> "Alignment":
+        """Read what `to_json` made.
+
+        Raises:
+            TypeError: There are other entries.
+            ValueError: An angle is not finite.
+        """
+        if content in ({"by_boxes": True}, {"late": True}):
+            return cls(**content)
+        return cls(turn=LidarTurn(**{name: float(angle) for name, angle in content.items()}))
 
 
 def measure_angles(samples: Iterable[CameraLidarSample]) -> Measured | None:
@@ -104,17 +153,19 @@ def measure_angles(samples: Iterable[CameraLidarSample]) -> Measured | None:
 
 def measure_alignment(
     samples: Iterable[CameraLidarSample], config: AlignmentConfig = AlignmentConfig()
-) -> Alignment:
+) -> Alignment | None:
     """Measure the rotation of the LiDAR less its bias, and keep the angles that are sure.
 
     Args:
-        samples: Frames of one recording; more than `NUM_ALIGNED_FRAMES` are hardly any better. If
-            fewer than `MIN_FRAMES` show edges, nothing is undone.
+        samples: Frames of one recording; more than `NUM_ALIGNED_FRAMES` are hardly any better.
         config: Biases and limits.
+
+    Returns:
+        The state; None: fewer than `MIN_FRAMES` show edges, so nothing is known.
     """
     measured = measure_angles(samples)
     if measured is None:
-        return Alignment()
+        return None
     if measured.yaw_spread_deg > config.max_yaw_spread_deg:
         return Alignment(by_boxes=True)
     turn = measured.turn
@@ -125,12 +176,21 @@ def measure_alignment(
     )
     limits = (config.min_yaw_deg, config.min_pitch_deg, config.min_roll_deg)
     yaw_deg, pitch_deg, roll_deg = (
-        angle if max(limit, _NOISES * noise) < abs(angle) <= largest else 0.0
+        round(angle, _DECIMALS) if max(limit, _NOISES * noise) < abs(angle) <= largest else 0.0
         for angle, limit, noise, largest in zip(
             less_bias, limits, measured.noise_deg, _LARGEST_DEG, strict=True
         )
     )
     return Alignment(turn=LidarTurn(yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg))
+
+
+def spread_samples(
+    samples: Sequence[CameraLidarSample] | SampleDataset,
+) -> Iterator[CameraLidarSample]:
+    """Yield up to `NUM_ALIGNED_FRAMES` frames, evenly spread; unreadable ones are left out."""
+    for index in evenly_spread(len(samples)):
+        with suppress(ValueError):
+            yield samples[index]
 
 
 def evenly_spread(num_frames: int) -> list[int]:

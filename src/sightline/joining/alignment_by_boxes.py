@@ -4,7 +4,7 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from sightline.joining.evidence import gather_evidence
 from sightline.joining.scene import Scene, make_scene
@@ -15,7 +15,7 @@ from sightline.structures.sample import CameraLidarSample
 MIN_DEVIATIONS: Final = 1.5
 """Shift, in standard deviations, from which a frame counts as misaligned."""
 
-_MIN_IOU: Final = 0.2
+_MIN_IOU: Final = 0.2  # of a pair
 _MIN_SCORE: Final = 0.2
 _BORDER_PX: Final = 2.0
 _DEVIATION_PX: Final = 1.5  # of the distance of both centres of a sound pair, at least
@@ -56,22 +56,37 @@ def turn_by_boxes(
     return turn
 
 
-def _shift(scene: Scene) -> _Shift | None:
-    """Mean shift of the pairs, weighted by sureness and size; None: there are none."""
+def mutual_pairs(
+    scene: Scene,
+) -> tuple[Int64[np.ndarray, " num_pairs"], Int64[np.ndarray, " num_pairs"]]:
+    """Indices of the boxes of the sweep and of the image that overlap each other most."""
     evidence, sweep, image = gather_evidence(scene), scene.sweep, scene.image
     sure = (sweep.scores[:, None] > _MIN_SCORE) & (image.scores[None] > _MIN_SCORE)
     iou = np.where(evidence.same_class & sure & (evidence.iou > _MIN_IOU), evidence.iou, 0.0)
     if iou.size == 0:
-        return None
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     rows = np.flatnonzero(iou.max(axis=1) > 0)
     columns = iou[rows].argmax(axis=1)
     is_mutual = iou[:, columns].argmax(axis=0) == rows
-    rows, columns = rows[is_mutual], columns[is_mutual]
+    return rows[is_mutual], columns[is_mutual]
+
+
+def centre_deviations(
+    boxes: Float64[np.ndarray, "num_boxes 4"],
+) -> Float64[np.ndarray, "num_boxes 2"]:
+    """Standard deviations of the distance of both centres of sound pairs [px]."""
+    return np.asarray(np.hypot(_DEVIATION_PX, _DEVIATION_SHARE * (boxes[:, 2:] - boxes[:, :2])))
+
+
+def _shift(scene: Scene) -> _Shift | None:
+    """Mean shift of the pairs, weighted by sureness and size; None: there are none."""
+    sweep, image = scene.sweep, scene.image
+    rows, columns = mutual_pairs(scene)
     if len(rows) == 0:
         return None
     own, other = sweep.in_image[rows], image.in_image[columns]
     shifts = (own[:, :2] + own[:, 2:] - other[:, :2] - other[:, 2:]) / 2
-    deviations = np.hypot(_DEVIATION_PX, _DEVIATION_SHARE * (own[:, 2:] - own[:, :2]))
+    deviations = centre_deviations(own)
     weights = np.minimum(sweep.scores[rows], image.scores[columns])[:, None] / deviations**2
     edges = np.stack((own, other))
     is_cut = (edges[:, :, 0] <= _BORDER_PX) | (

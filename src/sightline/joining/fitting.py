@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from sightline.joining.evidence import gather_evidence, image_iou
 from sightline.joining.join import JoinConfig, image_kind, liftable, match
 from sightline.joining.lifting import lift
-from sightline.joining.models import CLASSES, COLUMNS, JoinModels, LogisticModel
+from sightline.joining.models import CLASSES, COLUMNS, JoinModels, LogisticModel, identity_maps
 from sightline.joining.scene import Scene, make_scene
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.labels import ObjectLabels
@@ -26,22 +26,26 @@ _HIDDEN_SHARE: Final = 0.5  # of a box within an ignored area, above which it is
 _LOOK_ALIKE_IOU: Final = 0.3
 
 
-class _Grades(NamedTuple):
+class Grades(NamedTuple):
     """IoU below which a box is wrong, and above which it is right; linear between."""
 
     wrong: float
     right: float
 
+    def __call__(self, iou: Float64[np.ndarray, " num_boxes"]) -> Float64[np.ndarray, " num_boxes"]:
+        """Share of fit by the IoU."""
+        return np.asarray(np.clip((iou - self.wrong) / (self.right - self.wrong), 0.0, 1.0))
 
-_GRADES_3D: Final = {
-    "Car": _Grades(0.3, 0.75),
-    "Pedestrian": _Grades(0.15, 0.6),
-    "Cyclist": _Grades(0.15, 0.6),
+
+GRADES_3D: Final = {
+    "Car": Grades(0.3, 0.75),
+    "Pedestrian": Grades(0.15, 0.6),
+    "Cyclist": Grades(0.15, 0.6),
 }
-_GRADES_2D: Final = {
-    "Car": _Grades(0.5, 0.8),
-    "Pedestrian": _Grades(0.3, 0.65),
-    "Cyclist": _Grades(0.3, 0.65),
+GRADES_2D: Final = {
+    "Car": Grades(0.5, 0.8),
+    "Pedestrian": Grades(0.3, 0.65),
+    "Cyclist": Grades(0.3, 0.65),
 }
 
 
@@ -63,7 +67,7 @@ class _Rows(NamedTuple):
 
 
 def fit_models(frames: Iterable[FitFrame], provenance: Mapping[str, Any]) -> JoinModels:
-    """Fit the models of all kinds of boxes and all classes.
+    """Fit the models of all kinds of boxes and all classes, their scores not yet calibrated.
 
     The target of a box is its share of fit: 0 below one IoU with every label of its class, 1 above
     another, linear between. It is the probability that the box is right if the demanded IoU is
@@ -91,7 +95,7 @@ def fit_models(frames: Iterable[FitFrame], provenance: Mapping[str, Any]) -> Joi
                 np.concatenate([part.evidence for part in parts]),
                 np.concatenate([part.target for part in parts]),
             )
-    return JoinModels(**models, provenance=provenance)
+    return JoinModels(**models, calibrators=identity_maps(), provenance=provenance)
 
 
 def fit_logistic(
@@ -139,8 +143,8 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
     lifted_rows = np.array([each.evidence for each in lifted]).reshape(-1, len(COLUMNS["lifted"]))
     rows: dict[tuple[str, str], _Rows] = {}
     for name in CLASSES:
-        is_swept = _is_class(scene.sweep.names, name) & ~np.isnan(scene.sweep.in_image).any(axis=1)
-        is_seen = _is_class(scene.image.names, name)
+        is_swept = is_class(scene.sweep.names, name) & ~np.isnan(scene.sweep.in_image).any(axis=1)
+        is_seen = is_class(scene.image.names, name)
         is_lifted = is_seen[alone] if alone else np.zeros(0, dtype=bool)
         rows |= {
             ("sweep", name): _graded_3d(
@@ -154,7 +158,8 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
     return rows
 
 
-def _is_class(names: tuple[str, ...], name: str) -> Bool[np.ndarray, " num_boxes"]:
+def is_class(names: tuple[str, ...], name: str) -> Bool[np.ndarray, " num_boxes"]:
+    """Mask of the boxes of a class."""
     return np.array([each == name for each in names], dtype=bool)
 
 
@@ -166,16 +171,16 @@ def _graded_3d(
     labels: ObjectLabels,
     name: str,
 ) -> _Rows:
-    grades, has_box = _GRADES_3D[name], labels.has_box3d.numpy()
+    grades, has_box = GRADES_3D[name], labels.has_box3d.numpy()
     given = torch.from_numpy(boxes[chosen])
     own, similar = (
         pairwise_iou_3d(
             given, labels.boxes3d.tensor[torch.from_numpy(mask & has_box)].double()
         ).numpy().max(axis=1, initial=0.0)
-        for mask in _masks(labels, name)
+        for mask in label_masks(labels, name)
     )  # fmt: skip
     is_left_out = (similar > _LOOK_ALIKE_IOU) & (own < grades.wrong)
-    is_left_out |= _is_hidden(in_image[chosen], labels, ("DontCare",)) & (own < grades.wrong)
+    is_left_out |= is_hidden(in_image[chosen], labels, ("DontCare",)) & (own < grades.wrong)
     return _graded(evidence[chosen], own, is_left_out, grades)
 
 
@@ -186,11 +191,11 @@ def _graded_2d(
     labels: ObjectLabels,
     name: str,
 ) -> _Rows:
-    grades, boxes = _GRADES_2D[name], scene.image.in_image[chosen]
-    mask = _masks(labels, name)[0]
+    grades, boxes = GRADES_2D[name], scene.image.in_image[chosen]
+    mask = label_masks(labels, name)[0]
     own = image_iou(boxes, labels.boxes2d.tensor.numpy()[mask]).max(axis=1, initial=0.0)
     similar = tuple(each for each, like in LOOK_ALIKES.items() if like == name)
-    is_left_out = _is_hidden(boxes, labels, ("DontCare", *similar)) & (own < grades.wrong)
+    is_left_out = is_hidden(boxes, labels, ("DontCare", *similar)) & (own < grades.wrong)
     return _graded(evidence[chosen], own, is_left_out, grades)
 
 
@@ -198,21 +203,20 @@ def _graded(
     evidence: Float64[np.ndarray, "num_boxes columns"],
     iou: Float64[np.ndarray, " num_boxes"],
     is_left_out: Bool[np.ndarray, " num_boxes"],
-    grades: _Grades,
+    grades: Grades,
 ) -> _Rows:
-    target = np.clip((iou - grades.wrong) / (grades.right - grades.wrong), 0.0, 1.0)
-    return _Rows(evidence[~is_left_out], target[~is_left_out])
+    return _Rows(evidence[~is_left_out], grades(iou[~is_left_out]))
 
 
-def _masks(
+def label_masks(
     labels: ObjectLabels, name: str
 ) -> tuple[Bool[np.ndarray, " num_objects"], Bool[np.ndarray, " num_objects"]]:
     """Masks of the labels of a class, and of its look-alikes."""
-    is_own = _is_class(labels.class_names, name)
+    is_own = is_class(labels.class_names, name)
     return is_own, np.array([LOOK_ALIKES.get(each) == name for each in labels.class_names], bool)
 
 
-def _is_hidden(
+def is_hidden(
     boxes: Float64[np.ndarray, "num_boxes 4"], labels: ObjectLabels, names: tuple[str, ...]
 ) -> Bool[np.ndarray, " num_boxes"]:
     """Mask of the boxes that lie mostly within one label of these classes."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -19,6 +19,8 @@ from sightline.structures.objects import Objects, Origin
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 
+_SHARE_IF_LATE: Final = 0.1  # of a score: projected boxes of late sweeps seldom fit
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JoinConfig:
@@ -28,8 +30,13 @@ class JoinConfig:
     """Whether boxes of both detectors become one object; off: each box is an object."""
     rescore: bool = True
     """Whether the models give scores; off: the detectors' own."""
+    calibrate: bool = True
+    """Whether their scores are calibrated, which keeps the order within a class."""
     mix_boxes: bool = True
     """Whether matched image boxes take the shape of the projected 3D box."""
+    sweep_in_image: bool = True
+    """Whether boxes of the sweep count in the image. Off, for late sweeps: boxes and scores in the
+    image are the image detector's, and objects without its box have a tenth of their score."""
     lift: bool = True
     """Whether objects without a 3D box get one by geometry."""
     min_iou: float = 0.5
@@ -74,7 +81,7 @@ def join_detections(
     scene = make_scene(sample, found2d, found3d)
     evidence = gather_evidence(scene)
     scores3d = _scores(scene.sweep.names, scene.sweep.scores, evidence.sweep, models.sweep, config)
-    kind, seen = image_kind(scene, evidence)
+    kind, seen = image_kind(scene, evidence, config)
     chosen = models.image if kind == "image" else models.alone
     scores2d = _scores(scene.image.names, scene.image.scores, seen, chosen, config)
     outside = np.isnan(scene.sweep.in_image).any(axis=1)
@@ -86,14 +93,16 @@ def join_detections(
     if config.lift:
         lifted = {index: lift(scene, index) for index in liftable(scene, partner, config)}
     rows += _unmatched(scene, scores2d, alone, lifted, models)
+    if config.rescore and config.calibrate:
+        rows = _calibrated(rows, kind, "image_3d" if scene.has_lidar else "alone_3d", models)
     return _as_objects(_without_repeats(rows, config), sample)
 
 
 def image_kind(
-    scene: Scene, evidence: Evidence
+    scene: Scene, evidence: Evidence, config: JoinConfig = JoinConfig()
 ) -> tuple[Literal["image", "alone"], Float64[np.ndarray, "num_image columns"]]:
     """Kind of the image detector's boxes, and the evidence that its models take."""
-    if scene.has_lidar:
+    if scene.has_lidar and config.sweep_in_image:
         return "image", evidence.image
     return "alone", evidence.image[:, : len(ALONE_COLUMNS)]
 
@@ -173,12 +182,16 @@ def _measured(
     rows = []
     for index, name in enumerate(scene.sweep.names):
         box, score, support = scene.sweep.in_image[index], scores3d[index], 0.0
+        if not config.sweep_in_image:
+            score *= _SHARE_IF_LATE
         other = int(partner[index])
         if other >= 0:
             seen, support = scene.image.in_image[other], float(scene.image.scores[other])
-            share = config.projected_share if config.mix_boxes else 0.0
+            share = config.projected_share if config.mix_boxes and config.sweep_in_image else 0.0
             box = share * box + (1 - share) * seen
             score = 1 - (1 - score) * (1 - scores2d[other])
+            if not config.sweep_in_image:
+                score = scores2d[other]
         rows.append(
             _Row(
                 name=name,
@@ -225,6 +238,21 @@ def _unmatched(
     return rows
 
 
+def _calibrated(rows: list[_Row], kind: str, kind_3d: str, models: JoinModels) -> list[_Row]:
+    """Calibrate both scores of each object; that of a missing 3D box stays 0."""
+    calibrated = []
+    for row in rows:
+        in_image, in_space = (models.calibrators[each][row.name] for each in (kind, kind_3d))
+        score, score3d = np.array([row.score]), np.array([row.score3d])
+        calibrated.append(
+            row._replace(
+                score=float(in_image(score)[0]),
+                score3d=float(in_space(score3d)[0]) if row.origin != "none" else 0.0,
+            )
+        )
+    return calibrated
+
+
 def _without_repeats(rows: list[_Row], config: JoinConfig) -> list[_Row]:
     """Leave out objects with an image box alone that repeat a surer one of their class."""
     rows = sorted(rows, key=lambda row: -row.score)
@@ -234,7 +262,10 @@ def _without_repeats(rows: list[_Row], config: JoinConfig) -> list[_Row]:
     for index, row in enumerate(rows):
         surer = [each for each in kept if rows[each].name == row.name]
         limits = [
-            config.min_iou if rows[each].origin == "measured" else config.max_iou for each in surer
+            config.min_iou
+            if rows[each].origin == "measured" and config.sweep_in_image
+            else config.max_iou
+            for each in surer
         ]
         is_repeat = (
             config.associate

@@ -1,4 +1,4 @@
-"""Logistic models that turn evidence into scores, and their file."""
+"""Logistic models that turn evidence into scores, maps that calibrate these, and their file."""
 
 import json
 import math
@@ -31,6 +31,10 @@ COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Evidence of each model, by the kind of box."""
 
+CALIBRATED: Final = ("image", "alone", "image_3d", "alone_3d")
+"""Calibrated scores: of objects beside a sweep and without a LiDAR, and of their 3D boxes."""
+
+_LEAST: Final = 1e-9  # of a score's distance to 0 and 1, so that its logarithms are finite
 _MAX_BYTES: Final = 2**20
 _REMEDY: Final = "fit the models again by `python -m benchmarks.fit_joined`"
 
@@ -52,6 +56,36 @@ class LogisticModel:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ScoreMap:
+    """Calibration of scores that keeps their order: Kull et al. 2017 (beta calibration), eq. 5.
+
+    The logit of the calibrated score is low * log(s) - high * log(1 - s) + bias.
+
+    Raises:
+        ValueError: A slope is not positive, so the order would change.
+    """
+
+    low: float = 1.0
+    """Slope near 0."""
+    high: float = 1.0
+    """Slope near 1."""
+    bias: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the slopes."""
+        if not (self.low > 0 and self.high > 0):
+            raise ValueError(f"slopes of a calibration must be positive, got {self}")
+
+    def __call__(
+        self, scores: Float64[np.ndarray, " num_scores"]
+    ) -> Float64[np.ndarray, " num_scores"]:
+        """Calibrate scores in [0, 1]."""
+        limited = np.clip(scores, _LEAST, 1 - _LEAST)
+        logits = self.low * np.log(limited) - self.high * np.log1p(-limited) + self.bias
+        return np.asarray(1 / (1 + np.exp(-np.clip(logits, -50, 50))))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class JoinModels:
     """Models of each class and kind of box."""
 
@@ -63,6 +97,8 @@ class JoinModels:
     """Boxes of the image detector without a LiDAR."""
     lifted: Mapping[str, LogisticModel]
     """3D boxes lifted from the image."""
+    calibrators: Mapping[str, Mapping[str, ScoreMap]]
+    """Calibration of the final scores, by `CALIBRATED` and class."""
     provenance: Mapping[str, Any]
     """Origin of the models: weights of both detectors with their SHA-256, frames, seed."""
 
@@ -80,7 +116,16 @@ class JoinModels:
             kind: {name: asdict(each) for name, each in getattr(self, kind).items()}
             for kind in COLUMNS
         }
-        content = {"provenance": dict(self.provenance), "columns": COLUMNS, **models}
+        calibrators = {
+            kind: {name: asdict(each) for name, each in maps.items()}
+            for kind, maps in self.calibrators.items()
+        }
+        content = {
+            "provenance": dict(self.provenance),
+            "columns": COLUMNS,
+            **models,
+            "calibrators": calibrators,
+        }
         atomic_write_text(path, json.dumps(content, indent=1) + "\n")
 
 
@@ -97,7 +142,11 @@ def read_models(path: Path = SHIPPED) -> JoinModels:
             kind: {name: _model(content[kind][name], len(columns)) for name in CLASSES}
             for kind, columns in COLUMNS.items()
         }
-        return JoinModels(**kinds, provenance=dict(content["provenance"]))
+        calibrators = {
+            kind: {name: _score_map(content["calibrators"][kind][name]) for name in CLASSES}
+            for kind in CALIBRATED
+        }
+        return JoinModels(**kinds, calibrators=calibrators, provenance=dict(content["provenance"]))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FileError(
             path,
@@ -114,3 +163,15 @@ def _model(plain: Mapping[str, Any], num_columns: int) -> LogisticModel:
     if len(numbers) != num_columns + 1 or not all(map(math.isfinite, numbers)):
         raise ValueError("other columns")
     return model
+
+
+def _score_map(plain: Mapping[str, Any]) -> ScoreMap:
+    given = ScoreMap(**{name: float(each) for name, each in plain.items()})
+    if not all(map(math.isfinite, (given.low, given.high, given.bias))):
+        raise ValueError("no finite numbers")
+    return given
+
+
+def identity_maps() -> dict[str, dict[str, ScoreMap]]:
+    """Make calibrators that leave all scores nearly as they are."""
+    return {kind: {name: ScoreMap() for name in CLASSES} for kind in CALIBRATED}

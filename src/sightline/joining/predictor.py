@@ -1,6 +1,7 @@
 """Predictor of joined objects: calibration, both detectors, then the join."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from sightline.data.kitti_trees import Part
@@ -10,15 +11,11 @@ from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.sample_predictor import SamplePredictor
-from sightline.joining.alignment import (
-    Alignment,
-    AlignmentConfig,
-    evenly_spread,
-    measure_alignment,
-)
+from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.join import JoinConfig, join_detections
 from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.joining.recording import measure_recording
 from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
@@ -86,15 +83,15 @@ class JoinedPredictor(SamplePredictor[Perception]):
 
         The rotation is measured by edges, less the bias that it has on sound data; an angle is
         undone if it is surely more than its noise, so sound recordings are left as they are. If the
-        frames do not agree, each is aligned by its own boxes.
+        frames do not agree, each is aligned by its own boxes. If edges tell nothing, detections do
+        whether the sweeps are late: then boxes in the image are the image detector's alone.
 
         Args:
             samples: Frames of the recording, of which up to 15 are read, evenly spread: a list or
-                a data set. If fewer than five show edges, nothing is undone.
+                a data set. If fewer than five show edges, no rotation is undone.
             config: Biases and limits. None: those for KITTI's rig.
         """
-        chosen = (samples[index] for index in evenly_spread(len(samples)))
-        alignment = measure_alignment(chosen, config or AlignmentConfig())
+        alignment = measure_recording(samples, self._detect, config or AlignmentConfig())
         return JoinedPredictor(
             self.detector2d, self.detector3d, self.models, self.config, alignment
         )
@@ -134,17 +131,19 @@ class JoinedPredictor(SamplePredictor[Perception]):
         """
         turn = self.alignment.turn
         sample = undo_turn(sample, turn)
-        found2d: Detections2D = self.detector2d(sample).detections
-        found3d: Detections3D | None = None
-        if sample.points is not None:
-            found3d = self.detector3d(sample)
+        found2d, found3d = self._detect(sample)
         if self.alignment.by_boxes:
             turn = turn_by_boxes(sample, found2d, found3d)
             sample = undo_turn(sample, turn)
-        objects = join_detections(sample, found2d, found3d, self.models, self.config)
+        config = replace(self.config, sweep_in_image=not self.alignment.late)
+        objects = join_detections(sample, found2d, found3d, self.models, config)
         return Perception(
             objects=objects,
             detections2d=found2d,
             detections3d=found3d,
             undone_turn=turn or None,
         )
+
+    def _detect(self, sample: CameraLidarSample) -> tuple[Detections2D, Detections3D | None]:
+        found2d: Detections2D = self.detector2d(sample).detections
+        return found2d, None if sample.points is None else self.detector3d(sample)

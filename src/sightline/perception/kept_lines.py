@@ -70,7 +70,8 @@ def _line_check() -> _Check:
 def _fits_line(content: object, further: Collection[str]) -> bool:
     if not isinstance(content, dict):
         return False
-    return _fits({key: value for key, value in content.items() if key not in further}, _LINE)
+    form = _LINE | ({"undone_turn": _TURN} if "undone_turn" in content else {})
+    return _fits({key: value for key, value in content.items() if key not in further}, form)
 
 
 def _is_consistent(line: Mapping[str, Any]) -> bool:
@@ -185,4 +186,5 @@ _LINE: Final = {
         }
     ),
 }
+_TURN: Final = dict.fromkeys(("yaw_deg", "pitch_deg", "roll_deg"), _number)
 _TIMING: Final = {"frame": _text, "milliseconds": _each(_number)}

@@ -3,6 +3,7 @@
 import shutil
 import warnings
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -23,15 +24,17 @@ from sightline.inference.predict import (
     write_prediction,
 )
 from sightline.jobs.crew import Driver
-from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name
+from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name, read_claim
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
+from sightline.joining.alignment import MIN_FRAMES, Alignment
 from sightline.joining.files import write_objects
 from sightline.joining.models import JOINED
 from sightline.perception.kept_lines import LINES_FOLDER, Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.perception.pictures import PictureFiles
-from sightline.perception.results import JOB_NAME
+from sightline.perception.results import ALIGNMENT, JOB_NAME
+from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.tasks import find_task
 
 JOINED_FOLDERS: Final = {JOINED: False, f"{JOINED}-3d": True}
@@ -45,6 +48,7 @@ TIMINGS_NAME: Final = "timings.jsonl"
 """File with the time of each prediction: the only output that differs between runs."""
 
 _TIMINGS_FOLDER = "timings"
+_ON_ALIGNMENT: Final = "; --align no (align=False) takes the frames as they are"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -80,6 +84,7 @@ def perceive(
     fps: float = 10.0,
     min_score: float = 0.3,
     around: bool | None = None,
+    align: bool = True,
 ) -> PerceiveResult:
     """Runs all tasks on every frame of a data set; each frame is loaded once.
 
@@ -87,6 +92,9 @@ def perceive(
     folders `joined` and `joined-3d` of objects if both detectors have their default weights,
     perception.jsonl (docs/perception.md describes its lines) and timings.jsonl. For a frame without
     a sensor, only the tasks that can work without it predict.
+
+    A rotation of the LiDAR in its mount, measured over up to 15 frames of the data, is undone in
+    each frame if it is surer than its noise, with a warning; the lines hold it (`undone_turn`).
 
     Files are written atomically, and finished frames are skipped: to resume a stopped job, run it
     again. Damaged lines and times are left out with a warning.
@@ -120,6 +128,7 @@ def perceive(
         fps: Frames per second of the video.
         min_score: Score threshold of drawn detections; the results contain all of them.
         around: Whether 3D detection searches whole turns of the LiDAR. None: as the samples say.
+        align: Whether to measure and undo the LiDAR's rotation, unless `perceiver` is aligned.
 
     Raises:
         ValueError: The data cannot be read, `out` lies in them, contains other results or cannot be
@@ -146,6 +155,10 @@ def perceive(
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
+    if align and perceiver.alignment is None:
+        perceiver = _aligned(perceiver, dataset, out)
+    if perceiver.alignment:
+        warnings.warn(f"{perceiver.alignment}{_ON_ALIGNMENT}", stacklevel=2)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
     places = _places(perceiver, out, all_outputs=all_outputs)
@@ -190,7 +203,8 @@ def perceive_shards(
     """Runs all tasks on a folder of shards, and packs the results of each shard into one.
 
     The arguments are those of `perceive`; see `pack_results` for `out` and the errors. The shards
-    hold each frame's line, but no perception.jsonl and no times, which differ between runs.
+    hold each frame's line, but no perception.jsonl and no times, which differ between runs. Frames
+    are taken as calibrated, since a shard alone may be too short to measure the LiDAR's rotation.
     """
     return pack_results(
         _ShardWriter(perceiver, velodyne, all_outputs, around),
@@ -257,6 +271,7 @@ class _FrameWork:
     def run(self) -> None:
         sample = with_field(self.dataset[self.index], around=self.around)
         predictions = self.perceiver.predict_by_task(sample)
+        sample = undo_turn(sample, predictions.undone_turn or LidarTurn())
         for task, prediction in predictions.by_task.items():
             write_prediction(self.places[task], sample, prediction)
         if predictions.objects is not None:
@@ -269,6 +284,19 @@ class _FrameWork:
             (LINES_FOLDER, frame_line(sample, predictions, self.made_by)),
         ):
             atomic_write_text(self.out / lines / f"{self.name}.json", f"{line}\n")
+
+
+def _aligned(
+    perceiver: MultiTaskPredictor, dataset: SampleDataset, out: Path
+) -> MultiTaskPredictor:
+    """Undo the LiDAR's rotation as the output folder says, else as the frames do."""
+    held = (read_claim(out) or {}).get(ALIGNMENT)
+    if isinstance(held, dict):
+        with suppress(TypeError, ValueError):  # of a manifest that was edited
+            return MultiTaskPredictor(perceiver.predictors, Alignment.from_json(held))
+    if len(dataset) < MIN_FRAMES or not {"image", "points"} <= set(perceiver.parts):
+        return perceiver
+    return perceiver.aligned(dataset)
 
 
 def _places(perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool) -> dict[str, Places]:
@@ -299,6 +327,7 @@ def _claims(
         name: {"method": predictor.name, **predictor.made_by}
         for name, predictor in perceiver.predictors.items()
     }
+    aligned = {ALIGNMENT: perceiver.alignment.to_json()} if perceiver.alignment else {}
     settings = {
         "job": JOB_NAME,
         "folders": [folder.name for task in places.values() for _, folder in task],
@@ -306,11 +335,12 @@ def _claims(
         "velodyne": velodyne,
         "sightline": version("sightline"),
         **around_entry(around=around),
+        **aligned,
         **made_by,
     }
     claims = [Claim(folder=out, settings=settings, results=(f"{LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():
-        task, chosen = find_task(name), around_entry(around=around)
+        task, chosen = find_task(name), around_entry(around=around) | aligned
         claims += output_claims(task, predictor, places[name], data, velodyne, chosen=chosen)
     models = perceiver.join_models
     if models is not None:
@@ -318,7 +348,7 @@ def _claims(
         claims += [
             Claim(
                 folder=out / folder,
-                settings=joined | {"models": dict(models.provenance)},
+                settings={**joined, "models": dict(models.provenance), **aligned},
                 results=("*.txt",),
             )
             for folder in JOINED_FOLDERS

@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,15 +11,20 @@ from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
-from sightline.joining.join import join_detections
+from sightline.joining.alignment import Alignment, AlignmentConfig
+from sightline.joining.alignment_by_boxes import turn_by_boxes
+from sightline.joining.join import JoinConfig, join_detections
 from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.joining.recording import measure_recording
+from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.objects import Objects
-from sightline.structures.predictions import Perception
+from sightline.structures.predictions import Detections2D, Detections3D, Perception
 from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
 from sightline.tasks import REGISTRY, find_task, task_names
 
 if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
+    from sightline.data.open import SampleDataset
 
 _JOINED_TASKS: Final = ("detection2d", "detection3d")
 LEFT_OUT: Final = "none"
@@ -39,6 +44,8 @@ class FramePredictions:
     includes the start of its engine."""
     objects: Objects | None = None
     """Objects joined from both detectors; None: not joined."""
+    undone_turn: LidarTurn | None = None
+    """Rotation of the LiDAR by which the frame's calibration was corrected; None: not corrected."""
 
     @property
     def perception(self) -> Perception:
@@ -46,7 +53,7 @@ class FramePredictions:
         perception = Perception.joined(
             find_task(name).perception(prediction) for name, prediction in self.by_task.items()
         )
-        return replace(perception, objects=self.objects)
+        return replace(perception, objects=self.objects, undone_turn=self.undone_turn)
 
 
 class MultiTaskPredictor(SamplePredictor[Perception]):
@@ -70,8 +77,14 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
     """
 
     @named_arguments
-    def __init__(self, predictors: Mapping[str, Predictor]) -> None:
+    def __init__(
+        self, predictors: Mapping[str, Predictor], alignment: Alignment | None = None
+    ) -> None:
         """Stores the predictors by task name.
+
+        Args:
+            predictors: Predictors by task name.
+            alignment: State of the LiDAR's mount, as `aligned` measures it. None: not measured.
 
         Raises:
             ValueError: There are no predictors, or there is no such task.
@@ -82,6 +95,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             find_task(name)
         self.predictors: Final = dict(predictors)
         self.join_models: Final = _fitted_models(self.predictors)
+        self.alignment: Final = alignment
 
     @classmethod
     def load(
@@ -130,6 +144,25 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             )
         return cls(predictors)
 
+    def aligned(
+        self,
+        samples: "Sequence[CameraLidarSample] | SampleDataset",
+        config: AlignmentConfig | None = None,
+    ) -> "MultiTaskPredictor":
+        """Makes a predictor whose tasks get frames with the LiDAR's measured rotation undone.
+
+        As `JoinedPredictor.aligned`. If frames disagree or sweeps are late, only the joined objects
+        know of it.
+
+        Args:
+            samples: Frames of one recording, of which up to 15 are read, evenly spread.
+            config: Biases and limits. None: those for KITTI's rig.
+        """
+        alignment = measure_recording(samples, self._detect, config or AlignmentConfig())
+        if self.join_models is None:
+            alignment = Alignment(turn=alignment.turn)
+        return MultiTaskPredictor(self.predictors, alignment)
+
     @property
     def parts(self) -> "tuple[Part, ...]":
         """Parts of a sample that its tasks use."""
@@ -141,7 +174,10 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         return self.predict_by_task(sample).perception
 
     def predict_by_task(self, sample: CameraLidarSample) -> FramePredictions:
-        """Returns the tasks' own predictions and their times."""
+        """Returns the tasks' own predictions and their times, without the rotation."""
+        alignment = self.alignment or Alignment()
+        turn = alignment.turn
+        sample = undo_turn(sample, turn)
         by_task, lacks, milliseconds = {}, {}, {}
         for name, predictor in self.predictors.items():
             missing = lacking_parts(predictor, sample)
@@ -151,13 +187,36 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             start = time.perf_counter()
             by_task[name] = predictor(sample)
             milliseconds[name] = 1000 * (time.perf_counter() - start)
-        predictions = FramePredictions(by_task=by_task, lacks=lacks, milliseconds=milliseconds)
+        predictions = FramePredictions(
+            by_task=by_task, lacks=lacks, milliseconds=milliseconds, undone_turn=turn or None
+        )
         if self.join_models is None or not by_task.keys() & set(_JOINED_TASKS):
             return predictions
         start = time.perf_counter()
-        objects = _join(sample, predictions, self.join_models)
+        found = predictions.perception
+        if alignment.by_boxes:
+            turn = turn_by_boxes(sample, found.detections2d, found.detections3d)
+            sample = undo_turn(sample, turn)
+        objects = join_detections(
+            sample,
+            found.detections2d,
+            found.detections3d,
+            self.join_models,
+            JoinConfig(sweep_in_image=not alignment.late),
+        )
         milliseconds[JOINED] = 1000 * (time.perf_counter() - start)
-        return replace(predictions, objects=objects)
+        return replace(predictions, objects=objects, undone_turn=turn or None)
+
+    def _detect(self, sample: CameraLidarSample) -> tuple[Detections2D | None, Detections3D | None]:
+        """Detections to be joined; none unless they are."""
+        if self.join_models is None:
+            return None, None
+        found = Perception.joined(
+            find_task(name).perception(self.predictors[name](sample))
+            for name in _JOINED_TASKS
+            if not lacking_parts(self.predictors[name], sample)
+        )
+        return found.detections2d, found.detections3d
 
     def answer(self, sample: CameraLidarSample) -> FramePredictions:
         """Deprecated name of `predict_by_task`."""
@@ -176,9 +235,3 @@ def _fitted_models(predictors: Mapping[str, Predictor]) -> JoinModels | None:
         return None
     models = read_models()
     return models if models.fits(*digests) else None
-
-
-def _join(sample: CameraLidarSample, predictions: FramePredictions, models: JoinModels) -> Objects:
-    """Join the detections of both tasks."""
-    found = predictions.perception
-    return join_detections(sample, found.detections2d, found.detections3d, models)

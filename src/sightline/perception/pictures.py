@@ -11,6 +11,7 @@ from sightline.data.open import SampleDataset
 from sightline.files.atomic import check_writable
 from sightline.jobs.progress import track
 from sightline.perception.results import ResultFolder, open_results, read_perception
+from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.frame_row import RowLayout, draw_row
@@ -76,7 +77,8 @@ class PictureFiles:
         numbers = range(len(dataset))
         for sample in track(map(dataset.__getitem__, numbers), description=description,
                             total=len(numbers)):  # fmt: skip
-            yield sample, read_perception(results, sample).filter_by_score(self.min_score)
+            found = read_perception(results, sample).filter_by_score(self.min_score)
+            yield undo_turn(sample, found.undone_turn or LidarTurn()), found
 
 
 def _pictures(

@@ -12,6 +12,7 @@ from sightline.inference.predictor import Output
 from sightline.jobs.output_dirs import MANIFEST_NAME, read_claim
 from sightline.joining.models import JOINED
 from sightline.perception.kept_lines import LINES_FOLDER, read_line
+from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.objects import Objects
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
@@ -20,6 +21,10 @@ from sightline.tasks import REGISTRY, find_task, task_names
 JOB_NAME: Final = "perceive"
 """Name of the job in the manifest of a folder with results of several tasks."""
 
+ALIGNMENT: Final = "alignment"
+"""Entry of a manifest: state of the LiDAR's mount, if there was something to undo."""
+
+_FIRST: Final = -1  # position of the lines: other files are read with the calibration they tell
 _MAX_NAME_LENGTH: Final = 500  # characters: a folder and its parent, 255 bytes each
 
 
@@ -89,6 +94,8 @@ def _check_once(opened: Sequence[ResultFolder], found: Sequence[ResultFolder]) -
 def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) -> Perception:
     """Read the results of a sample; empty if they have no file of it.
 
+    If they tell of an `undone_turn`, draw them on the sample without it (`undo_turn`).
+
     Raises:
         ValueError: A file is damaged or has another image size.
     """
@@ -96,12 +103,13 @@ def read_perception(results: Sequence[ResultFolder], sample: CameraLidarSample) 
     for each in results:
         path = each.path(sample.sample_id)
         if path.is_file():
-            perception = each.read(path, sample, perception)
+            turn = perception.undone_turn or LidarTurn()
+            perception = each.read(path, undo_turn(sample, turn), perception)
     return perception
 
 
 def _read_objects(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
-    """Add the joined objects of a frame's line.
+    """Add the joined objects of a frame's line, and the rotation undone before.
 
     Raises:
         FileError: The file does not hold a line of the frame.
@@ -113,8 +121,12 @@ def _read_objects(path: Path, sample: CameraLidarSample, perception: Perception)
             f"does not hold the line of frame {sample.sample_id}",
             "remove it, and run perceive again",
         )
-    rows = line["objects"]
-    return replace(perception, objects=None if rows is None else Objects.from_json(rows))
+    rows, turn = line["objects"], line.get("undone_turn")
+    return replace(
+        perception,
+        objects=None if rows is None else Objects.from_json(rows),
+        undone_turn=None if turn is None else LidarTurn(**turn),
+    )
 
 
 def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolder]:
@@ -125,10 +137,15 @@ def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolde
         names = [checked_name(name, source, "folders:") for name in folders]
         parts = [(folder / name, read_claim(folder / name)) for name in dict.fromkeys(names)]
         found = [each for part, inner in parts if inner for each in _task_results(part, inner)]
-        if found and (folder / JOINED).is_dir():
-            lines = folder / LINES_FOLDER
+        if found and ((folder / JOINED).is_dir() or ALIGNMENT in claim):
             found.append(
-                ResultFolder(folder=lines, name="objects", suffix=".json", read=_read_objects)
+                ResultFolder(
+                    folder=folder / LINES_FOLDER,
+                    name="objects",
+                    suffix=".json",
+                    read=_read_objects,
+                    position=_FIRST,
+                )
             )
         return found
     if claim.get("job") == JOB_NAME and folders is None:  # joined objects, as detectors write

@@ -10,6 +10,7 @@ from sightline.data.open import open_dataset
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.jobs.output_dirs import data_name
 from sightline.perception.results import ResultFolder, open_results, read_perception
+from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
 from sightline.tasks import Task
@@ -100,6 +101,10 @@ def write_frames_picture(
     )
     samples = [dataset[index] for index in range(len(dataset))]
     perceptions = [source(sample).filter_by_score(min_score) for sample in samples]
+    samples = [
+        undo_turn(sample, each.undone_turn or LidarTurn())
+        for sample, each in zip(samples, perceptions, strict=True)
+    ]
     if len(samples) > 1:
         picture = draw_rows(list(zip(samples, perceptions, strict=True)))
     else:

@@ -1,0 +1,40 @@
+"""State of the LiDAR in a recording, by edges and, where these tell nothing, by detections."""
+
+from collections.abc import Callable, Sequence
+
+from sightline.data.open import SampleDataset
+from sightline.joining.alignment import (
+    Alignment,
+    AlignmentConfig,
+    measure_alignment,
+    spread_samples,
+)
+from sightline.joining.lateness import measure_advance
+from sightline.joining.scene import make_scene
+from sightline.structures.predictions import Detections2D, Detections3D
+from sightline.structures.sample import CameraLidarSample
+
+Detect = Callable[[CameraLidarSample], tuple[Detections2D | None, Detections3D | None]]
+"""Both detectors; None: one cannot run."""
+
+
+def measure_recording(
+    samples: Sequence[CameraLidarSample] | SampleDataset, detect: Detect, config: AlignmentConfig
+) -> Alignment:
+    """Measure rotation and delay of the LiDAR over up to 15 frames, evenly spread.
+
+    Where edges of image and sweep agree, the sweeps are in time, and no detector runs.
+
+    Args:
+        samples: Frames of one recording; unreadable ones are left out.
+        detect: Detectors for the delay.
+        config: Biases and limits of the rotation.
+    """
+    chosen = list(spread_samples(samples))
+    alignment = measure_alignment(chosen, config)
+    if alignment is not None and not alignment.by_boxes:
+        return alignment
+    advance = measure_advance(make_scene(sample, *detect(sample)) for sample in chosen)
+    if advance is not None and advance.is_late:
+        return Alignment(late=True)
+    return alignment or Alignment()
