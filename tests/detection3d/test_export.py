@@ -43,6 +43,10 @@ def weights(request, tmp_path_factory):
             part.running_var.uniform_(0.5, 2, generator=generator)
     if network.first_name == "pillars":  # else its second stage changes nothing
         torch.nn.init.normal_(network.regions.network.answer.weight, std=0.1, generator=generator)
+    else:  # else its boxes are all about the first one, and only one is left of them
+        last = network.refinement.network.box_head[-1]
+        torch.nn.init.normal_(last.weight, generator=generator)
+        torch.nn.init.zeros_(last.bias)
     loaded = load_network(TASK, path)
     write_weights(path, network.state_dict(), task="detection3d", config=loaded.weights.config,
                   provenance={})  # fmt: skip

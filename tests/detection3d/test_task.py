@@ -67,10 +67,14 @@ def scored(frames):
 def test_both_stages_learn_two_frames_by_heart(batch, scored):
     torch.manual_seed(0)
     task = Detection3D(TINY, loss=LOSS, stages="both")
-    optimizer = torch.optim.Adam(task.network.parameters(), lr=1e-2)
+    first, second = task.network.first, task.network.second
+    rates = [(first, 1e-2), (second, 5e-3)]
+    groups = [{"params": stage.parameters(), "lr": rate} for stage, rate in rates]
+    optimizer = torch.optim.Adam(groups)
     costs = []
     for step in range(110):
-        optimizer.param_groups[0]["lr"] = 1e-2 if step < 80 else 3e-3
+        for group, (_, rate) in zip(optimizer.param_groups, rates, strict=True):
+            group["lr"] = rate if step < 80 else 0.3 * rate
         optimizer.zero_grad()
         losses = task.losses(batch)
         losses.total.backward()

@@ -90,3 +90,35 @@ def test_settings_out_of_range_are_refused():
         RefinementConfig(head_widths=(0,))
     with pytest.raises(ValueError, match="in_channels must be at least 0, got -1"):
         RefinementConfig(in_channels=-1)
+
+
+def test_an_untrained_network_tells_features_apart_and_puts_out_the_first_box():
+    torch.manual_seed(0)
+    network = RefinementNetwork(RefinementConfig())
+    vectors = []
+    network.together.register_forward_hook(lambda *call: vectors.append(call[2].amax(dim=1)))
+    points = (torch.rand(1, 512, 3) * 3 + torch.tensor([30.0, 0.0, -1.0])).repeat(6, 1, 1)
+    boxes, logits = run(network, points, torch.rand(6, 1, 128) * torch.rand(6, 512, 128))
+    assert (boxes - torch.tensor(RefinementConfig().first_box)).abs().max() < 10
+    assert logits.abs().max() < 5
+    [vector] = vectors
+    assert vector.std(dim=0).mean() / vector.mean() > 0.03  # 0.002 with PyTorch's own start
+
+
+def test_mixed_precision_does_not_round_places():
+    torch.manual_seed(0)
+    network = RefinementNetwork(SMALL)
+    points = torch.rand(2, 16, 3) + torch.tensor([40.0, 0.0, 0.0])
+    whole = run(network, points, torch.rand(2, 16, 4))
+    with torch.no_grad():
+        network.box_head[-1].bias[0] = 40.1  # bfloat16: 40.0
+        network.box_head[-1].weight.zero_()
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = run(network, points, torch.rand(2, 16, 4))
+    assert whole.boxes.dtype == mixed.boxes.dtype == torch.float32
+    assert mixed.boxes[:, 0].tolist() == pytest.approx([40.1, 40.1], abs=1e-4)
+
+
+def test_a_first_box_has_seven_finite_numbers():
+    with pytest.raises(ValueError, match="first_box must be 7 finite numbers"):
+        RefinementConfig(first_box=(1.0, 2.0))

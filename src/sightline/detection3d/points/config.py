@@ -253,10 +253,15 @@ class RefinementConfig:
     """Hidden layers of each head."""
     batch_norm: bool = False
     """Whether layers have batch normalisation."""
+    first_box: tuple[float, ...] = (25.0, 0.0, -1.0, *CAR.mean_size_m, 0.0)
+    """Output of an untrained network, about the mean of the boxes to learn: x, y, z, length, width,
+    height, yaw in the frame of the points [m, rad]."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
         check_numbers(self, "at least 0", "in_channels")
+        if len(self.first_box) != 7 or not all(map(math.isfinite, self.first_box)):
+            raise ValueError(f"first_box must be 7 finite numbers, got {self.first_box}")
         check_widths("global_widths", self.global_widths)
         if self.head_widths:
             check_widths("head_widths", self.head_widths)

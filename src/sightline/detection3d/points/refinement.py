@@ -1,6 +1,6 @@
 """Plain second stage: a box and its confidence from the points around each proposal."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -28,7 +28,13 @@ from sightline.detection3d.points.refinement_training import (
     confidence_loss,
     sample_proposals,
 )
-from sightline.detection3d.stages import Proposed, Refined, Regions, SecondStage
+from sightline.detection3d.stages import (
+    Proposed,
+    Refined,
+    Regions,
+    SecondStage,
+    autocast_disabled,
+)
 from sightline.detection3d.sweeps import Sweep, SweepTruth
 from sightline.geometry.transforms import wrap_angle
 from sightline.ops.group_points import group_points
@@ -37,6 +43,7 @@ from sightline.ops.rotated_iou import pairwise_iou_3d
 
 _BOX_VALUES = 7
 _MIN_SIZE_M = 0.01
+_LAST_LAYER_SCALE = 0.1
 
 
 class RefinementOutput(NamedTuple):
@@ -67,6 +74,23 @@ class RefinementNetwork(nn.Module):
             head_layers(config.global_widths[-1], config.head_widths, width, batch_norm=batch_norm)
             for width in (_BOX_VALUES, 1)
         )
+        self._start(config)
+
+    def _start(self, config: RefinementConfig) -> None:
+        """Draw weights that keep the size of features (He et al. 2015), with `first_box` as output.
+
+        Without batch normalisation, PyTorch's start shrinks them by a factor of 2.4 a layer, so
+        that all regions look alike; and first outputs tens of metres off stop most units for good.
+        """
+        linear = [layer for layer in self.modules() if isinstance(layer, nn.Linear)]
+        for layer in linear:
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
+        with torch.no_grad():
+            for head in (self.box_head, self.confidence_head):
+                cast("nn.Linear", head[-1]).weight.mul_(_LAST_LAYER_SCALE)
+            cast("nn.Linear", self.box_head[-1]).bias.copy_(torch.tensor(config.first_box))
 
     def forward(
         self,
@@ -81,9 +105,10 @@ class RefinementNetwork(nn.Module):
             features: Features of these points.
             found: Output of `find_groupings`.
         """
-        level = abstract(PointFeatures(points, features), self.levels, found)[-1]
-        region = self.together(torch.cat(level, dim=2)).amax(dim=1)
-        return RefinementOutput(self.box_head(region), self.confidence_head(region)[:, 0])
+        places, known = abstract(PointFeatures(points, features), self.levels, found)[-1]
+        with autocast_disabled(places):  # bfloat16 has steps of 0.25 m at 40 m
+            region = self.together(torch.cat((places, known.to(places.dtype)), dim=2)).amax(dim=1)
+            return RefinementOutput(self.box_head(region), self.confidence_head(region)[:, 0])
 
 
 class PointRefinement(SecondStage):
