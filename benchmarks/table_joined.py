@@ -42,24 +42,20 @@ def joined(*records: Record) -> Rows:
     return rows
 
 
-def faults(*records: Record) -> Rows:
-    """Give a row for each fault, and what was undone; a later record replaces earlier rows."""
+def faults(record: Record) -> Rows:
+    """Give a row for each fault, and what was undone."""
     rows: Rows = [["fault", "undone", *_FAULT_COLUMNS]]
-    for number, record in enumerate(records):
-        later = {case for other in records[number + 1 :] for case in _cases(other)}
-        for case in _cases(record):
-            if case in later:
-                continue
-            told = next(row for row in record["results"] if row["case"] == case)
-            angles = (
-                f"{name.removesuffix('_deg')} {angle:.2f} deg"
-                for name, angle in told["undone"].items()
-                if angle
-            )
-            state = "frame by frame" if told["by_boxes"] else "late" if told.get("late") else "-"
-            undone = ", ".join(angles) or state
-            cells = [_cell(record, [case], *column) for column in _FAULT_COLUMNS.values()]
-            rows.append([_title(case), undone, *cells])
+    for case in _cases(record):
+        told = next(row for row in record["results"] if row["case"] == case)
+        angles = (
+            f"{name.removesuffix('_deg')} {angle:.2f} deg"
+            for name, angle in told["undone"].items()
+            if angle
+        )
+        state = "frame by frame" if told["by_boxes"] else "late" if told.get("late") else "-"
+        undone = ", ".join(angles) or state
+        cells = [_cell(record, [case], *column) for column in _FAULT_COLUMNS.values()]
+        rows.append([_title(case), undone, *cells])
     return rows
 
 

@@ -88,7 +88,7 @@ TABLES: Final = {
     "raycast": Table(("raycast",), table_speed.raycast),
     "simulate": Table(("simulate",), table_speed.simulate),
     "joined": Table(("joined", "joined_sample_train"), table_joined.joined),
-    "joined-faults": Table(("joined_faults", "joined_late"), table_joined.faults),
+    "joined-faults": Table(("joined_faults",), table_joined.faults),
     "joined-calibration": Table(
         (
             "joined_calibration",

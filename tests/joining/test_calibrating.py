@@ -40,7 +40,9 @@ def test_a_map_is_beta_calibration():
 
 
 def test_a_map_that_would_turn_the_order_is_refused():
-    with pytest.raises(ValueError, match="slopes of a calibration must be positive"):
+    with pytest.raises(
+        ValueError, match="a calibration must have finite numbers and positive slopes"
+    ):
         ScoreMap(low=-0.1)
 
 

@@ -293,7 +293,7 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named, is_recipe_last)
         (["--config", "tony"], "there is no recipe tony; .*: toy"),
         (["--config", "toy", "--model.network.chanels", "3"], "chanels"),
         (["--config", "toy", "--model.network.channels", "many"], "many"),
-        (["--config", "toy", "--model.optimizer.learning_rate", "-1"], "must be positive"),
+        (["--config", "toy", "--model.optimizer.learning_rate", "-1"], "finite and positive"),
         (["--config", "toy", "--trainer.max_epoch", "3"], "max_epoch"),
         (["--config", "toy", "--data.batch_size", "0"], "at least 1, got 0: set --data.init_args"),
         (["--config", "toy", "--data.training", "[{path: ., repeat: 0}]"], "^repeat must be"),

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from joined_calibration import beta
 from joined_evidence import gather, overlaps, score
 from joined_scene import Boxes, Detections, Scene, make_scene
 from kitti_frame import Array, Frame, Steps
@@ -59,13 +60,6 @@ def calibrated(found: Found, kind: str, maps: Steps) -> Found:
     in_image = beta(maps[kind][found.name], found.score)
     in_space = beta(maps[f"{kind}_3d"][found.name], found.score3d)
     return found._replace(score=in_image, score3d=0.0 if found.origin == "none" else in_space)
-
-
-def beta(slopes: Steps, score: float) -> float:
-    """Map a score by beta calibration."""
-    score = min(max(score, 1e-9), 1 - 1e-9)
-    logit = slopes["low"] * np.log(score) - slopes["high"] * np.log1p(-score) + slopes["bias"]
-    return float(1 / (1 + np.exp(-logit.clip(-50, 50))))
 
 
 def match(fit: Array, scores: Array) -> Array:

@@ -62,7 +62,7 @@ class ScoreMap:
     The logit of the calibrated score is low * log(s) - high * log(1 - s) + bias.
 
     Raises:
-        ValueError: A slope is not positive, so the order would change.
+        ValueError: A number is not finite, or a slope not positive, so the order would change.
     """
 
     low: float = 1.0
@@ -72,9 +72,12 @@ class ScoreMap:
     bias: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the slopes."""
-        if not (self.low > 0 and self.high > 0):
-            raise ValueError(f"slopes of a calibration must be positive, got {self}")
+        """Checks the numbers."""
+        is_finite = all(map(math.isfinite, (self.low, self.high, self.bias)))
+        if not (is_finite and self.low > 0 and self.high > 0):
+            raise ValueError(
+                f"a calibration must have finite numbers and positive slopes, got {self}"
+            )
 
     def __call__(
         self, scores: Float64[np.ndarray, " num_scores"]

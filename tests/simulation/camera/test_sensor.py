@@ -118,7 +118,7 @@ def test_a_brighter_sky_does_not_darken_the_street():
 @pytest.mark.parametrize(
     ("choice", "message"),
     [
-        ({"gamma": 0.0}, "gamma must be positive, got 0.0"),
+        ({"gamma": 0.0}, "gamma must be finite and positive, got 0.0"),
         ({"metering_limit": 0.5}, "metering_limit must be finite and at least 1, got 0.5"),
         ({"photon_noise": -0.1}, "photon_noise must be finite and at least 0, got -0.1"),
         ({"lens_blur_px": -1.0}, "lens_blur_px must be finite and at least 0, got -1"),
