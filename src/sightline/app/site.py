@@ -187,7 +187,7 @@ class _Writer:
         """Paths of all files of the page."""
 
     def is_done(self, state: PageState) -> bool:
-        """Whether all files of a state are there, from an interrupted or an older export."""
+        """Test whether all files of a state exist, some from an interrupted or older export."""
         place = self._place(state)
         content = self._aside.read(place)
         if content is None:

@@ -83,7 +83,7 @@ class SiteFolder:
         os.close(self._lock)
 
     def has(self, place: str) -> bool:
-        """Whether a file is there, or can be taken over from the older export."""
+        """Test whether the new export holds a file, or can take it over from the older one."""
         if is_finished(self._aside / place):
             return True
         if not self._is_like_older() or not is_finished(self._site / place):

@@ -286,7 +286,7 @@ def _add(archive: tarfile.TarFile, source: Path, tar: Path, name: str, *, compre
 
 
 def is_whole(tar: Path) -> bool:
-    """Whether a tar and its index are there, and the checksum is that of the index."""
+    """Test whether a shard is whole: tar and index exist, and the checksum is the index's."""
     try:
         index = read_index(tar)
         return index is not None and _fault(index) is None

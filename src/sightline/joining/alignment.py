@@ -83,7 +83,7 @@ class Alignment:
     by_boxes: bool = False
     """Alignment of each frame by its own boxes (`turn_by_boxes`), because the frames disagree."""
     late: bool = False
-    """Whether the sweeps are late (`measure_advance`): their boxes are wrong in the image."""
+    """Delay of the sweeps behind the images (`measure_advance`), which shifts their boxes."""
 
     def __bool__(self) -> bool:
         """Tell whether there is anything to undo."""

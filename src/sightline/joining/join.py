@@ -31,11 +31,11 @@ class JoinConfig:
     rescore: bool = True
     """Whether the models give scores; off: the detectors' own."""
     calibrate: bool = True
-    """Whether their scores are calibrated, which keeps the order within a class."""
+    """Calibration of the objects' scores, which keeps the order within a class."""
     mix_boxes: bool = True
     """Whether matched image boxes take the shape of the projected 3D box."""
     sweep_in_image: bool = True
-    """Whether boxes of the sweep count in the image. Off, for late sweeps: boxes and scores in the
+    """Use of the 3D detector's boxes in the image. Off, for late sweeps: boxes and scores in the
     image are the image detector's, and objects without its box have a tenth of their score."""
     lift: bool = True
     """Whether objects without a 3D box get one by geometry."""

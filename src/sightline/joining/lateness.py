@@ -30,7 +30,7 @@ class Advance(NamedTuple):
 
     @property
     def is_late(self) -> bool:
-        """Whether the sweeps are surely late."""
+        """Test whether the sweeps are late behind the images by more than the noise."""
         return self.metres > max(MIN_LATE_M, _DEVIATIONS * self.deviation)
 
 

@@ -79,7 +79,7 @@ class _Frame:
 
     @property
     def has_detections(self) -> bool:
-        """Whether detections or joined objects are drawn, beside which labels are white."""
+        """Test whether detections or joined objects are drawn; labels are then white."""
         found = self.perception
         return any(
             each is not None for each in (found.objects, found.detections2d, found.detections3d)
@@ -87,7 +87,7 @@ class _Frame:
 
     @property
     def has_boxes3d(self) -> bool:
-        """Whether 3D boxes of detections or joined objects are drawn."""
+        """Test whether 3D boxes of detections or joined objects are drawn."""
         return self.perception.objects is not None or self.perception.detections3d is not None
 
 
