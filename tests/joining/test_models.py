@@ -6,7 +6,7 @@ import pytest
 
 from sightline.files.problem import FileError
 from sightline.files.weights_header import find_weights
-from sightline.joining.models import CLASSES, COLUMNS, LogisticModel, read_models
+from sightline.joining.models import CLASSES, COLUMNS, LogisticModel, fitted_models, read_models
 from tests.joining.scenes import own_score_models
 
 DIGESTS = {"detection2d": "a" * 64, "detection3d": "b" * 64}
@@ -47,14 +47,15 @@ def test_a_damaged_file_is_refused_with_its_name_and_a_remedy(tmp_path, fault):
         read_models(path)
 
 
-def test_the_models_that_ship_fit_the_weights_that_ship():
-    models = read_models()
-    weights = models.provenance["weights"]
+@pytest.mark.parametrize("in_image", ["detection2d-best", "detection2d-fast-cpu"])
+@pytest.mark.parametrize("in_sweep", ["detection3d-best", "detection3d-fast-cpu"])
+def test_models_ship_for_each_pair_of_detectors_that_ships(in_image, in_sweep):
     digests = [
-        hashlib.sha256(find_weights(weights[task]).read_bytes()).hexdigest()
-        for task in ("detection2d", "detection3d")
+        hashlib.sha256(find_weights(name).read_bytes()).hexdigest() for name in (in_image, in_sweep)
     ]
-    assert models.fits(*digests)
+    models = fitted_models(*digests)
+    assert models.provenance["weights"] == {"detection2d": in_image, "detection3d": in_sweep}
+    assert fitted_models(*reversed(digests)) is None
     for kind, columns in COLUMNS.items():
         for name in CLASSES:
             model = getattr(models, kind)[name]

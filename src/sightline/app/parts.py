@@ -21,7 +21,7 @@ from sightline.files.problem import FileError
 from sightline.health.monitor import HealthMonitor, rgb_of
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.joining.join import JoinConfig, join_detections
-from sightline.joining.models import JOINED, read_models
+from sightline.joining.models import JOINED, fitted_models, read_models
 from sightline.perception.perceiver import LEFT_OUT
 from sightline.structures.health import SampleHealth
 from sightline.structures.labels import ObjectLabels
@@ -150,11 +150,10 @@ class PartMaker:
         (found2d, digest2d), (found3d, digest3d) = given
         if found2d is None and found3d is None:
             return Answer(content={"objects": None})
-        models = read_models()
-        is_fitted = models.fits(digest2d, digest3d)
-        config = JoinConfig(rescore=is_fitted)
-        objects = join_detections(sample, found2d, found3d, models, config)
-        return Answer(content={"objects": objects.to_json(), "rescored": is_fitted})
+        models = fitted_models(digest2d, digest3d)
+        config = JoinConfig(rescore=models is not None)
+        objects = join_detections(sample, found2d, found3d, models or read_models(), config)
+        return Answer(content={"objects": objects.to_json(), "rescored": config.rescore})
 
 
 def check_inside(paths: Iterable[Path], data: Path) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import jsonargparse
 
 from sightline.cli.adapt import adapt
+from sightline.cli.average import average
 from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.check import check
 from sightline.cli.corrupt import corrupt
@@ -158,6 +159,7 @@ def _commands() -> dict[str, Any]:
         "health-limits": health_limits,
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "adapt": adapt,
+        "average": average,
         "tasks": list_tasks,
         "predict": predict_commands(),
         "perceive": perceive_command(),

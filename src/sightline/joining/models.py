@@ -20,7 +20,7 @@ from sightline.joining.lifting import LIFTED_COLUMNS
 JOINED: Final = "joined"
 """Name of the joined predictor; see `sightline.load`."""
 SHIPPED: Final = WEIGHTS_FOLDER / "joined.json"
-"""Models fitted on simulated frames, which the file describes."""
+"""Models for the default weights, fitted on simulated frames, which the file describes."""
 CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
 """Classes of the models."""
 COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -156,6 +156,16 @@ def read_models(path: Path = SHIPPED) -> JoinModels:
             "holds no models of this version, expected weights and bias of each kind and class",
             _REMEDY,
         ) from error
+
+
+def fitted_models(sha256_2d: str, sha256_3d: str) -> JoinModels | None:
+    """Read the included models that were fitted with these weights of the two detectors, if any.
+
+    Raises:
+        FileError: A file of models cannot be read.
+    """
+    every = map(read_models, sorted(WEIGHTS_FOLDER.glob(f"{JOINED}*.json")))
+    return next((models for models in every if models.fits(sha256_2d, sha256_3d)), None)
 
 
 def _model(plain: Mapping[str, Any], num_columns: int) -> LogisticModel:

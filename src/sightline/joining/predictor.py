@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from sightline.data.kitti_trees import Part
@@ -14,7 +15,7 @@ from sightline.inference.sample_predictor import SamplePredictor
 from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.join import JoinConfig, join_detections
-from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.joining.models import JOINED, JoinModels, fitted_models, read_models
 from sightline.joining.recording import measure_recording
 from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D, Perception
@@ -98,21 +99,33 @@ class JoinedPredictor(SamplePredictor[Perception]):
 
     @classmethod
     def load(
-        cls, *, engine: EngineChoice = "torch", device: str = "cpu", threads: int | None = None
+        cls,
+        *,
+        detection2d: str | Path | None = None,
+        detection3d: str | Path | None = None,
+        engine: EngineChoice = "torch",
+        device: str = "cpu",
+        threads: int | None = None,
     ) -> "JoinedPredictor":
-        """Loads the models that ship and the weights for which they were fitted.
+        """Loads both detectors, and the included models that were fitted for them.
+
+        Args:
+            detection2d: Included weights of the image detector. None: the default ones.
+            detection3d: Included weights of the sweep detector. None: the default ones.
+            engine: See `load_network`.
+            device: See `load_network`.
+            threads: See `load_network`.
 
         Raises:
             ValueError: See `load_network` and the constructor.
         """
-        models = read_models()
-        weights = models.provenance["weights"]
+        default = read_models()
+        weights = default.provenance["weights"]
         options: dict[str, Any] = {"engine": engine, "device": device, "threads": threads}
-        return cls(
-            DetectionPredictor.load(weights["detection2d"], **options),
-            Detection3DPredictor.load(weights["detection3d"], **options),
-            models,
-        )
+        in_image = DetectionPredictor.load(detection2d or weights["detection2d"], **options)
+        in_sweep = Detection3DPredictor.load(detection3d or weights["detection3d"], **options)
+        models = fitted_models(in_image.sha256, in_sweep.sha256)
+        return cls(in_image, in_sweep, models or default)
 
     @property
     def made_by(self) -> dict[str, str]:

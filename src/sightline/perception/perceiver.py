@@ -14,7 +14,7 @@ from sightline.inference.sample_predictor import SamplePredictor
 from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.join import JoinConfig, join_detections
-from sightline.joining.models import JOINED, JoinModels, read_models
+from sightline.joining.models import JOINED, JoinModels, fitted_models
 from sightline.joining.recording import measure_recording
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.objects import Objects
@@ -225,7 +225,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
 
 
 def _fitted_models(predictors: Mapping[str, Predictor]) -> JoinModels | None:
-    """Read the models of joined scores; None: they were fitted for other weights."""
+    """Read the models of joined scores fitted for the weights; None: there are none."""
     digests = [
         predictors[name].made_by.get("weights_sha256", "")
         for name in _JOINED_TASKS
@@ -233,5 +233,4 @@ def _fitted_models(predictors: Mapping[str, Predictor]) -> JoinModels | None:
     ]
     if len(digests) < len(_JOINED_TASKS) or not all(digests):
         return None
-    models = read_models()
-    return models if models.fits(*digests) else None
+    return fitted_models(*digests)

@@ -1,0 +1,73 @@
+"""Average of the weights of two networks of one design, such as before and after fine-tuning.
+
+Fine-tuned networks gain where they were trained and lose elsewhere; between both lie networks that
+gain in both (Wortsman et al. 2022, Robust fine-tuning of zero-shot models, equation 1).
+"""
+
+import hashlib
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from sightline.files.weights import read_weights, write_weights
+from sightline.files.weights_header import find_weights
+
+
+def average_weights(
+    first: Path | str, second: Path | str, out: Path, *, share: float = 0.5, half: bool = False
+) -> None:
+    """Write (1 - share) times the first weights plus share times the second ones.
+
+    Counters and settings are those of the second. The same weights give the same bytes.
+
+    Args:
+        first: Name or file of weights.
+        second: Name or file of weights of the same design.
+        out: File to write (.safetensors).
+        share: Share of the second, in [0, 1].
+        half: Store half precision, in half of the bytes.
+
+    Raises:
+        ValueError: The share is no share, weights cannot be read, or the designs differ.
+    """
+    if not 0 <= share <= 1:
+        raise ValueError(f"share must be between 0 and 1, got {share}")
+    before, after = read_weights(first), read_weights(second)
+    if before.task != after.task:
+        raise ValueError(
+            f"{first} is of task {before.task}, {second} of {after.task}; average weights of one "
+            "design"
+        )
+    for name in sorted(before.tensors.keys() | after.tensors.keys()):
+        shapes = [
+            str(list(each.tensors[name].shape)) if name in each.tensors else "missing"
+            for each in (before, after)
+        ]
+        if shapes[0] != shapes[1]:
+            raise ValueError(
+                f"the tensor {name} is {shapes[0]} in {first} and {shapes[1]} in {second}; average "
+                "weights of one design"
+            )
+
+    def mean(name: str, tensor: Tensor) -> Tensor:
+        if not tensor.is_floating_point():
+            return tensor
+        mixed = before.tensors[name].double().lerp(tensor.double(), share)
+        return mixed.to(torch.float16 if half else torch.float32)
+
+    parts = ((1 - share, first), (share, second))
+    origin = " and ".join(
+        f"{part:g} of {Path(name).stem} ({_digest(name)[:12]})" for part, name in parts
+    )
+    write_weights(
+        out,
+        {name: mean(name, tensor) for name, tensor in after.tensors.items()},
+        task=after.task,
+        config=after.config,
+        provenance={**after.provenance, "average": origin},
+    )
+
+
+def _digest(weights: Path | str) -> str:
+    return hashlib.sha256(find_weights(weights).read_bytes()).hexdigest()

@@ -1,0 +1,66 @@
+import pytest
+import torch
+
+from sightline.cli.main import main
+from sightline.files.weights import read_weights, write_weights
+from sightline.training.averaging import average_weights
+
+
+def write(path, tensors, *, task="depth-completion", **provenance):
+    write_weights(path, tensors, task=task, config={"depth": path.stem}, provenance=provenance)
+    return path
+
+
+@pytest.fixture
+def pair(tmp_path):
+    first = {"a": torch.tensor([1.0, -2.0]).half(), "steps": torch.tensor(3)}
+    second = {"a": torch.tensor([3.0, 2.0]), "steps": torch.tensor(7)}
+    return (
+        write(tmp_path / "first.safetensors", first, seed="1"),
+        write(tmp_path / "second.safetensors", second, seed="2"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"), [(0.0, [1, -2]), (0.25, [1.5, -1]), (0.5, [2, 0]), (1.0, [3, 2])]
+)
+def test_the_average_lies_between_both_by_its_share(tmp_path, pair, share, expected):
+    average_weights(*pair, tmp_path / "mean.safetensors", share=share)
+    found = read_weights(tmp_path / "mean.safetensors")
+    assert found.tensors["a"].dtype == torch.float32
+    assert found.tensors["a"].tolist() == expected
+    assert found.tensors["steps"].tolist() == 7
+    assert (found.task, found.config) == ("depth-completion", {"depth": "second"})
+    assert found.provenance["seed"] == "2"
+    assert f"{share:g} of second (" in found.provenance["average"]
+
+
+def test_the_command_stores_half_precision_and_never_over_its_inputs(tmp_path, pair, capsys):
+    out = tmp_path / "mean.safetensors"
+    assert main(["average", *map(str, pair), str(out), "--half"]) == 0
+    assert read_weights(out).tensors["a"].dtype == torch.float16
+    before = pair[0].read_bytes()
+    assert main(["average", *map(str, pair), str(pair[0])]) == 2
+    assert pair[0].read_bytes() == before
+    assert str(pair[0]) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("tensors", "task", "named"),
+    [
+        ({"a": torch.zeros(3), "steps": torch.tensor(0)}, "depth-completion", r"a is \[2\] in"),
+        ({"a": torch.zeros(2)}, "depth-completion", r"steps is \[\] in .* and missing in"),
+        ({"a": torch.zeros(2), "steps": torch.tensor(0)}, "detection2d", "of task depth-compl"),
+    ],
+)
+def test_networks_of_other_designs_are_refused(tmp_path, pair, tensors, task, named):
+    other = write(tmp_path / "other.safetensors", tensors, task=task)
+    with pytest.raises(ValueError, match=named):
+        average_weights(pair[0], other, tmp_path / "mean.safetensors")
+    assert not (tmp_path / "mean.safetensors").exists()
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.5, float("nan")])
+def test_shares_beyond_0_and_1_are_refused(tmp_path, pair, share):
+    with pytest.raises(ValueError, match="share must be between 0 and 1"):
+        average_weights(*pair, tmp_path / "mean.safetensors", share=share)
