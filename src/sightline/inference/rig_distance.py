@@ -192,7 +192,7 @@ def compare(
 def _departure(sensor: str, name: str, value: float | None, limit: Mapping[str, Any]) -> Departure:
     low, high = map(float, limit["trained"])
     if value is None:
-        distance = _NO_RINGS
+        distance = 0.0 if limit.get("without_rings") else _NO_RINGS
     elif value > high and limit.get("side") == "low":  # only smaller values cost anything
         distance = 0.0
     elif "factor" in limit:
