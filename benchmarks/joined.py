@@ -3,8 +3,8 @@
 States of the sensors are `CASES` of joined_frames.py. Scores by KITTI's rules, moderate, AP over
 all points of the curve, with differences and the 95 % interval of a paired bootstrap over frames;
 and nuScenes' AP by centre distance. In each state the LiDAR's mount is measured by the frames, as
-`JoinedPredictor.aligned` does. Prints a row for each state and score, then one line of JSON, kept
-in benchmarks/results/joined.json.
+`JoinedPredictor.aligned` does, unless these are of several rigs (`--align false`). Prints a row for
+each state and score, then one line of JSON, kept in benchmarks/results/joined.json.
 """
 
 from collections.abc import Mapping, Sequence
@@ -73,6 +73,8 @@ def main(
     resamples: int = 1000,
     seed: int = 0,
     engine: EngineName = "openvino",
+    *,
+    align: bool = True,
 ) -> None:
     """Print a row for each state and score, then one line of JSON.
 
@@ -86,6 +88,7 @@ def main(
         resamples: Number of resamples of the frames.
         seed: Seed of the resamples.
         engine: Inference engine.
+        align: Measure the LiDAR's mount, which must be that of all frames.
     """
     torch.set_num_threads(1)
     given = open_labelled(data, sample_list, velodyne, models, cache, engine)
@@ -94,9 +97,11 @@ def main(
     for case in cases:
         frames = list(store.frames(samples, case, CASES[case]))
         by_name = {frame.sample.sample_id: (frame.found2d, frame.found3d) for frame in frames}
-        alignment = measure_recording(
-            [frame.sample for frame in frames], partial(_found, by_name), AlignmentConfig()
-        )
+        alignment = Alignment()
+        if align:
+            alignment = measure_recording(
+                [frame.sample for frame in frames], partial(_found, by_name), AlignmentConfig()
+            )
         aligned = _aligned(store, samples, case, frames, alignment)
         found = join_all(
             frames, given.models, aligned, JoinConfig(sweep_in_image=not alignment.late)

@@ -42,6 +42,15 @@ def joined(*records: Record) -> Rows:
     return rows
 
 
+def pairs(*records: Record) -> Rows:
+    """Give the rows of `joined` for each pair of detectors."""
+    rows: Rows = [["detectors", "sensors", *_COLUMNS]]
+    for record in records:
+        names = ", ".join(record["weights"])
+        rows += [[names, *cells] for _, *cells in joined(record)[1:]]
+    return rows
+
+
 def faults(record: Record) -> Rows:
     """Give a row for each fault, and what was undone."""
     rows: Rows = [["fault", "undone", *_FAULT_COLUMNS]]

@@ -88,6 +88,10 @@ TABLES: Final = {
     "raycast": Table(("raycast",), table_speed.raycast),
     "simulate": Table(("simulate",), table_speed.simulate),
     "joined": Table(("joined", "joined_sample_train"), table_joined.joined),
+    "joined-rigs": Table(("joined_rigs", "joined_views"), table_joined.joined),
+    "joined-pairs": Table(
+        ("joined_best_fast", "joined_fast_best", "joined_fast"), table_joined.pairs
+    ),
     "joined-faults": Table(("joined_faults",), table_joined.faults),
     "joined-calibration": Table(
         (
