@@ -14,7 +14,7 @@ def write(path, tensors, *, task="depth-completion", **provenance):
 @pytest.fixture
 def pair(tmp_path):
     first = {"a": torch.tensor([1.0, -2.0]).half(), "steps": torch.tensor(3)}
-    second = {"a": torch.tensor([3.0, 2.0]), "steps": torch.tensor(7)}
+    second = {"a": torch.tensor([3.0, 2.0]), "steps": torch.tensor(7), "head": torch.ones(1)}
     return (
         write(tmp_path / "first.safetensors", first, seed="1"),
         write(tmp_path / "second.safetensors", second, seed="2"),
@@ -27,10 +27,11 @@ def pair(tmp_path):
 def test_the_average_lies_between_both_by_its_share(tmp_path, pair, share, expected):
     average_weights(*pair, tmp_path / "mean.safetensors", share=share)
     found = read_weights(tmp_path / "mean.safetensors")
+    assert sorted(found.tensors) == ["a", "steps"]  # without the head of the training
     assert found.tensors["a"].dtype == torch.float32
     assert found.tensors["a"].tolist() == expected
     assert found.tensors["steps"].tolist() == 7
-    assert (found.task, found.config) == ("depth-completion", {"depth": "second"})
+    assert (found.task, found.config) == ("depth-completion", {"depth": "first"})
     assert found.provenance["seed"] == "2"
     assert f"{share:g} of second (" in found.provenance["average"]
 

@@ -19,7 +19,8 @@ def average_weights(
 ) -> None:
     """Write (1 - share) times the first weights plus share times the second ones.
 
-    Counters and settings are those of the second. The same weights give the same bytes.
+    Settings are those of the first, and heads that only the training of the second had are left
+    out. Counters are those of the second. The same weights give the same bytes.
 
     Args:
         first: Name or file of weights.
@@ -39,7 +40,7 @@ def average_weights(
             f"{first} is of task {before.task}, {second} of {after.task}; average weights of one "
             "design"
         )
-    for name in sorted(before.tensors.keys() | after.tensors.keys()):
+    for name in sorted(before.tensors):
         shapes = [
             str(list(each.tensors[name].shape)) if name in each.tensors else "missing"
             for each in (before, after)
@@ -52,8 +53,8 @@ def average_weights(
 
     def mean(name: str, tensor: Tensor) -> Tensor:
         if not tensor.is_floating_point():
-            return tensor
-        mixed = before.tensors[name].double().lerp(tensor.double(), share)
+            return after.tensors[name]
+        mixed = tensor.double().lerp(after.tensors[name].double(), share)
         return mixed.to(torch.float16 if half else torch.float32)
 
     parts = ((1 - share, first), (share, second))
@@ -62,9 +63,9 @@ def average_weights(
     )
     write_weights(
         out,
-        {name: mean(name, tensor) for name, tensor in after.tensors.items()},
-        task=after.task,
-        config=after.config,
+        {name: mean(name, tensor) for name, tensor in before.tensors.items()},
+        task=before.task,
+        config=before.config,
         provenance={**after.provenance, "average": origin},
     )
 
