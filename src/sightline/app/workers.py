@@ -6,6 +6,7 @@ import itertools
 import multiprocessing
 import pickle
 import signal
+import time
 import traceback
 from dataclasses import dataclass, field
 from functools import partial
@@ -69,6 +70,7 @@ class Workers:
         self._numbers = itertools.count()
         self.all = list(self._idle)
         self.num_replaced = 0
+        self._is_closed = False
 
     async def run(self, task: Task) -> Answer:
         """Compute a part, a second time if its worker process ends meanwhile.
@@ -97,11 +99,13 @@ class Workers:
 
     def close(self) -> None:
         """End the processes, by force if necessary."""
+        self._is_closed = True
         for worker in self.all:
             with contextlib.suppress(OSError):
                 worker.channel.send_bytes(b"")
+        deadline_s = time.monotonic() + _PATIENCE_S  # one for all
         for worker in self.all:
-            worker.process.join(_PATIENCE_S)
+            worker.process.join(max(deadline_s - time.monotonic(), 0))
             worker.process.kill()
 
     async def _turn(self, part: str) -> _Worker:
@@ -125,6 +129,8 @@ class Workers:
             raise
 
     def _return(self, worker: _Worker, done: "asyncio.Future[Answer | str | None]") -> None:
+        if self._is_closed:
+            return
         is_lost = done.cancelled() or done.exception() is not None or done.result() is None
         self._hand_on(self._replacement(worker) if is_lost else worker)
 
