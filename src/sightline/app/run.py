@@ -1,5 +1,6 @@
 """The page's server from opening the data to its end."""
 
+import errno
 import logging
 import secrets
 import socket
@@ -128,7 +129,12 @@ def _listen(host: str, port: int) -> socket.socket:
             (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
         )
     except OSError as error:
+        reason = (error.strerror or str(error)).partition(" (while")[0].lower()
+        remedy = (
+            "another --port, or 0 for any"
+            if error.errno in (errno.EADDRINUSE, errno.EACCES)
+            else "an address of this machine by --host, such as 0.0.0.0 for all of them"
+        )
         raise ValueError(
-            f"the page cannot be served on {host}, port {port}: "
-            f"{(error.strerror or str(error)).lower()}; give another --port, or 0 for any"
+            f"the page cannot be served on {host}, port {port}: {reason}; give {remedy}"
         ) from error
