@@ -209,8 +209,8 @@ def _bounded_library() -> Iterator[None]:
     profile of an MCAP file would make the bag unreadable by any fault, or by any other encoding.
     """
     from lz4.frame import LZ4FrameDecompressor
-    from rosbags.rosbag1 import reader as ros1
     from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+    from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 
     undefined = MessageDefinition(MessageDefinitionFormat.NONE, "")
