@@ -10,13 +10,19 @@ import time
 import traceback
 from dataclasses import dataclass, field
 from functools import partial
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Final
 
 from sightline.app.parts import Answer, PartMaker, Task
 from sightline.files.problem import memory_fault, plain_line
-from sightline.jobs.pool import holding_signals, ignore_interrupts, one_blas_thread
+from sightline.jobs.pool import (
+    HELD_SIGNALS,
+    holding_signals,
+    ignore_interrupts,
+    one_blas_thread,
+)
 
 MAX_WAITING: Final = 64
 """Most tasks that wait for a worker."""
@@ -65,6 +71,7 @@ class Workers:
     def __init__(self, maker: PartMaker, count: int) -> None:
         """Start the processes."""
         self._maker = maker
+        _start_forkserver()
         self._idle = [self._started() for _ in range(count)]
         self._waiting: list[_Waiting] = []
         self._numbers = itertools.count()
@@ -160,6 +167,19 @@ class Workers:
         return _Worker(process, own_end)
 
 
+def _start_forkserver() -> None:
+    """Start the process that forks the workers, deaf to signals that a terminal sends to all.
+
+    It imports for seconds, and would end by Ctrl-C with a traceback.
+    """
+    resource_tracker.ensure_running()  # it would unblock the signals again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_SIGNALS)
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _end_of(process: BaseProcess) -> str:
     """Describe the end of a process."""
     code = process.exitcode
@@ -185,6 +205,7 @@ def _work(maker: PartMaker, channel: Connection) -> None:
     import torch
 
     ignore_interrupts()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD_SIGNALS)
     cv2.setNumThreads(0)
     one_blas_thread()
     torch.set_num_threads(1)
