@@ -27,7 +27,7 @@ from sightline.jobs.pool import (
 MAX_WAITING: Final = 64
 """Most tasks that wait for a worker."""
 
-_PATIENCE_S: Final = 2.0
+_PATIENCE_S: Final = 1.0
 _URGENCY: Final = {"scene": 0, "joined": 1, "detection2d": 2, "detection3d": 3}
 _LATER: Final = 4
 _STARTS: Final = multiprocessing.get_context("forkserver")

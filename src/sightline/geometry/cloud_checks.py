@@ -24,7 +24,7 @@ _OTHER_LAYOUTS: Final = (
     *(("<f8", columns) for columns in (3, 4, 5, 6)),
 )
 _MIN_BYTES: Final = 320  # twenty points: fewer give too little evidence
-_MIN_REACH_M: Final = 0.01
+_MIN_SWAPPED_M: Final = 0.01
 _FINITE_SHARE: Final = 0.5  # share of rows with points in range
 _MAX_UNLIKENESS_RATIO: Final = (
     0.8  # largest ratio of unlikeness to that of rows of four for another layout
@@ -416,7 +416,7 @@ def is_big_endian(content: bytes) -> bool:
         return False
     little, big = (np.frombuffer(content, order).reshape(-1, 4) for order in ("<f4", ">f4"))
     reach_m = np.abs(big[:, :3]).max(axis=1)  # of swapped NaN 1e-41
-    is_cloud = (reach_m > _MIN_REACH_M).mean() > 0.5
+    is_cloud = (reach_m > _MIN_SWAPPED_M).mean() > 0.5
     return bool(is_cloud and not _is_plausible(little) and _is_plausible(big))
 
 
