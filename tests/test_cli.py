@@ -278,6 +278,12 @@ def test_help_lists_the_training_commands(capsys):
     [
         (ValueError("no such\nrecipe"), 2, "sightline: no such recipe\n"),
         (RuntimeError("std::bad_alloc"), 2, f"sightline: {memory_fault(MemoryError())}\n"),
+        (
+            FileNotFoundError(2, "No usable temporary directory found in ['/tmp']"),
+            2,
+            "sightline: no temporary folder (TMPDIR, /tmp, ..) can be written to; make room, or "
+            "name another one by the variable TMPDIR\n",
+        ),
         (KeyboardInterrupt("interrupted; add --x"), 130, "sightline: interrupted; add --x\n"),
         (
             KeyboardInterrupt(),

@@ -24,6 +24,8 @@ class QuickMaker(PartMaker):
             os._exit(3)
         if 8 in seeds and task.part == "detection3d":
             raise ValueError("this frame is\ndamaged")
+        if 4 in seeds and task.part != "scene":
+            time.sleep(3600)
         if 7 in seeds and task.part != "scene":
             time.sleep(0.5)
         if task.part in ("scene", "health"):

@@ -1,6 +1,9 @@
 import json
 import shutil
+import socket
 import struct
+import threading
+import time
 from importlib.resources import files
 
 import cv2
@@ -9,6 +12,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from sightline.app.guard import HEADERS
+from sightline.app.run import page_server
 from sightline.app.server import make_app
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import QuickMaker, dataset, settings
@@ -153,3 +157,19 @@ def test_nothing_is_written_to_the_data(tmp_path):
         client.get("/api/answers?client=a&fault=camera_fog.3.0")
         client.get("/api/commands?fault=camera_fog.3.0")
     assert sorted(path.stat().st_mtime_ns for path in tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("path", ["answers?client=a&turn=1", "file/depth?turn=1"])
+def test_a_server_that_is_told_to_end_does_not_wait_for_answers(path, capfd):
+    server = page_server(make_app(settings(), QuickMaker(dataset(), PACKAGED_FRAMES, "torch")))
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+        thread.start()
+        with socket.create_connection(listening.getsockname()) as asking:
+            request = f"GET /api/{path}&fault=lidar_fog.1.4 HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+            asking.sendall(request.encode())
+            while not server.server_state.tasks:  # an answer of an hour
+                time.sleep(0.05)
+            server.should_exit = True
+            thread.join()
+    assert capfd.readouterr().err == ""

@@ -1,6 +1,7 @@
 import asyncio
 import os
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -34,6 +35,26 @@ def test_a_killed_worker_is_replaced_and_its_task_done_again(workers):
         answer = await slow
         assert answer.content == {"by": "detection2d-fast-cpu"}
         assert workers.num_replaced == 1
+
+    asyncio.run(run())
+
+
+def parent_of(pid):
+    return int(Path(f"/proc/{pid}/status").read_text().split("PPid:")[1].split()[0])
+
+
+def test_a_terminal_s_signals_end_workers_alone_and_not_what_starts_them(workers):
+    async def run():
+        worker = workers.all[0].process
+        starter = parent_of(worker.pid)
+        for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+            os.kill(starter, number)
+        await workers.run(task("detection2d"))
+        os.kill(worker.pid, signal.SIGTERM)
+        worker.join()
+        assert worker.exitcode == -signal.SIGTERM
+        await workers.run(task("detection2d"))
+        assert parent_of(workers.all[0].process.pid) == starter
 
     asyncio.run(run())
 

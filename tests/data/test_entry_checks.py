@@ -263,6 +263,24 @@ def test_a_sensors_folder_of_another_name_is_called_so_in_recordings(tmp_path, o
         open_dataset(tmp_path)
 
 
+@pytest.mark.parametrize(("own", "other"), [("images", "Images"), ("labels", "LABELS")])
+def test_a_second_folder_in_another_case_is_told_beside_the_one_that_is_read(tmp_path, own, other):
+    write_recording(tmp_path, ("a",))
+    (tmp_path / "labels").mkdir()
+    shutil.copytree(tmp_path / own, tmp_path / other)
+    (tmp_path / other / "b.txt").touch()
+    shutil.copy(tmp_path / "images" / "a.jpg", tmp_path / other / "c.jpg")
+    num_files = {"images": 2, "labels": 1}[own]
+    told = [problem for problem in check_tree(tmp_path) if problem.path.name == other]
+    assert [each.problem for each in told] == [
+        f"holds {num_files} files that are not read, expected them in {own}"
+    ]
+    assert any(f"{other}: holds {num_files} files" in each for each in doubts(tmp_path))
+    shutil.rmtree(tmp_path / other)
+    (tmp_path / other).symlink_to(own)  # as on a disk that knows no case
+    assert not [problem for problem in check_tree(tmp_path) if problem.path.name == other]
+
+
 def test_files_that_hide_each_other_are_told_by_check_and_on_opening(tree, recwarn):
     shutil.copy(tree / "image_2" / "000001.png", tree / "image_2" / "000001.PNG")
     assert [problem.path.name for problem in check_tree(tree)] == ["000001.PNG"]

@@ -97,6 +97,10 @@ def test_columns_cannot_be_written_to():
             "ing, .*; write a file for each frame and remove its first two fields",
         ),
         (b"2 0.5 0.5 0.1 0.2", "line 1 has 5 numbers, as YOLO labels have .*; convert them to"),
+        (
+            b"P0: 7.2e+02 0 6.1e+02 0 0 7.2e+02 1.7e+02 0 0 0 1 0",
+            "line 1 begins with 'P0:' and numbers, as calibrations do; give the folder of label or",
+        ),
         ("Car 0".encode("utf-16"), "is text in UTF-16, expected UTF-8; save it as plain text in U"),
         ("Car 0".encode("utf-16-le"), "holds a NUL byte at position 1: .* UTF-16"),
         (RESULT + b" 7", "line 1 has 17 fields, but a label has 15; remove the fields after rotat"),

@@ -288,6 +288,13 @@ def test_a_harmful_index_is_refused(change, message, shards, tmp_path):
     assert not (tmp_path / "outside.txt").exists()
 
 
+def test_a_shard_without_files_is_no_shard_that_is_there_already(tree, tmp_path):
+    shutil.rmtree(tree / "ImageSets")
+    write_shards(tree, tmp_path / "one", frames_per_shard=100)
+    assert str(unpack_shards(tmp_path / "one", tmp_path / "back")) == "1 written, 0 there already"
+    assert str(unpack_shards(tmp_path / "one", tmp_path / "back")) == "0 written, 1 there already"
+
+
 def test_a_bomb_is_not_unpacked_beyond_its_stated_length(shards):
     bomb = gzip.compress(bytes(10**7), mtime=0)
     tar = shards / "000000.tar"

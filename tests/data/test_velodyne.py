@@ -152,6 +152,29 @@ def test_a_file_in_the_other_byte_order_is_named_as_such(tmp_path):
     assert np.array_equal(read_sweep(tmp_path / "0.bin"), cloud.astype(np.float32))
 
 
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_points_without_a_value_are_no_other_byte_order(tmp_path, share):
+    cloud = np.random.default_rng(0).uniform((-40, -40, -2, 0), (40, 40, 2, 1), (500, 4))
+    cloud[: int(500 * share)] = np.nan
+    cloud.astype("<f4").tofile(tmp_path / "0.bin")
+    with pytest.raises(FileError, match=f"holds {int(500 * share)} points with NaN"):
+        read_sweep(tmp_path / "0.bin")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab\nsize 12\n", "ver"),
+        (b"<!DOCTYPE html><html>404 not found</html>   \r\n" * 16, "<!DOCTYPE html>"),
+        (b"12.5 -3.25 -1.70 0.31\n" * 800, "12.5 -3.25 -1.70 0.31"),
+    ],
+)
+def test_text_is_named_as_text(tmp_path, text, said):
+    (tmp_path / "0.bin").write_bytes(text)
+    with pytest.raises(FileError, match=f"is text, '{said}.*expected raw float32.*pointer of Git"):
+        read_sweep(tmp_path / "0.bin")
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -1,12 +1,16 @@
 """The page's server from opening the data to its end."""
 
+import errno
+import logging
 import secrets
 import socket
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 import uvicorn
+from starlette.applications import Starlette
 
 from sightline.app.guard import LOOPBACK
 from sightline.app.parts import PartMaker
@@ -16,6 +20,9 @@ from sightline.data.open import open_dataset
 from sightline.export.names import EngineChoice
 from sightline.jobs.run import check_workers
 from sightline.simulation.packaged import PACKAGED_FRAMES
+
+_PATIENCE_S: Final = 1
+"""Time for answers under way when the server is told to end."""
 
 
 def serve_page(
@@ -65,18 +72,34 @@ def serve_page(
     listening = _listen(host or LOOPBACK[0], port)
     address = f"http://{_shown(host)}:{listening.getsockname()[1]}/"
     address += f"?token={token}" if token else ""
-    config = uvicorn.Config(
-        make_app(settings, PartMaker(dataset, folder, engine)),
-        log_level="error",
-        access_log=False,
-        server_header=False,
-        ws="none",
-    )
+    server = page_server(make_app(settings, PartMaker(dataset, folder, engine)))
     with listening:
         announce(address)
         if browser:
             webbrowser.open(address)
-        uvicorn.Server(config).run(sockets=[listening])
+        server.run(sockets=[listening])
+
+
+def page_server(app: Starlette) -> uvicorn.Server:
+    """Make the server of an application, which ends soon when it is told to."""
+    return _Server(
+        uvicorn.Config(
+            app,
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            ws="none",
+            timeout_graceful_shutdown=_PATIENCE_S,
+        )
+    )
+
+
+class _Server(uvicorn.Server):
+    """Server that drops the answers under way when it is told to end."""
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # dropped ones are no faults
+        await super().shutdown(sockets)
 
 
 def _names(host: str) -> tuple[str, ...]:
@@ -106,7 +129,12 @@ def _listen(host: str, port: int) -> socket.socket:
             (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
         )
     except OSError as error:
+        reason = (error.strerror or str(error)).partition(" (while")[0].lower()
+        remedy = (
+            "another --port, or 0 for any"
+            if error.errno in (errno.EADDRINUSE, errno.EACCES)
+            else "an address of this machine by --host, such as 0.0.0.0 for all of them"
+        )
         raise ValueError(
-            f"the page cannot be served on {host}, port {port}: "
-            f"{(error.strerror or str(error)).lower()}; give another --port, or 0 for any"
+            f"the page cannot be served on {host}, port {port}: {reason}; give {remedy}"
         ) from error

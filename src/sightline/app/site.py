@@ -89,6 +89,8 @@ def export_page(
             export's or cannot be written.
     """
     check_workers(workers)
+    if severities and not kinds:
+        raise ValueError("--severities are those of --kinds; name kinds, or leave them out")
     folder = data or PACKAGED_FRAMES
     check_outside_dataset(folder, [site])
     dataset = _opened(folder, frames, velodyne)

@@ -6,21 +6,28 @@ import itertools
 import multiprocessing
 import pickle
 import signal
+import time
 import traceback
 from dataclasses import dataclass, field
 from functools import partial
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Final
 
 from sightline.app.parts import Answer, PartMaker, Task
 from sightline.files.problem import memory_fault, plain_line
-from sightline.jobs.pool import holding_signals, ignore_interrupts, one_blas_thread
+from sightline.jobs.pool import (
+    HELD_SIGNALS,
+    holding_signals,
+    ignore_interrupts,
+    one_blas_thread,
+)
 
 MAX_WAITING: Final = 64
 """Most tasks that wait for a worker."""
 
-_PATIENCE_S: Final = 2.0
+_PATIENCE_S: Final = 1.0
 _URGENCY: Final = {"scene": 0, "joined": 1, "detection2d": 2, "detection3d": 3}
 _LATER: Final = 4
 _STARTS: Final = multiprocessing.get_context("forkserver")
@@ -64,11 +71,13 @@ class Workers:
     def __init__(self, maker: PartMaker, count: int) -> None:
         """Start the processes."""
         self._maker = maker
+        _start_forkserver()
         self._idle = [self._started() for _ in range(count)]
         self._waiting: list[_Waiting] = []
         self._numbers = itertools.count()
         self.all = list(self._idle)
         self.num_replaced = 0
+        self._is_closed = False
 
     async def run(self, task: Task) -> Answer:
         """Compute a part, a second time if its worker process ends meanwhile.
@@ -97,11 +106,13 @@ class Workers:
 
     def close(self) -> None:
         """End the processes, by force if necessary."""
+        self._is_closed = True
         for worker in self.all:
             with contextlib.suppress(OSError):
                 worker.channel.send_bytes(b"")
+        deadline_s = time.monotonic() + _PATIENCE_S  # one for all
         for worker in self.all:
-            worker.process.join(_PATIENCE_S)
+            worker.process.join(max(deadline_s - time.monotonic(), 0))
             worker.process.kill()
 
     async def _turn(self, part: str) -> _Worker:
@@ -125,6 +136,8 @@ class Workers:
             raise
 
     def _return(self, worker: _Worker, done: "asyncio.Future[Answer | str | None]") -> None:
+        if self._is_closed:
+            return
         is_lost = done.cancelled() or done.exception() is not None or done.result() is None
         self._hand_on(self._replacement(worker) if is_lost else worker)
 
@@ -154,6 +167,19 @@ class Workers:
         return _Worker(process, own_end)
 
 
+def _start_forkserver() -> None:
+    """Start the process that forks the workers, deaf to signals that a terminal sends to all.
+
+    It imports for seconds, and would end by Ctrl-C with a traceback.
+    """
+    resource_tracker.ensure_running()  # it would unblock the signals again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_SIGNALS)
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _end_of(process: BaseProcess) -> str:
     """Describe the end of a process."""
     code = process.exitcode
@@ -179,6 +205,7 @@ def _work(maker: PartMaker, channel: Connection) -> None:
     import torch
 
     ignore_interrupts()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD_SIGNALS)
     cv2.setNumThreads(0)
     one_blas_thread()
     torch.set_num_threads(1)

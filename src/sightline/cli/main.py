@@ -59,6 +59,7 @@ if TYPE_CHECKING:
 
 _INTERRUPTED = 130  # exit status of a program ended by Ctrl-C
 _LINK_LOOP = "Symlink loop"  # how `Path.resolve` begins its RuntimeError
+_NO_TEMPORARY = "No usable temporary directory"  # in the error of `tempfile.gettempdir`
 _BROKEN_PIPE = 141  # exit status of a program ended by SIGPIPE
 
 
@@ -206,7 +207,7 @@ def main(arguments: list[str] | None = None) -> int:
         if (number := raised_signal()) is not None:
             return fail(HOW_TO_FINISH, Interruption("", number).exit_status)
         if isinstance(error, (ValueError, OSError)):
-            return fail(_too_long_name(error) or str(error), REFUSED)
+            return fail(_fault_of_system(error) or str(error), REFUSED)
         if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):
             return fail(
                 f"{error}: a link that leads to itself; remove it, or give another path", REFUSED
@@ -216,8 +217,13 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(fault, REFUSED)
 
 
-def _too_long_name(error: Exception) -> str | None:
-    """Describe the refusal of a name that is too long; None: another error."""
+def _fault_of_system(error: Exception) -> str | None:
+    """Describe a name that is too long, or a lack of temporary folders; None: another error."""
+    if isinstance(error, FileNotFoundError) and _NO_TEMPORARY in str(error):
+        return (
+            "no temporary folder (TMPDIR, /tmp, ..) can be written to; make room, or name another "
+            "one by the variable TMPDIR"
+        )
     if not isinstance(error, OSError) or error.errno != errno.ENAMETOOLONG:
         return None
     path = os.fsdecode(error.filename or "")

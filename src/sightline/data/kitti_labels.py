@@ -270,8 +270,14 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
 
 
 def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
-    """Problem and remedy for a line in the format of KITTI tracking or of YOLO; else None."""
+    """Problem and remedy for a line of a calibration, of KITTI tracking or of YOLO; else None."""
     is_number = [_is_number(field) for field in fields]
+    if b":" in fields[0] and len(fields) < _LABEL_FIELDS and all(is_number[1:]):
+        name = shortened(fields[0].decode(errors="replace"), 24)
+        return (
+            f"begins with '{name}' and numbers, as calibrations do",
+            "give the folder of label or result files; KITTI's calib holds calibrations",
+        )
     if len(fields) >= _LABEL_FIELDS + 2 and is_number[:3] == [True, True, False]:
         return (
             f"has {len(fields)} fields: frame and track number come before the class, as in KITTI "

@@ -139,7 +139,7 @@ def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
     return _run([partial(_unpack, tar, out) for tar in tars], workers, "unpacking")
 
 
-def _run(jobs: Sequence[Callable[[], bool]], workers: int, description: str) -> ShardReport:
+def _run(jobs: Sequence[Callable[[], bool | None]], workers: int, description: str) -> ShardReport:
     results = map_ahead(_attempt, jobs, workers=workers)
     outcomes = list(track(results, description=description, total=len(jobs)))
     return ShardReport(
@@ -149,8 +149,8 @@ def _run(jobs: Sequence[Callable[[], bool]], workers: int, description: str) -> 
     )
 
 
-def _attempt(job: Callable[[], bool]) -> bool | str:
-    """Run the job of a shard: whether it was written, or its fault."""
+def _attempt(job: Callable[[], bool | None]) -> bool | str | None:
+    """Run the job of a shard: whether it was written, or its fault; None: it is empty."""
     try:
         return job()
     except (ValueError, OSError) as error:
@@ -311,8 +311,8 @@ def _digest(tar: Path) -> tuple[str, int]:
         return hashlib.file_digest(file, "sha256").hexdigest(), file.tell()
 
 
-def _unpack(tar: Path, out: Path) -> bool:
-    """Write the files of a tar, except those that are there and the same."""
+def _unpack(tar: Path, out: Path) -> bool | None:
+    """Write the files of a tar, except those that are there and the same; None: it has none."""
     remedy = "copy it again, or make it again by `sightline shard`"
     index = read_index(tar)
     if index is None:
@@ -330,4 +330,4 @@ def _unpack(tar: Path, out: Path) -> bool:
             continue
         atomic_write_bytes(target, content)
         is_written = True
-    return is_written
+    return is_written if index.files else None

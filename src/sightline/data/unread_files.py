@@ -155,7 +155,11 @@ def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
         unread
         for each in folders
         if not each.only
-        for unread in (_find_lost(each) or _find_unread_in(each), _find_hidden_in(each))
+        for unread in (
+            _find_lost(each) or _find_unread_in(each),
+            _find_hidden_in(each),
+            _find_misnamed(each),
+        )
     ]
     return [each for each in found if each is not None]
 
@@ -200,15 +204,16 @@ def _find_lost(place: PartFolder) -> UnreadFiles | None:
 
 
 def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
-    """Find a sensor's folder with another name, if the expected folder is missing."""
-    if place.part not in _FOLDER_ALIASES or not place.folder.parent.is_dir():
-        return None
-    for other in sorted(place.folder.parent.iterdir()):
-        plain = re.sub("[^a-z]", "", other.name.lower())
+    """Find a folder of the part with another name: in another case, or if there is none, usual."""
+    is_missing = not place.folder.is_dir()
+    aliases = _FOLDER_ALIASES.get(place.part, ()) if is_missing else ()
+    for other in sorted(place.folder.parent.iterdir()) if place.folder.parent.is_dir() else ():
+        is_usual = re.sub("[^a-z]", "", other.name.lower()) in aliases
         if (
-            plain not in _FOLDER_ALIASES[place.part]
-            or other.name in _OTHER_CAMERA_FOLDERS
+            not (is_usual or other.name.lower() == place.folder.name.lower())
+            or other.name in (place.folder.name, *_OTHER_CAMERA_FOLDERS)
             or not other.is_dir()
+            or (not is_missing and other.samefile(place.folder))  # a disk without case
         ):
             continue
         files = list_files(other, place.suffixes)
@@ -217,9 +222,11 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
                 path=other,
                 problem=f"holds {len(files)} files that are not read, expected them in "
                 f"{place.folder.name}",
-                remedy=f"rename the folder to {place.folder.name} or move it away",
+                remedy=f"rename the folder to {place.folder.name} or move it away"
+                if is_missing
+                else f"move them to {place.folder.name}, or the folder away",
             )
-            return UnreadFiles(problem=described, part=place.part, all_unread=True)
+            return UnreadFiles(problem=described, part=place.part, all_unread=is_missing)
     return None
 
 
@@ -249,7 +256,7 @@ def _find_hidden_in(place: PartFolder) -> UnreadFiles | None:
 
 def _find_unread_in(place: PartFolder) -> UnreadFiles | None:
     if not place.folder.is_dir():
-        return _find_misnamed(place)
+        return None
     read = list_files(place.folder, place.suffixes)
     note_suffixes: Collection[str] = _NOTE_SUFFIXES if read else ()
     counts: Counter[str] = Counter()

@@ -1,5 +1,6 @@
 """Reader and writer of KITTI's LiDAR sweeps: float32 x, y, z, reflectance, nothing else."""
 
+import re
 import warnings
 from pathlib import Path
 from typing import Final
@@ -9,6 +10,7 @@ from jaxtyping import Float32
 
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import (
     cloud_fault,
@@ -30,6 +32,8 @@ COLUMNS: Final = {
     8: "eight columns",
 }
 """Descriptions of the columns by their number in files of raw floats."""
+_TEXT: Final = re.compile(rb"[\t\n\r -~]{64,}")
+_TEXT_BYTES: Final = 4096  # read as text; numbers have other bytes by then
 _OTHER_FORMATS = {
     b"# .PCD": "PCD",
     b"VERSION": "PCD",
@@ -161,6 +165,14 @@ def _check_layout(content: bytes, path: Path | str) -> None:
             f"is a {name} file by its first bytes, expected raw float32 x, y, z, reflectance",
             f"use the suffix .{name.lower()} in a recording (docs/recordings.md), or "
             "write these four",
+        )
+    if _TEXT.fullmatch(content[:_TEXT_BYTES]):
+        start = shortened(" ".join(content[:_TEXT_BYTES].decode().split()), 40)
+        raise FileError(
+            path,
+            f"is text, '{start}', expected raw float32 x, y, z, reflectance",
+            "fetch the file itself if this is a pointer of Git LFS or a web page, or write these "
+            "four",
         )
     if is_big_endian(content):
         raise FileError(

@@ -246,8 +246,8 @@ def read_frames(
         results_dir,
         [name for name in names if name not in empty],
         "result",
-        "write an empty one where nothing was found, take frames without one as empty "
-        "(missing_as_empty, --missing-as-empty), or name a list of the frames to score",
+        "write an empty one where nothing was found (`evaluate objects --missing-as-empty` takes "
+        "missing ones as empty), or name a list of the frames to score",
     )
     tracked: Iterable[str] = track(names, description="reading results") if progress else names
     return (

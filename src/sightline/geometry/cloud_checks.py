@@ -24,6 +24,7 @@ _OTHER_LAYOUTS: Final = (
     *(("<f8", columns) for columns in (3, 4, 5, 6)),
 )
 _MIN_BYTES: Final = 320  # twenty points: fewer give too little evidence
+_MIN_SWAPPED_M: Final = 0.01
 _FINITE_SHARE: Final = 0.5  # share of rows with points in range
 _MAX_UNLIKENESS_RATIO: Final = (
     0.8  # largest ratio of unlikeness to that of rows of four for another layout
@@ -414,7 +415,9 @@ def is_big_endian(content: bytes) -> bool:
     if len(content) % 16 or len(content) < _MIN_BYTES:
         return False
     little, big = (np.frombuffer(content, order).reshape(-1, 4) for order in ("<f4", ">f4"))
-    return not _is_plausible(little) and _is_plausible(big)
+    reach_m = np.abs(big[:, :3]).max(axis=1)  # of swapped NaN 1e-41
+    is_cloud = (reach_m > _MIN_SWAPPED_M).mean() > 0.5
+    return bool(is_cloud and not _is_plausible(little) and _is_plausible(big))
 
 
 def has_columns(content: bytes, columns: int) -> bool:

@@ -122,3 +122,28 @@ def test_a_recording_that_was_not_closed_is_named_with_its_repair(tmp_path):
     (tmp_path / "cut.mcap").write_bytes(content[: len(content) // 2])
     with pytest.raises(ValueError, match="was not closed or is cut short: repair it by `mcap rec"):
         import_recording(tmp_path / "cut.mcap", tmp_path / "out")
+
+
+def test_an_mcap_file_without_a_profile_is_read_whatever_defines_its_messages(tmp_path):
+    with BagMaker(tmp_path / "bag") as bag:
+        usual_topics(bag, number=1)
+    content = next((tmp_path / "bag").glob("*.mcap")).read_bytes()
+    length = int.from_bytes(content[25:29], "little")  # of the program's name, after the profile
+    header = bytes(4) + (length + 4).to_bytes(4, "little") + b"any " + content[29 : 29 + length]
+    changed = content[:17] + header + content[29 + length :]
+    (tmp_path / "any.mcap").write_bytes(changed.replace(b"ros2msg", b"another"))
+    assert import_recording(tmp_path / "any.mcap", tmp_path / "out").written == 1
+
+
+def test_messages_of_foxglove_are_named_with_the_way_on(tmp_path):
+    with BagMaker(tmp_path / "bag") as bag:
+        usual_topics(bag, number=1)
+    content = next((tmp_path / "bag").glob("*.mcap")).read_bytes()
+    content = content.replace(b"sensor_msgs/msg/PointCloud2", b"foxglove.schemas.PointCloud")
+    (tmp_path / "fox.mcap").write_bytes(content.replace(b"ros2msg", b"flatbuf"))
+    with pytest.raises(
+        ValueError,
+        match=r"of clouds .*/points \(foxglove.schemas.PointCloud, 1\).*; Foxglove's own messages "
+        "are not read: convert them to ROS's",
+    ):
+        import_recording(tmp_path / "fox.mcap", tmp_path / "out")

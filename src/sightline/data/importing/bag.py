@@ -53,7 +53,7 @@ class Topic:
 
     def __str__(self) -> str:
         """Describes the topic in errors."""
-        kind = self.kind.rpartition("/")[2]
+        kind = self.kind.rpartition("/")[2] if self.kind in _KINDS.values() else self.kind
         return f"{shortened(self.name)} ({shortened(kind)}, {self.count})"
 
 

@@ -4,7 +4,7 @@ import bz2
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from io import BufferedIOBase
+from io import BufferedIOBase, BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, Protocol
@@ -202,16 +202,18 @@ def _no_room(path: Path, error: OSError, folder: Path | None = None) -> FileErro
 
 @contextmanager
 def _bounded_library() -> Iterator[None]:
-    """Make `rosbags` decompress chunks within limits, and ignore quality of service.
+    """Make `rosbags` decompress chunks within limits, and ignore what is not needed of a bag.
 
     `rosbags` has no limit of its own: a chunk of 10 MB may decompress to any size, and a record may
-    claim any length. Quality of service is YAML in each topic that is not needed here; any fault in
-    it would make the bag unreadable.
+    claim any length. Quality of service (YAML in each topic), definitions of messages and a missing
+    profile of an MCAP file would make the bag unreadable by any fault, or by any other encoding.
     """
     from lz4.frame import LZ4FrameDecompressor
+    from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 
+    undefined = MessageDefinition(MessageDefinitionFormat.NONE, "")
     zstd = _zstd().ZstdDecompressor
     chunks = {
         "": lambda data, _: data,
@@ -230,6 +232,8 @@ def _bounded_library() -> Iterator[None]:
         (ros1, "decompressors", old_chunks),
         (storage_mcap, "read_exact", _bounded(storage_mcap.read_exact)),
         (ros1, "read_bytes", _bounded(ros1.read_bytes)),
+        (storage_mcap, "read_string", _or_ros2(storage_mcap.read_string)),
+        (storage_mcap, "get_msgdef", lambda _: undefined),
         (storage_mcap, "parse_qos", lambda _: []),
         (storage_sqlite3, "parse_qos", lambda _: []),
     ]
@@ -258,6 +262,11 @@ def _bounded(read: _Read) -> _Read:
         return read(file, size)
 
     return read_bounded
+
+
+def _or_ros2(read: Callable[[BytesIO], str]) -> Callable[[BytesIO], str]:
+    """Make a function that reads strings take an empty profile, the first of a record, as ROS 2."""
+    return lambda record: read(record) or "ros2" if record.tell() == 0 else read(record)
 
 
 def _checked_chunk_size(size: int) -> int:

@@ -62,9 +62,15 @@ def _choose(
             )
         return named
     if not candidates:
+        is_foxglove = any("foxglove" in topic.kind.lower() for topic in bag.topics)
+        remedy = (
+            "Foxglove's own messages are not read: convert them to ROS's (Image, PointCloud2, "
+            "CameraInfo, TFMessage)"
+            if is_foxglove
+            else "import a bag with a camera and a LiDAR"
+        )
         raise ValueError(
-            f"{bag.path} has no topic of {content}; its topics are {_topic_list(bag)}; import a "
-            "bag with a camera and a LiDAR"
+            f"{bag.path} has no topic of {content}; its topics are {_topic_list(bag)}; {remedy}"
         )
     compressed = {
         _raw_topic_name(topic.name) for topic in candidates if topic.kind == COMPRESSED_IMAGE
