@@ -117,8 +117,9 @@ class Watch:
     def __init__(self, words: Sequence[object]) -> None:
         """Start the command, without its output."""
         self._begun_s, self._begun_busy_s = time.monotonic(), _busy_s()
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self.process = subprocess.Popen(command(words), **quiet)
+        self.process = subprocess.Popen(
+            command(words), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
 
     def figures(self, frames: int, out: Path | None = None) -> Figures:
         """Note the figures of this moment; `out` is the folder of the files it writes."""
