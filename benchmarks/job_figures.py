@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -90,8 +90,12 @@ def measure(job: Job, marks: Sequence[int]) -> list[Figures]:
     return noted
 
 
-def measure_whole(words: Sequence[object], *, frames: int) -> Figures:
+def measure_whole(
+    words: Sequence[object], *, frames: int, look: Callable[[], None] = lambda: None
+) -> Figures:
     """Run a command of one process to its end; memory and open files are the largest seen.
+
+    `look` is called often while it runs.
 
     Raises:
         ValueError: The command fails.
@@ -102,6 +106,7 @@ def measure_whole(words: Sequence[object], *, frames: int) -> Figures:
         number, status, used = os.wait4(watch.process.pid, os.WNOHANG)
         if number:
             break
+        look()
         seen = watch.figures(frames)
         open_files, mib = max(seen.open_files, largest.open_files), max(seen.mib, largest.mib)
         largest = seen._replace(mib=mib, open_files=open_files)
