@@ -117,7 +117,7 @@ def _processor_s(data: Path, out: Path, driver: str, cluster: int) -> float:
 
     def look() -> None:
         for each in family_of(cluster):
-            if _name(each).startswith("ray::"):
+            if _name(each).startswith("ray::") and "Agent" not in _name(each):
                 workers_s[each] = processor_s_of(each)
 
     look()
