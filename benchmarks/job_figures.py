@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -130,7 +131,6 @@ class Watch:
         """Note the figures of this moment; `out` is the folder of the files it writes."""
         family = family_of(self.process.pid)
         wall_s, processor_s = time.monotonic() - self._begun_s, sum(map(processor_s_of, family))
-        files = [] if out is None else [path for path in out.rglob("*") if path.is_file()]
         return Figures(
             frames=frames,
             wall_s=wall_s,
@@ -138,7 +138,7 @@ class Watch:
             others_s=_busy_s() - self._begun_busy_s - processor_s,
             mib=sum(map(memory_mib_of, family)),
             open_files=sum(map(_num_open_files, family)),
-            num_bytes=sum(path.stat().st_size for path in files),
+            num_bytes=0 if out is None else _num_bytes(out),
         )
 
 
@@ -225,6 +225,15 @@ def memory_mib_of(process: int) -> float:
     except OSError:
         return 0.0
     return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
+
+
+def _num_bytes(folder: Path) -> int:
+    """Size of all files of a folder; temporary ones may vanish meanwhile."""
+    total = 0
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):
+            total += path.stat().st_size if path.is_file() else 0
+    return total
 
 
 def _num_open_files(process: int) -> int:
