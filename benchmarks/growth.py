@@ -46,6 +46,7 @@ MARKS: Final = {
 }
 """Numbers of frames at which figures are noted; the first one gives the cost of the start."""
 _REPEATS: Final = 2  # of `evaluate`
+_COMMAND: Final = "python -m benchmarks.growth SCRATCH growth.json"
 _SCORE: Final = " 0.90\n"
 
 Row = dict[str, Any]
@@ -144,17 +145,34 @@ def shard_bytes(out: Path) -> int:
 
 
 def merge(results: Sequence[Row], into: Path, *, seed: int) -> None:
-    """Add a record to a file, in place of earlier rows of the same commands."""
+    """Add rows to a file of records, in place of earlier rows of the same commands.
+
+    Rows of one commit, date, seed and machine make one record.
+    """
     printed = io.StringIO()
     with redirect_stdout(printed):
         print_record({"results": results}, seed=seed, weights=FAST.values())
     records = json.loads(into.read_text()) if into.is_file() else []
     measured = {row["work"] for row in results}
+    merged: list[dict[str, Any]] = []
     for record in records:
         record["results"] = [row for row in record["results"] if row["work"] not in measured]
-    kept = [record for record in records if record["results"]]
-    lines = ",\n".join(json.dumps(each) for each in [*kept, json.loads(printed.getvalue())])
+    for record in [*records, json.loads(printed.getvalue())]:
+        equal = [each for each in merged if _origin(each) == _origin(record)]
+        if equal:
+            equal[0]["results"] += record["results"]
+        else:
+            merged.append(record)
+    kept = [record for record in merged if record["results"]]
+    for record in kept:
+        names = dict.fromkeys(row["work"] for row in record["results"])
+        record["command"] = f"{_COMMAND} --works [{','.join(names)}]"
+    lines = ",\n".join(json.dumps(record) for record in kept)
     into.write_text(f"[\n{lines}\n]\n")
+
+
+def _origin(record: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in record.items() if key not in ("command", "results")}
 
 
 if __name__ == "__main__":

@@ -21,6 +21,10 @@ def test_rows_that_are_measured_anew_replace_the_earlier_ones(tmp_path):
     assert (second["results"], second["seed"]) == ([row("shard", frames=7)], 1)
     growth.merge([row("corrupt", mib=1)], into, seed=2)
     assert [record["seed"] for record in json.loads(into.read_text())] == [1, 2]
+    growth.merge([row("predict")], into, seed=2)
+    _, both = json.loads(into.read_text())
+    assert both["results"] == [row("corrupt", mib=1), row("predict")]
+    assert both["command"].endswith("--works [corrupt,predict]")
 
 
 def test_a_frame_costs_the_difference_between_two_moments(capsys):
