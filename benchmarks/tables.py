@@ -104,6 +104,7 @@ TABLES: Final = {
     "rigs-cost": Table(("rigs",), table_rigs.cost),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
     "growth": Table(("growth",), table_scale.growth),
+    "two-workers": Table(("two_workers",), table_scale.two_workers),
     "ray-overhead": Table(("ray_overhead",), table_scale.ray_overhead),
     "random-kills": Table(("random_kills",), table_scale.random_kills),
     "ten-million": Table(("growth",), table_scale.ten_million),
