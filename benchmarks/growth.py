@@ -1,217 +1,178 @@
-"""Cost of a frame as a job goes on: `python -m benchmarks.growth SCRATCH`.
+"""Cost of a frame as a job goes on: `python -m benchmarks.growth SCRATCH FILE`.
 
 Commands over many small frames, each in a process of its own that is looked at from outside: after
-so many frames, its processor time, memory, open files and bytes written are noted. A
-frame's time is the difference of two such moments, divided by the frames between them: processor
-time, since the machine is shared. Frames are few simulated ones under many names. At the end a few
-frames of KITTI's size, the bytes of a frame in shards, too.
+so many frames, its processor time, memory, open files and bytes written are noted. A frame's time
+is the difference of two such moments, divided by the frames between them: processor time, since
+the machine is shared. `evaluate` has no such moments, so it runs to its end for each number of
+frames. `perceive-full-size` is `perceive` on frames of KITTI's size, with the bytes of such a frame
+in shards. Kept in benchmarks/results/growth.json; `--works` measures some commands anew.
 """
 
-import os
+import io
+import json
 import shutil
-import subprocess
-import sys
-import time
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import jsonargparse
 
+from benchmarks.job_figures import (
+    FAST,
+    Figures,
+    Job,
+    beyond,
+    copy_frames,
+    jobs,
+    measure,
+    measure_whole,
+    perceive_job,
+    run,
+    simulate_frames,
+)
 from benchmarks.record import print_record
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
-FAST: Final = {
-    "depth-completion": "depth-fast-cpu",
-    "detection2d": "detection2d-fast-cpu",
-    "detection3d": "detection3d-fast-cpu",
+MARKS: Final = {
+    "shard": (1, 100, 1_000, 10_000),
+    "evaluate": (100, 1_000, 10_000),
+    "predict": (1, 100, 300, 1_000),
+    "perceive": (1, 30, 100, 300),
+    "simulate": (1, 10, 30, 100),
+    "perceive-full-size": (1, 4, 20),
+    "corrupt": (1, 100, 1_000, 3_000),
 }
-_SIMULATED: Final = ("--image-size", "310,94", "--focal-px", "180", "--lidar", "vlp-16")
-_FEW: Final = 10
-_FULL_SIZE: Final = 20
-_SHARD: Final = 10  # frames
-_SIMULATED_SHARE: Final = 10
-_POLL_S: Final = 0.1
-_TICKS: Final = os.sysconf("SC_CLK_TCK")
+"""Numbers of frames at which figures are noted; the first one gives the cost of the start."""
+_REPEATS: Final = 2  # of `evaluate`
+_COMMAND: Final = "python -m benchmarks.growth SCRATCH growth.json"
+_SCORE: Final = " 0.90\n"
 
-Figures = dict[str, float]
-
-
-class Job(NamedTuple):
-    """A command, and the files by which its progress is seen."""
-
-    words: Sequence[object]
-    out: Path
-    pattern: str
-    """Pattern of the files that are finished last."""
-    per_file: int = 1
-    """Number of frames of such a file."""
-    share: int = 1
-    """Divisor of the marks, for frames that take long."""
+Row = dict[str, Any]
 
 
 def main(
     scratch: Path,
-    marks: tuple[int, ...] = (100, 1000),
-    works: tuple[str, ...] = ("simulate", "shard", "corrupt", "predict", "perceive"),
-    by_two: tuple[str, ...] = ("corrupt", "predict"),
+    into: Path,
+    works: tuple[str, ...] = tuple(MARKS),
+    share: int = 1,
     seed: int = 0,
 ) -> None:
-    """Print a table, then one line of JSON.
+    """Print figures, and write the record into a list of records.
 
     Args:
         scratch: Empty folder for the frames and results, which are removed.
-        marks: Numbers of frames at which figures are noted, ascending; a tenth for `simulate`.
-        works: Commands to run by one worker.
-        by_two: Commands to run by two workers, too.
+        into: JSON file with a list of records; their rows of the same commands are removed.
+        works: Commands to run.
+        share: Divisor of the numbers of frames, for a trial.
         seed: Seed of the simulated frames.
     """
     scratch = scratch.absolute()
-    first, data = scratch / "first", scratch / "data"
-    _run(["simulate", first, "--frames", _FEW, "--seed", seed, *_SIMULATED, "--workers", 2])
-    size = marks[-1] + marks[-1] // 20 + _FEW  # so that the last mark is not the end
-    copy_frames(first, data, size)
-    results: list[dict[str, Any]] = []
-    for workers, names in ((1, works), (2, by_two)):
-        for name in names:
-            job = jobs(data, scratch / f"by-{workers}", size, seed)[name]
-            results += rows(name, workers, measure(job, [_FEW, *marks], workers=workers))
-    record = {"marks": marks, "results": results, "full_size": full_size(scratch)}
+    marks = {name: [max(mark // share, 1) for mark in MARKS[name]] for name in works}
+    data = simulate_frames(scratch, beyond(max(map(max, marks.values()))), seed=seed)
+    results: list[Row] = []
+    for name, numbers in marks.items():
+        out = scratch / name
+        if name == "evaluate":
+            noted = evaluations(data, out, numbers)
+        elif name == "perceive-full-size":
+            noted = measure(perceive_full_size(out, beyond(numbers[-1])), numbers)
+        else:
+            size = beyond(numbers[-1])
+            noted = measure(jobs(data, out, size=size, seed=seed, workers=1)[name], numbers)
+        results += rows(name, noted)
+        if name == "perceive-full-size":
+            results[-1]["frame_bytes"] = shard_bytes(out) // beyond(numbers[-1])
+        shutil.rmtree(out)
     shutil.rmtree(scratch)
-    print_record(record, seed=seed, weights=FAST.values())
+    merge(results, into, seed=seed)
 
 
-def jobs(data: Path, out: Path, size: int, seed: int) -> dict[str, Job]:
-    """Commands by their names."""
-    street, shards, cases = out / "street", out / "shards", out / "corrupted"
-    found, together = out / "found", out / "all"
-    frames = size // _SIMULATED_SHARE
-    simulate = ["simulate", street, "--frames", frames, "--seed", seed, *_SIMULATED]
-    pack = ["shard", data, shards, "--frames-per-shard", _SHARD]
-    corrupt = ["corrupt", data, cases, "--cases", "camera_blank", "lidar_blank"]
-    predict = ["predict", "detection2d", data, found, "--weights", FAST["detection2d"]]
-    return {
-        "simulate": Job(simulate, street, "training/calib/*.txt", share=_SIMULATED_SHARE),
-        "shard": Job(pack, shards, "0*.json", _SHARD),
-        "corrupt": Job(corrupt, cases, "lidar_blank/training/velodyne/*.bin"),
-        "predict": Job(predict, found, "*.txt"),
-        "perceive": Job(["perceive", data, together, *_tasks()], together, "lines/*.json"),
-    }
-
-
-def _tasks() -> list[str]:
-    return [word for task, weights in FAST.items() for word in (f"--{task}", weights)]
-
-
-def rows(name: str, workers: int, noted: Sequence[Figures]) -> list[dict[str, Any]]:
+def rows(name: str, noted: Sequence[Figures]) -> list[Row]:
     """Give figures between each two moments, and print them."""
     found = []
     for before, after in pairwise(noted):
-        frames = after["frames"] - before["frames"]
+        frames = after.frames - before.frames
         row = {
             "work": name,
-            "workers": workers,
-            "frames": after["frames"],
-            "processor_ms": round(1e3 * (after["processor_s"] - before["processor_s"]) / frames, 2),
-            "start_processor_s": round(noted[0]["processor_s"], 2),
-            "mib": round(after["mib"]),
-            "open_files": after["open_files"],
-            "bytes": round((after["bytes"] - before["bytes"]) / frames),
+            "frames": after.frames,
+            "processor_ms": round(1e3 * (after.processor_s - before.processor_s) / frames, 3),
+            "start_processor_s": round(noted[0].processor_s, 2),
+            "mib": round(after.mib),
+            "open_files": after.open_files,
+            "bytes": round((after.num_bytes - before.num_bytes) / frames),
+            "others": round((after.others_s - before.others_s) / (after.wall_s - before.wall_s), 2),
         }
         print(*row.values(), flush=True)
         found.append(row)
     return found
 
 
-def full_size(scratch: Path) -> dict[str, Any]:
-    """Figures of `perceive` for frames of KITTI's size, and the bytes of a frame in shards."""
-    data, out, shards = scratch / "full", scratch / "full-out", scratch / "full-shards"
-    copy_frames(PACKAGED_FRAMES, data, _FULL_SIZE + 2)
-    _run(["shard", data, shards, "--frames-per-shard", _FULL_SIZE + 2])
-    job = Job(["perceive", shards, out, *_tasks()], out, "lines/*.json")
-    (row,) = rows("perceive, KITTI's size", 1, measure(job, [2, _FULL_SIZE], workers=1))
-    tar = shards / "000000.tar"
-    return {**row, "frame_bytes": round(tar.stat().st_size / (_FULL_SIZE + 2))}
+def evaluations(data: Path, out: Path, marks: Sequence[int]) -> list[Figures]:
+    """Score results for each number of frames: the least processor time and peak memory.
 
-
-def copy_frames(source: Path, target: Path, size: int) -> None:
-    """Write the frames of an object tree under `size` names, one after the other."""
-    names = sorted(path.stem for path in (source / "training" / "calib").iterdir())
-    for folder in sorted((source / "training").iterdir()):
-        (target / "training" / folder.name).mkdir(parents=True)
-        files = {path.stem: path for path in folder.iterdir()}
-        for number in range(size):
-            file = files[names[number % len(names)]]
-            copy = target / "training" / folder.name / f"{number:06d}{file.suffix}"
-            shutil.copyfile(file, copy)
-
-
-def _run(words: Sequence[object]) -> None:
-    command = [sys.executable, "-m", "sightline", *map(str, words)]
-    subprocess.run(command, check=True, capture_output=True)
-
-
-def measure(job: Job, marks: Sequence[int], *, workers: int) -> list[Figures]:
-    """Run a command, and note its figures when it has finished so many frames; Linux only."""
-    words = [*job.words, "--workers", workers]
-    command = [sys.executable, "-m", "sightline", *map(str, words)]
-    noted: list[Figures] = []
-    waiting = [mark // job.share for mark in marks]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while process.poll() is None:
-        done = len(list(job.out.glob(job.pattern))) * job.per_file
-        family = _family(process.pid)
-        figures = {
-            "frames": done,
-            "processor_s": sum(map(_processor_s, family)),
-            "mib": sum(map(_resident_mib, family)),
-            "open_files": sum(map(_open_files, family)),
-        }
-        # Ended workers count through their parent; the last look may come too late for either.
-        if waiting and done >= waiting[0] and figures["mib"]:
-            while waiting and done >= waiting[0]:
-                waiting.pop(0)
-            files = [path for path in job.out.rglob("*") if path.is_file()]
-            noted.append({**figures, "bytes": sum(path.stat().st_size for path in files)})
-        time.sleep(_POLL_S)
-    if process.returncode:
-        raise ValueError(f"{' '.join(command)} ended with status {process.returncode}")
+    The results are the labels with a score.
+    """
+    labels, found = data / "training" / "label_2", out / "found"
+    found.mkdir(parents=True)
+    names = sorted(path.stem for path in labels.iterdir())
+    for name in names[: marks[-1]]:
+        lines = (labels / f"{name}.txt").read_text().splitlines()
+        (found / f"{name}.txt").write_text("".join(line + _SCORE for line in lines))
+    noted = []
+    for mark in marks:
+        listed = out / f"{mark}.txt"
+        listed.write_text("\n".join(names[:mark]))
+        words = ["evaluate", "objects", found, labels, "--sample-list", listed]
+        words += ["--json", out / f"{mark}.json"]
+        runs = [measure_whole(words, frames=mark) for _ in range(_REPEATS)]
+        best = min(runs, key=lambda figures: figures.processor_s)
+        noted.append(best._replace(num_bytes=(out / f"{mark}.json").stat().st_size))
     return noted
 
 
-def _processor_s(process: int) -> float:
-    """Processor time of a process, and of those below it that have ended."""
-    try:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return sum(map(int, fields[11:15])) / _TICKS
+def perceive_full_size(out: Path, size: int) -> Job:
+    """Give the job over frames of KITTI's size."""
+    copy_frames(PACKAGED_FRAMES, out / "data", size)
+    return perceive_job(out / "data", out / "found")
 
 
-def _family(process: int) -> list[int]:
-    """Numbers of a process and all below it."""
-    try:
-        listed = Path(f"/proc/{process}/task/{process}/children").read_text()
-    except OSError:
-        return []
-    return [process, *(each for child in listed.split() for each in _family(int(child)))]
+def shard_bytes(out: Path) -> int:
+    """Pack the frames of KITTI's size into one shard, and give its size."""
+    run(["shard", out / "data", out / "shards"])
+    return (out / "shards" / "000000.tar").stat().st_size
 
 
-def _resident_mib(process: int) -> float:
-    """Memory of a process that it does not share: its own, and its part of that of several."""
-    try:
-        lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
-    except OSError:
-        return 0.0
-    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
+def merge(results: Sequence[Row], into: Path, *, seed: int) -> None:
+    """Add rows to a file of records, in place of earlier rows of the same commands.
+
+    Rows of one commit, date, seed and machine make one record.
+    """
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        print_record({"results": results}, seed=seed, weights=FAST.values())
+    records = json.loads(into.read_text()) if into.is_file() else []
+    measured = {row["work"] for row in results}
+    merged: list[dict[str, Any]] = []
+    for record in records:
+        record["results"] = [row for row in record["results"] if row["work"] not in measured]
+    for record in [*records, json.loads(printed.getvalue())]:
+        equal = [each for each in merged if _origin(each) == _origin(record)]
+        if equal:
+            equal[0]["results"] += record["results"]
+        else:
+            merged.append(record)
+    kept = [record for record in merged if record["results"]]
+    for record in kept:
+        names = dict.fromkeys(row["work"] for row in record["results"])
+        record["command"] = f"{_COMMAND} --works [{','.join(names)}]"
+    lines = ",\n".join(json.dumps(record) for record in kept)
+    into.write_text(f"[\n{lines}\n]\n")
 
 
-def _open_files(process: int) -> int:
-    try:
-        return len(list(Path(f"/proc/{process}/fd").iterdir()))
-    except OSError:
-        return 0
+def _origin(record: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in record.items() if key not in ("command", "results")}
 
 
 if __name__ == "__main__":

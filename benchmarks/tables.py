@@ -107,7 +107,11 @@ TABLES: Final = {
     "rigs-depth": Table(("rigs",), table_rigs.depth),
     "rigs-cost": Table(("rigs",), table_rigs.cost),
     "memory": Table(("flat_memory",), table_speed.flat_memory),
+    "growth": Table(("growth",), table_scale.growth),
+    "two-workers": Table(("two_workers",), table_scale.two_workers),
+    "ray-overhead": Table(("ray_overhead",), table_scale.ray_overhead),
     "random-kills": Table(("random_kills",), table_scale.random_kills),
+    "ten-million": Table(("growth",), table_scale.ten_million),
 }  # fmt: skip
 
 
@@ -131,9 +135,10 @@ def main(*, check: bool = False) -> None:
 
 
 def pages() -> list[Path]:
-    """List the pages that may hold tables."""
+    """List the pages that hold tables."""
     docs = ROOT / "docs"
-    return [docs / "results.md", *sorted((docs / "results").glob("*.md"))]
+    own = [docs / "results.md", docs / "guides" / "scale.md"]
+    return [*own, *sorted((docs / "results").glob("*.md"))]
 
 
 def rendered(text: str) -> str:

@@ -67,3 +67,16 @@ def test_the_ranks_of_a_training_are_those_that_torchrun_starts():
     assert container["resources"]["limits"]["nvidia.com/gpu"] == settings["RANKS_PER_NODE"]
     assert spec["template"]["spec"]["subdomain"] == "fit"
     assert "--rdzv-endpoint=fit-0.fit:29500" in container["args"]
+
+
+def test_restarted_ranks_share_no_store_with_those_before():
+    setting = "TORCH_DISABLE_SHARE_RDZV_TCP_STORE"
+    container = jobs()["fit"]["spec"]["template"]["spec"]["containers"][0]
+    assert {"name": setting, "value": "1"} in container["env"]
+    assert f"export {setting}=1" in (FOLDER / "fit.slurm").read_text()
+    shared = {"TORCHELASTIC_USE_AGENT_STORE": "True"}
+    refused = subprocess.run(
+        ["bash", FOLDER / "fit.sh"], check=False, env=shared, capture_output=True, text=True
+    )
+    assert refused.returncode == 1
+    assert f"export {setting}=1" in refused.stderr

@@ -16,7 +16,7 @@ def reports(folder, ranks):
 
 @pytest.fixture(scope="module")
 def runs(frames, tmp_path_factory):
-    """Folder with a training on two ranks, its resumed copy, one on one rank, and scores."""
+    """Folder with a training on two ranks, one resumed from shards, one on one rank, scores."""
     folder = tmp_path_factory.mktemp("runs")
     command = [sys.executable, "-m", "tests.training.two_ranks", str(frames), str(folder)]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
@@ -44,7 +44,7 @@ def test_the_ranks_end_with_the_weights_of_one_device(runs):
         torch.testing.assert_close(first[name], tensor, rtol=1e-4, atol=1e-5)
 
 
-def test_resuming_on_two_ranks_is_exact(runs):
+def test_resuming_on_two_ranks_from_shards_is_exact(runs):
     for resumed, whole in zip(
         reports(runs / "resumed", 2), reports(runs / "whole", 2), strict=True
     ):

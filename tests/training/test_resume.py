@@ -11,6 +11,7 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import Callback, EMAWeightAveraging
 
+from sightline.data.sharding import write_shards
 from sightline.training.callbacks import RandomState
 from sightline.training.last_checkpoint import LastCheckpoint
 from tests.training import toy
@@ -76,6 +77,15 @@ def test_resuming_with_workers_gives_what_no_workers_give(frames, tmp_path):
     whole, _ = train(frames, tmp_path / "whole", workers=0)
     _, last = train(frames, tmp_path / "part", every=3, kill=3, workers=2)
     resumed, _ = train(frames, tmp_path / "part", resume=last, workers=2)
+    assert_same_end(resumed, whole)
+
+
+def test_resuming_from_shards_gives_what_the_folder_gives(frames, tmp_path):
+    shards = tmp_path / "shards"
+    write_shards(frames, shards, frames_per_shard=4)
+    whole, _ = train(frames, tmp_path / "whole", workers=0)
+    _, last = train(shards, tmp_path / "part", every=3, kill=3, workers=2)
+    resumed, _ = train(shards, tmp_path / "part", resume=last, workers=2)
     assert_same_end(resumed, whole)
 
 

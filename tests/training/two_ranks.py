@@ -1,7 +1,7 @@
 """Trains on two processes, resumes, scores: `python -m tests.training.two_ranks FRAMES FOLDER`.
 
-A separate program, so that it can fork: its processes start with all imports done and without
-the threads of the test.
+The resumed training reads shards of the frames. A separate program, so that it can fork: its
+processes start with all imports done and without the threads of the test.
 """
 
 import shutil
@@ -12,6 +12,7 @@ import torch
 from lightning.pytorch.callbacks import Callback
 
 from sightline.data.kitti_labels import parse_objects
+from sightline.data.sharding import write_shards
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.evaluation.kitti_object_rules import LOOSE
 from sightline.training.callbacks import RandomState
@@ -86,7 +87,9 @@ def score(frames, folder, *, batch_size, **settings):
 def main(frames, folder):
     two = {"batch_size": 2, "devices": 2, "strategy": "ddp_fork"}
     train(frames, folder / "whole", **two)
-    train(frames, folder / "resumed", resume=folder / "whole" / "middle.ckpt", **two)
+    shards = folder / "shards"
+    write_shards(frames, shards, frames_per_shard=4)
+    train(shards, folder / "resumed", resume=folder / "whole" / "middle.ckpt", **two)
     for size in (1, 2):
         score(frames, folder / f"scores{size}", **two | {"batch_size": size})
 

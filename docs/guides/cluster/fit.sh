@@ -1,7 +1,13 @@
 #!/bin/bash
 # One rank of a training; torchrun starts it. The folder of the run lies on a shared disk.
-#   torchrun --nproc-per-node 2 --no-python bash fit.sh
+#   export TORCH_DISABLE_SHARE_RDZV_TCP_STORE=1
+#   torchrun --nproc-per-node 2 --max-restarts 3 --no-python bash fit.sh
 set -euo pipefail
+if [ "${TORCHELASTIC_USE_AGENT_STORE:-False}" = True ]; then
+    # Restarted ranks find addresses of the ranks before in a store that they share with the agents.
+    echo "fit.sh: restarted ranks would hang; export TORCH_DISABLE_SHARE_RDZV_TCP_STORE=1 first" >&2
+    exit 1
+fi
 RECIPE=${RECIPE:-detection2d-best}
 DATA=${DATA:-street-8k}
 RUN=${RUN:-runs/$RECIPE}
