@@ -10,13 +10,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.app.browsing import Shown, chromium, serving
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
+from tests.app.browsing import Shown, serving
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ def serve(
     kinds: tuple[str, ...] | None = None,
     severities: tuple[int, ...] | None = None,
 ) -> None:
-    """Opens a page in the browser: break a sensor, and see what is still detected.
+    """Open a page in the browser: break a sensor, and see what is still detected.
 
     Shows image, points, depth, health and objects, clean beside broken. Nothing is written, and
     only this machine can open the page unless --host is given; Ctrl-C ends it. With --export the

@@ -242,7 +242,7 @@ def beams_of_sensor(num_rings: int) -> int:
 def check_spacing(
     points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> None:
-    """Refuses a part of a sweep whose ring spacing is too large for a sensor of 64 beams.
+    """Refuse a part of a sweep whose ring spacing is too large for a sensor of 64 beams.
 
     Args:
         points: Points in KITTI's order; rings may be left out.

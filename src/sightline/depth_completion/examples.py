@@ -1,4 +1,4 @@
-"""Makes training and validation examples from samples."""
+"""Training and validation examples from samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -69,7 +69,7 @@ class AugmentationConfig:
     """Whether the crop's position is random; otherwise it is the bottom centre."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         _check_range("yaw_error_deg", self.yaw_error_deg, 90)
         for name in ("outliers", "camera_dropout", "lidar_occlusion"):
             _check_range(name, getattr(self, name), 1)
@@ -97,7 +97,7 @@ class ExampleConfig:
     """Augmentation in training."""
 
     def __post_init__(self) -> None:
-        """Checks the choices and the ranges."""
+        """Check the choices and the ranges."""
         if self.truth not in get_args(TruthKind):
             raise ValueError(
                 f"truth must be one of {', '.join(get_args(TruthKind))}, got {self.truth!r}"
@@ -130,7 +130,7 @@ class DepthExamples(SamplePreparation):
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DepthBatch:
-        """Makes an example; see `make_example`."""
+        """Make an example; see `make_example`."""
         return make_example(sample, self.settings, rng, training=training)
 
 

@@ -64,7 +64,7 @@ class ViewConfig:
     shown in use, one of a frame's bands each time, at its scale (`detection2d.views`)."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         low, high = self.scales
         if not 0 < low <= high < math.inf:
             raise ValueError(f"view.scales must be positive and in order, got {self.scales}")
@@ -202,7 +202,7 @@ class ExampleConfig:
     """Ground-truth objects that training uses as targets."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and that related settings match."""
+        """Check the ranges, and that related settings match."""
         check_range("fault_share", self.fault_share, 0, 1)
         check_range("pad_to", self.pad_to, 1, 1024)
         if self.graded and not self.health:
@@ -260,7 +260,7 @@ class DetectionExamples(SamplePreparation):
         return DetectionExamples(replace(self.settings, cases=only), self.faults)
 
     def learned_classes(self) -> tuple[str, ...]:
-        """Names the classes to detect."""
+        """Name the classes to detect."""
         return CLASSES
 
     def prepare(

@@ -118,7 +118,7 @@ class DetectionLossConfig:
     """Weight of the gate loss, which needs health maps in the examples."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("auxiliary_weight", self.auxiliary_weight, 0, 1e6)
         check_range("gate_weight", self.gate_weight, 0, 1e6)
 

@@ -45,7 +45,7 @@ class TargetConfig:
     """Largest KITTI occlusion: 0 visible, 1 partly, 2 largely occluded, 3 unknown."""
 
     def __post_init__(self) -> None:
-        """Checks the names and ranges."""
+        """Check the names and ranges."""
         check_look_alikes(self.ignored_names)
         for name in ("min_height_px", "min_width_px"):
             check_range(f"targets.{name}", getattr(self, name), 0, 10_000)

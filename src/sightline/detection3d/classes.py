@@ -18,7 +18,7 @@ class RoadUserClass:
     """Length, width, height."""
 
     def __post_init__(self) -> None:
-        """Checks the sizes."""
+        """Check the sizes."""
         for size_m in self.mean_size_m:
             check_range(f"mean_size_m of {self.name}", size_m, _SMALLEST_M, _LARGEST_M)
 

@@ -70,7 +70,7 @@ class ObjectSamplingConfig:
     """Points this little behind another point on the same ray stay visible."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_different("class_names", self.class_names, self.class_names)
         check_numbers(self, "at least 1", "max_objects", "min_points", "min_ground_points")
         check_range("max_bearing_deg", self.max_bearing_deg, 0, 180)

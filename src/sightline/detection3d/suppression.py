@@ -24,7 +24,7 @@ class SuppressionConfig:
     """IoU from above from which a box with a lower score is removed."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "from 0 to 1", "min_score")
         check_numbers(self, "above 0 and at most 1", "iou")
 
@@ -71,7 +71,7 @@ class ClassAlignment:
     cosine of the angle between that axis and the direction to the LiDAR."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         for name, value in (("length_m", self.length_m), ("towards_m", self.towards_m)):
             check_range(f"alignment.{name}", value, -_LONGEST_M, _LONGEST_M)
 

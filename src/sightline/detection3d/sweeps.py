@@ -54,7 +54,7 @@ class SweepConfig:
     """Height added to points, for a LiDAR that is mounted higher than KITTI's (1.73 m)."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if self.num_points is not None:
             check_range("input.num_points", self.num_points, 1, _MAX_POINTS)
         numbers = (*self.lowest_m, *self.highest_m, self.far_m, self.height_offset_m)
@@ -204,7 +204,7 @@ class SweepTruthConfig:
     """Smallest number of points on an object to detect; others are ignored."""
 
     def __post_init__(self) -> None:
-        """Checks the names and the number."""
+        """Check the names and the number."""
         check_look_alikes(self.ignored_names)
         check_numbers(self, "at least 0", "min_points")
 

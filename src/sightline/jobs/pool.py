@@ -133,7 +133,7 @@ class ProcessCrew:
         channel.close()
 
     def close(self) -> None:
-        """Lets every worker finish its piece and ends it, by force if necessary."""
+        """Let every worker finish its piece, and end it, by force if necessary."""
         for channel, _ in self._processes.values():
             with contextlib.suppress(OSError):  # it has ended already
                 channel.send(None)

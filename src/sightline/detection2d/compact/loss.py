@@ -32,7 +32,7 @@ class AssignmentConfig:
     """Number of best-aligned cells assigned to an object."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("assignment.alpha", self.alpha, 0, 100)
         check_range("assignment.beta", self.beta, 0, 100)
         check_range("assignment.cells", self.cells, 1, 10_000)
@@ -125,7 +125,7 @@ class AlignedLossConfig:
     """Weight of the cross entropy of the distance distributions (Li et al. 2020, eq. 6)."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_choice("aligned.classification", self.classification, get_args(Classification))
         check_range("aligned.ignored_share", self.ignored_share, 0, 1)
         for name in ("class_weight", "box_weight", "distribution_weight"):

@@ -32,7 +32,7 @@ class SsdLossConfig:
     """Weight of the box loss relative to the class loss."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("ssd.match_iou", self.match_iou, 0, 1)
         check_range("ssd.ignored_share", self.ignored_share, 0, 1)
         check_range("ssd.negatives_per_positive", self.negatives_per_positive, 0, 1e6)

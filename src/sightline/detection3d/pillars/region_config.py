@@ -43,7 +43,7 @@ class RegionConfig:
     this."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_different("classes", self.classes, [entry.name for entry in self.classes])
         for margin in self.margin_m:
             check_range("margin_m", margin, 0, _LARGEST_MARGIN_M)
@@ -110,7 +110,7 @@ class RegionExamplesConfig:
     ignored for it."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "at least 0", "num_objects", "num_background", "num_proposals")
         errors = ("center_share", "least_center_m", "height_share", "yaw_rad", "log_sizes")
         check_numbers(self, "finite and not negative", *errors)
@@ -140,7 +140,7 @@ class RegionLossConfig:
     """Error of a corner where the corner loss changes from quadratic to linear."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         weights = (f"{name}_weight" for name in ("value", "corner", "front", "quality"))
         check_numbers(self, "finite and not negative", *weights)
         check_numbers(self, "positive and finite", "knee", "corner_knee_m")
