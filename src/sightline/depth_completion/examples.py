@@ -30,6 +30,7 @@ from sightline.evaluation.held_out_frame import (
     split_rings,
 )
 from sightline.geometry.projection import sparse_depth_map
+from sightline.geometry.ranges import check_range
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
 
@@ -42,11 +43,6 @@ as additional dense truth with its own loss weight.
 
 _MAX_TRUTH_M = 256  # range of KITTI's depth maps
 _SIZE_STEP = 32  # validation crops are multiples of it, which suits all our networks
-
-
-def _check_range(name: str, value: float, maximum: int) -> None:
-    if not 0 <= value <= maximum:
-        raise ValueError(f"{name} must be from 0 to {maximum}, got {value}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +66,9 @@ class AugmentationConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _check_range("yaw_error_deg", self.yaw_error_deg, 90)
+        check_range("yaw_error_deg", self.yaw_error_deg, 0, 90)
         for name in ("outliers", "camera_dropout", "lidar_occlusion"):
-            _check_range(name, getattr(self, name), 1)
+            check_range(name, getattr(self, name), 0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, SupportsFloat, get_args
+from typing import Final, Literal, get_args
 
 from sightline.files.settings import TRAINING_ONLY
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.ranges import check_range
 
 CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
 """Detected classes, in the order of the networks' outputs."""
@@ -26,18 +27,6 @@ _SMALLEST_PRIOR_PX = 0.1
 _LARGEST_RATIO = 100.0
 _LARGEST_L2_NORM_SCALE = 1000.0
 _MAX_DETECTIONS = 10_000
-
-
-def check_range(
-    name: str, value: SupportsFloat, lowest: SupportsFloat, highest: SupportsFloat
-) -> None:
-    """Check that a setting's number is in range.
-
-    Raises:
-        ValueError: The number is out of range or NaN.
-    """
-    if not float(lowest) <= float(value) <= float(highest):
-        raise ValueError(f"{name} must be from {lowest} to {highest}, got {value}")
 
 
 def check_choice(name: str, value: object, choices: Sequence[object]) -> None:

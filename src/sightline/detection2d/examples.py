@@ -18,7 +18,7 @@ from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
 from sightline.data.kitti_conversion import kitti_from_labels
 from sightline.detection2d import graded_health
-from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig, check_range
+from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig
 from sightline.detection2d.graded_health import with_point_health
 from sightline.detection2d.loss import health, known_by_points
 from sightline.detection2d.placement import (
@@ -34,6 +34,7 @@ from sightline.detection2d.views import draw_band
 from sightline.files.settings import NetworkConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.geometry.projection import DHI_RANGE_M
+from sightline.geometry.ranges import check_range
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample

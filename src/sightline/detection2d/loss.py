@@ -15,11 +15,11 @@ from sightline.detection2d.compact.loss import (
     aligned_loss,
     assign_batch,
 )
-from sightline.detection2d.config import check_range
 from sightline.detection2d.dgfn.loss import SsdLossConfig, multibox_loss
 from sightline.detection2d.fusion import GateOutput, RawOutputs
 from sightline.detection2d.placement import padded
 from sightline.detection2d.targets import DetectionBatch
+from sightline.geometry.ranges import check_range
 
 CELL_PX: Final = 8
 """Side of the health map's cells: the stride of the finest maps."""

@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float, Float32, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.data.kitti_labels import KittiObjects
-from sightline.detection2d.config import CLASSES, check_range
+from sightline.detection2d.config import CLASSES
 from sightline.detection2d.placement import Placement
+from sightline.geometry.ranges import check_range
 from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from sightline.detection3d.checks import check_range
+from sightline.geometry.ranges import check_range
 
 _SMALLEST_M, _LARGEST_M = 0.01, 100.0
 

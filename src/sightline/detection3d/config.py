@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from sightline.detection3d.checks import MAX_NUMBERS, check_different, check_numbers, check_range
+from sightline.detection3d.checks import MAX_NUMBERS, check_different, check_numbers
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.pillars.config import (
     PillarDetectionConfig,
@@ -34,6 +34,7 @@ from sightline.detection3d.points.config import (
 from sightline.detection3d.suppression import ClassAlignment, SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
 from sightline.files.settings import INFERENCE_ONLY
+from sightline.geometry.ranges import check_range
 
 # Settings that earlier versions saved name the levels here.
 __all__ = [

@@ -8,8 +8,9 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from sightline.detection3d.checks import check_numbers, check_range
+from sightline.detection3d.checks import check_numbers
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.ranges import check_range
 from sightline.ops.nms import nms_bev
 from sightline.structures.predictions import Detections3D
 

@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.augmentation.sample_changes import points_in_view
-from sightline.detection3d.checks import check_numbers, check_range
+from sightline.detection3d.checks import check_numbers
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.ranges import check_range
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample, mounted_detections

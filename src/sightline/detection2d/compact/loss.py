@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from sightline.detection2d.compact.network import decode_distances
-from sightline.detection2d.config import CLASSES, check_choice, check_range
+from sightline.detection2d.config import CLASSES, check_choice
 from sightline.detection2d.fusion import HeadOutput
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.ranges import check_range
 
 _NOTHING = -1
 _ADDED_IOU = 0.05  # added to the IoU, to assign also objects without overlapping boxes

@@ -9,11 +9,11 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from sightline.detection2d.config import check_range
 from sightline.detection2d.dgfn.network import corners_of, encode_boxes
 from sightline.detection2d.fusion import HeadOutput
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.ranges import check_range
 
 _NOTHING = -1
 

@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Final
 
-from sightline.detection3d.checks import check_different, check_numbers, check_range
+from sightline.detection3d.checks import check_different, check_numbers
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
+from sightline.geometry.ranges import check_range
 
 HEAD_STRIDE: Final = 2
 """Length and width of a head cell, in cells of the features."""

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from sightline.detection3d.checks import check_different, check_numbers, check_range, check_widths
+from sightline.detection3d.checks import check_different, check_numbers, check_widths
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
+from sightline.geometry.ranges import check_range
 
 # Bounds on settings that cost time or memory but add no weights: weights files may come from
 # anywhere.

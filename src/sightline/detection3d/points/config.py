@@ -8,10 +8,10 @@ from sightline.detection3d.checks import (
     MAX_NUMBERS,
     check_different,
     check_numbers,
-    check_range,
     check_widths,
 )
 from sightline.detection3d.classes import CAR, RoadUserClass
+from sightline.geometry.ranges import check_range
 
 _MAX_CENTERS = 2**16
 _MAX_ROI_POINTS = 2**14
