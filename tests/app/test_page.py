@@ -136,7 +136,7 @@ def test_a_newer_request_cancels_the_older_and_the_last_state_is_shown(show):
     shown.settle()
     assert any("api/answers" in url and "yaw=0.5" in url for url in shown.dropped)
     assert shown.link["yaw"] == ["2"]
-    assert shown.page.locator("#status").inner_text().startswith("whole answer")
+    assert shown.page.locator("#status").inner_text().startswith("all results")
     assert "turned" in shown.page.locator("#health").inner_text()
 
 

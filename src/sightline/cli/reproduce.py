@@ -27,7 +27,7 @@ def renamed(command: Callable[..., None], old: str, new: str) -> Callable[..., N
         warn(f"warning: reproduce {old} is now reproduce {new}; the old name will be removed")
         command(**settings)
 
-    call.__doc__ = (command.__doc__ or "").replace("Prints", f"Old name of {new}: prints", 1)
+    call.__doc__ = (command.__doc__ or "").replace("Print", f"Old name of {new}: print", 1)
     return call
 
 
