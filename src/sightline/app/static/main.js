@@ -119,7 +119,7 @@ function status(mine, part) {
 function settle(mine) {
   if (mine) {
     document.body.dataset.ms = Math.round(performance.now() - mine.since);
-    at("status").textContent = `all results after ${document.body.dataset.ms} ms`;
+    at("status").textContent = `all results: ${document.body.dataset.ms} ms`;
   }
   document.body.dataset.busy = "false";
   if (isPlaying) setTimeout(playOn, 60);
