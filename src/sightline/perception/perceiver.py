@@ -208,7 +208,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         return replace(predictions, objects=objects, undone_turn=turn or None)
 
     def _detect(self, sample: CameraLidarSample) -> tuple[Detections2D | None, Detections3D | None]:
-        """Detections to be joined; none unless they are."""
+        """Detections of both detectors; none of either where they are not joined."""
         if self.join_models is None:
             return None, None
         found = Perception.joined(
