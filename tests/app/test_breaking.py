@@ -8,6 +8,7 @@ import torch
 from sightline.app.breaking import break_sample, reproducing_commands
 from sightline.app.state import Breakage, FaultChoice, parse_state
 from sightline.augmentation.faults import fault_rng
+from sightline.cli.main import main
 from sightline.corruptions.kinds import find_kind
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import dataset
