@@ -10,6 +10,8 @@ BIN := $(VENV)/bin
 # The environment is made anew only when what it is made from has changed.
 READY := $(VENV)/ready-$(shell cat pyproject.toml constraints.txt | cksum | cut -d' ' -f1)
 PROMISED := $(shell sed -n 's/.*Programming Language :: Python :: \(3\.[0-9]*\)".*/\1/p' pyproject.toml)
+# Compiled modules are kept for the next process; some images of Python set this to 1.
+export PYTHONDONTWRITEBYTECODE :=
 TYPED := --jaxtyping-packages=sightline,beartype.beartype
 
 .PHONY: demo test lint docs results package kernels tests compiled test-all format frames \
@@ -112,5 +114,6 @@ $(READY): pyproject.toml constraints.txt
 	@echo "Installing Sightline and its dependencies into $(VENV): minutes, and up to 7 GB with CUDA"
 	$(PYTHON) -m venv $(VENV)
 	rm -f $(VENV)/ready-*
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt \
+		--editable '.[dev]'
 	touch $@

@@ -64,8 +64,8 @@ def _column(
         corrupted = case.corrupt(sample, seed)
         masks = (corrupted.camera_mask, corrupted.lidar_mask)
         title = f"{case.name}  {sample.sample_id}"
-        answer = predictor(corrupted.sample)
-        rows.append(prediction_row(title, corrupted.sample, answer, masks=masks, width_px=width_px))
+        result = predictor(corrupted.sample)
+        rows.append(prediction_row(title, corrupted.sample, result, masks=masks, width_px=width_px))
     return np.concatenate(rows)
 
 

@@ -1,4 +1,4 @@
-"""Draws a detector's two stages on frames: `python -m benchmarks.detection3d_sheet`.
+"""Pictures of a detector's two stages on frames: `python -m benchmarks.detection3d_sheet`.
 
 For each frame the image with proposals, the image with detections (labels in white), and all of
 them from above. The picture takes 600 KB at most.
@@ -27,7 +27,7 @@ def main(
     sample_list: str | None = None,
     width_px: int = 800,
 ) -> None:
-    """Draws the frames one below the other.
+    """Draw the frames one below the other.
 
     Args:
         weights: Name of weights that come with Sightline, or a file.

@@ -2,7 +2,7 @@
 
 Medians over frames of the time of one thread, in which other jobs hardly show, with sound sensors
 and without either: both detectors, the join of their boxes, and `sightline.load("joined")`. Prints
-a row for each state, then one line of JSON, kept in benchmarks/results/joined_time.json.
+a row for each state, then one line of JSON.
 """
 
 import statistics

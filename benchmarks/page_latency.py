@@ -168,7 +168,7 @@ def slider(page: Page, pid: int, num_states: int) -> tuple[dict[str, list[float]
             continue
         processor.append(processor_ms(pid) - before)
         for arrived, text in page.evaluate("() => window.told"):
-            name = text.split(":")[0].replace("whole answer", "whole")
+            name = text.split(":")[0].replace("all results", "whole")
             if name in ("picture", "whole", *_PARTS):
                 wall.setdefault(name, []).append(arrived - since)
     return wall, processor

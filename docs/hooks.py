@@ -38,7 +38,7 @@ _LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)#\s]+)")
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Adds the pages of files outside `docs/`, and the exported page."""
+    """Add the pages of files outside `docs/`, and the exported page."""
     for source, page in PAGES.items():
         if source == NOTEBOOK:
             text = notebook_text((ROOT / source).read_text())
@@ -55,7 +55,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turns links between files of the repository into links between pages."""
+    """Turn links between files of the repository into links between pages."""
     del config, files
     here = page.file.src_uri
     source = {page: source for source, page in PAGES.items()}.get(here, f"docs/{here}")

@@ -8,6 +8,10 @@ ROOT = Path(__file__).parents[1]
 _BLOCK = re.compile(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", re.DOTALL)
 _LEFT_OUT = re.compile(r"^ *# \.\.\.\n\n?", re.MULTILINE)
 _RIDDLES = re.compile(r"(Of|What|Those|That|Whose|Which|By|As|But|And|So many)\b")
+_THIRD_PERSON = re.compile(
+    r"(Adds|Completes|Computes|Converts|Creates|Draws|Makes|Prints|Reads|Refuses|Removes|Returns|"
+    r"Runs|Stores|Warns|Writes) (a|all|an|each|every|no|one|the)\b"
+)
 EXAMPLES = _BLOCK.findall((ROOT / "STYLE.md").read_text())
 
 
@@ -34,13 +38,13 @@ def docstrings(path):
 
 
 @pytest.mark.parametrize("folder", ["src", "benchmarks", "docs"])
-def test_no_docstring_begins_as_a_riddle(folder):
+def test_no_docstring_begins_as_a_riddle_or_in_the_third_person(folder):
     files = sorted((ROOT / folder).rglob("*.py"))
     assert files
     found = [
         f"{path.relative_to(ROOT)}:{line}: {text.splitlines()[0]}"
         for path in files
         for line, text in docstrings(path)
-        if _RIDDLES.match(text)
+        if _RIDDLES.match(text) or _THIRD_PERSON.match(text)
     ]
     assert found == []

@@ -62,6 +62,7 @@ class Shown:
     """A page that is shown, with what it asked for and complained of."""
 
     def __init__(self, browser, address, query="", width=1280, scheme="dark"):
+        self.address = address
         self.context = browser.new_context(
             viewport={"width": width, "height": 844}, color_scheme=scheme, accept_downloads=True
         )
@@ -84,9 +85,9 @@ class Shown:
         self.page.wait_for_selector("body[data-busy=false]")
 
     @property
-    def hosts(self):
-        """Hosts that were asked; the page's own files in memory (blob:) have none."""
-        return {urlsplit(url).netloc for url in self.asked if not url.startswith("blob:")}
+    def elsewhere(self):
+        """Requests that left the page's address; blob: is the page's own memory."""
+        return [url for url in self.asked if not url.startswith((self.address, "blob:"))]
 
     @property
     def link(self):

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from tests.app.browsing import Shown, chromium, serious_findings, serving
+from tests.app.browsing import Shown, serious_findings, serving
 
 DARK_OF_256 = 12
 
@@ -16,27 +16,6 @@ DARK_OF_256 = 12
 def address():
     with serving() as (_, address):
         yield address
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture
-def show(browser, address):
-    shown = []
-
-    def open_page(*given, **settings):
-        shown.append(Shown(browser, address, *given, **settings))
-        return shown[-1]
-
-    yield open_page
-    for each in shown:
-        assert each.complaints == []
-        assert each.hosts == {urlsplit(address).netloc}  # nothing from another host
-        each.context.close()
 
 
 def test_sound_sensors_show_objects_points_depth_and_health(show):
@@ -157,7 +136,7 @@ def test_a_newer_request_cancels_the_older_and_the_last_state_is_shown(show):
     shown.settle()
     assert any("api/answers" in url and "yaw=0.5" in url for url in shown.dropped)
     assert shown.link["yaw"] == ["2"]
-    assert shown.page.locator("#status").inner_text().startswith("whole answer")
+    assert shown.page.locator("#status").inner_text().startswith("all results")
     assert "turned" in shown.page.locator("#health").inner_text()
 
 

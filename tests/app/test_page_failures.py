@@ -10,13 +10,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.app.browsing import Shown, chromium, serving
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
+from tests.app.browsing import Shown, serving
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +57,7 @@ def test_a_killed_worker_is_told_and_the_whole_answer_comes(browser, served):
     shown.page.get_by_role("button", name="8 beams").click()
     assert told(shown) == "a worker process had ended and was started again"
     shown.settle()
-    assert shown.page.locator("#status").inner_text().startswith("whole answer")
+    assert shown.page.locator("#status").inner_text().startswith("all results")
     assert shown.page.locator("#objects td.kept").count() >= 1
     shown.page.get_by_role("button", name="Camera blank").click()
     shown.settle()
@@ -80,7 +74,7 @@ def test_two_tabs_show_each_its_own_state(browser, served):
     other.settle()
     for shown, empty in ((one, "cloud"), (other, "image-broken")):
         assert shown.page.locator("#notice").is_hidden()
-        assert shown.page.locator("#status").inner_text().startswith("whole answer")
+        assert shown.page.locator("#status").inner_text().startswith("all results")
         assert shown.complaints == []
         assert shown.page.locator(f"#{empty}").is_visible()
     assert one.page.locator("#cloud-note").inner_text() == "0 points"
@@ -114,7 +108,7 @@ def test_on_a_full_disk_the_page_goes_on_as_nothing_is_written(browser, served):
     shown = Shown(browser, address)
     shown.page.get_by_role("button", name="Fog").click()
     shown.settle()
-    assert shown.page.locator("#status").inner_text().startswith("whole answer")
+    assert shown.page.locator("#status").inner_text().startswith("all results")
     assert shown.page.locator("#notice").is_hidden()
     assert shown.page.locator("#objects td.kept").count() >= 1
     shown.context.close()

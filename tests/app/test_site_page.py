@@ -6,11 +6,10 @@ import sys
 import threading
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from urllib.parse import urlsplit
 
 import pytest
 
-from tests.app.browsing import Shown, chromium, serious_findings
+from tests.app.browsing import Shown, serious_findings
 
 DARK_OF_256 = 12
 WHY = "not computed when this page was exported"
@@ -27,6 +26,7 @@ def root(tmp_path_factory):
     root = tmp_path_factory.mktemp("web")
     command = [sys.executable, "-m", "sightline", "serve", "--export", root / "docs/play"]
     command += ["--kinds", "lidar_fog", "lidar_beams", "--severities", "2", "4"]
+    # In a process of its own, as playwright's event loop runs in this one.
     subprocess.run([*command, "--engine", "torch"], check=True)
     return root
 
@@ -40,28 +40,6 @@ def address(root):
         yield f"http://127.0.0.1:{server.server_port}/docs/play/"
         server.shutdown()
         thread.join()
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture
-def show(browser, address):
-    shown = []
-
-    def open_page(*given, **settings):
-        shown.append(Shown(browser, address, *given, **settings))
-        return shown[-1]
-
-    yield open_page
-    for each in shown:
-        assert each.complaints == []
-        assert each.hosts == {urlsplit(address).netloc}
-        assert all(urlsplit(url).path.startswith("/docs/play/") for url in each.asked)
-        each.context.close()
 
 
 def test_the_views_and_the_buttons_work_from_files(show):

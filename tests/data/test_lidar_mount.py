@@ -139,10 +139,15 @@ def test_no_frame_of_kitti_is_levelled(kitti_root):
             assert dataset[place].lidar_height_m is None
 
 
-def test_no_single_cloud_of_kitti_seems_as_tilted_as_those_that_are_levelled(kitti_root):
-    for root in (kitti_root, *(kitti_root / "raw").iterdir()):
-        frames = open_dataset(root).frames
-        assert all(pose_of_tree([frame]).tilt is None for frame in frames)
+@pytest.fixture(scope="module")
+def poses(kitti_root):
+    """Pose by each single cloud of real frames."""
+    roots = (kitti_root, *(kitti_root / "raw").iterdir())
+    return [pose_of_tree([frame]) for root in roots for frame in open_dataset(root).frames]
+
+
+def test_no_single_cloud_of_kitti_seems_as_tilted_as_those_that_are_levelled(poses):
+    assert all(pose.tilt is None for pose in poses)
 
 
 def mounted_lower(lower_m):
@@ -181,7 +186,5 @@ def test_a_height_that_one_of_three_clouds_shows_is_not_taken(tmp_path):
     assert pose_of_tree(frames[:1]).height_m == pytest.approx(0.83, abs=0.15)
 
 
-def test_no_single_cloud_of_kitti_seems_as_high_or_low_as_those_that_are_moved(kitti_root):
-    for root in (kitti_root, *(kitti_root / "raw").iterdir()):
-        frames = open_dataset(root).frames
-        assert all(pose_of_tree([frame]).height_m is None for frame in frames)
+def test_no_single_cloud_of_kitti_seems_as_high_or_low_as_those_that_are_moved(poses):
+    assert all(pose.height_m is None for pose in poses)

@@ -1,6 +1,7 @@
 """The table and figures of the course on two-stage detection, by tiny networks and by results."""
 
 import json
+from pathlib import Path
 
 import pytest
 import torch
@@ -32,9 +33,10 @@ def weights(tmp_path):
 
 
 @pytest.fixture
-def results(tmp_path):
-    """Result files with every second labelled object."""
-    folder = tmp_path / "results"
+def results(tmp_path, monkeypatch):
+    """Result files with every second labelled object; the path is short, so that tables hold it."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path("results")
     folder.mkdir()
     for path in LABELS.iterdir():
         lines = [each for each in path.read_text().splitlines() if not each.startswith("DontCare")]
@@ -70,7 +72,7 @@ def test_result_files_are_scored_at_both_overlaps_in_a_row_of_their_own(results)
     report = reproduce_two_stage(PACKAGED_FRAMES, {"improved": results})
     needed, own = rows(report, "improved (problem 2), ours")
     assert "needs --improved WEIGHTS" in needed
-    assert f"not the paper's: {results}"[:30] in own
+    assert "not the paper's: results" in own
     entries = report.rows["improved"].entries
     for iou, overlaps in ((0.5, {"overlaps": LOOSE}), (0.7, {})):
         scored = evaluate_objects(results, LABELS, **overlaps)

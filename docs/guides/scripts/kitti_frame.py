@@ -92,6 +92,6 @@ def open_graph(path: str, task: str, *inputs: str) -> tuple[Any, Steps]:
         sys.exit(f"{path} is of the task {found!r}, expected {task}; name an export of that")
     names = {each.name for each in session.get_inputs()}
     if not names.issuperset(inputs):
-        told, wanted = ", ".join(sorted(names)), ", ".join(inputs)
-        sys.exit(f"{path} takes {told}, expected {wanted}; name the other file or other weights")
+        given, expected = ", ".join(sorted(names)), ", ".join(inputs)
+        sys.exit(f"{path} takes {given}, expected {expected}; name the other file or other weights")
     return session, json.loads(metadata["sightline.processing"])

@@ -21,7 +21,7 @@ class DepthMap(NamedTuple):
 
 
 def complete(model: str, frame: Frame) -> DepthMap:
-    """Fill the sparse map, run the network on it and on its mirror image, finish its answer."""
+    """Fill the sparse map, run the network on it and on its mirror image, finish its map."""
     named = "image", "sparse_depth_m", "filled_depth_m"
     session, steps = open_graph(model, "depth-completion", *named)
     sparse = sparse_map(frame)

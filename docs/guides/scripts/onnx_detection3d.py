@@ -38,20 +38,20 @@ def detect(first: str, second: str, frame: Frame) -> list[tuple[str, float, Arra
 
 def refine(session: Any, steps: Steps, xyz: Array, given: Proposals) -> tuple[Array, Array]:  # noqa: ANN401
     """Apply the network pass after pass; give boxes and scores."""
-    axes, answers = steps["axes"], []
+    axes, results = steps["axes"], []
     if axes is not None:  # from several axes first, of which the surest goes on
         turned, origins, numbers = turn_to_axes(given, axes, steps["classes"])
-        answers = run_passes(session, steps, xyz, turned, axes["passes"])
-        worth = np.where(numbers > 0, answers[-1][1] / (1 + axes["least_gain"]), answers[-1][1])
+        results = run_passes(session, steps, xyz, turned, axes["passes"])
+        worth = np.where(numbers > 0, results[-1][1] / (1 + axes["least_gain"]), results[-1][1])
         table = np.full((axes["number"], len(given.boxes)), -1.0)
         table[numbers, origins] = worth
         places = np.zeros(table.shape, int)
         places[numbers, origins] = np.arange(len(worth))
         best = places[table.argmax(axis=0), np.arange(len(given.boxes))]
-        answers = [(boxes[best], scores[best], odds[best]) for boxes, scores, odds in answers]
-    start = given._replace(boxes=answers[-1][0]) if answers else given
-    answers += run_passes(session, steps, xyz, start, steps["passes"] - len(answers))
-    (one, score_one, odds_one), (boxes, scores, odds) = answers[0], answers[-1]
+        results = [(boxes[best], scores[best], odds[best]) for boxes, scores, odds in results]
+    start = given._replace(boxes=results[-1][0]) if results else given
+    results += run_passes(session, steps, xyz, start, steps["passes"] - len(results))
+    (one, score_one, odds_one), (boxes, scores, odds) = results[0], results[-1]
     is_mean = np.isin(np.array(steps["classes"])[given.classes], steps["mean_with_first"])
     mean = mean_of_two((one, boxes), (odds_one, odds))
     boxes = np.where(is_mean[:, None], mean, boxes)
@@ -77,7 +77,7 @@ def run_passes(
     number: int,
 ) -> list[Answer]:
     """Change the boxes so many times, each time from the boxes before; scores from the first."""
-    boxes, share, answers = given.boxes, steps["decoding"]["quality_share"], []
+    boxes, share, results = given.boxes, steps["decoding"]["quality_share"], []
     for _ in range(number):
         inputs = cut_regions(xyz, boxes, given.classes, steps)
         values, fronts, quality = run_network(session, inputs, steps["regions_a_run"])
@@ -89,8 +89,8 @@ def run_passes(
             fronts, quality = (fronts - fronts_2) / 2, (quality + quality_2) / 2
         boxes = decode_regions(boxes, values, fronts, steps["decoding"])
         scores = given.scores ** (1 - share) * (1 / (1 + np.exp(-quality))) ** share
-        answers.append((boxes, scores, np.abs(fronts)))
-    return answers
+        results.append((boxes, scores, np.abs(fronts)))
+    return results
 
 
 if __name__ == "__main__":

@@ -69,19 +69,19 @@ def find_boxes(heat: Array, values: Array, steps: Steps) -> Proposals:
     classes, rows, columns = np.nonzero(heat >= np.float32(rule["min_heat"]))
     order = np.argsort(-heat[classes, rows, columns], kind="stable")[: rule["max_cells"]]
     classes, rows, columns = classes[order], rows[order], columns[order]
-    warmth, told = heat[classes, rows, columns], values[classes, :, rows, columns]
+    warmth, decoded = heat[classes, rows, columns], values[classes, :, rows, columns]
     sizes = single(steps["mean_sizes_m"])[classes]
     corner = single([grid["x_m"][0], grid["y_m"][0]])
     middles = (np.stack((rows, columns), axis=1) + np.float32(0.5)) * rule["cell_m"] + corner
-    z = told[:, 2] + sizes[:, 2] / 2 - steps["sweep"]["lidar_height_m"]
+    z = decoded[:, 2] + sizes[:, 2] / 2 - steps["sweep"]["lidar_height_m"]
     limit = rule["largest_log_size"]
-    axis = np.arctan2(told[:, 6], told[:, 7]) / 2
-    is_front = told[:, 8] * np.cos(axis) + told[:, 9] * np.sin(axis) >= 0
+    axis = np.arctan2(decoded[:, 6], decoded[:, 7]) / 2
+    is_front = decoded[:, 8] * np.cos(axis) + decoded[:, 9] * np.sin(axis) >= 0
     yaw = wrap(np.where(is_front, axis, axis + np.pi))
-    grown = sizes * np.exp(told[:, 3:6].clip(-limit, limit))
-    boxes = np.column_stack((middles + told[:, :2], z, grown, yaw)).astype(np.float32)
+    grown = sizes * np.exp(decoded[:, 3:6].clip(-limit, limit))
+    boxes = np.column_stack((middles + decoded[:, :2], z, grown, yaw)).astype(np.float32)
     worst, best = rule["iou_of_quality"]
-    iou = worst + (best - worst) / (1 + np.exp(-told[:, 10]))
+    iou = worst + (best - worst) / (1 + np.exp(-decoded[:, 10]))
     scores = warmth ** (1 - rule["quality_share"]) * iou ** rule["quality_share"]
     around = np.pad(heat, ((0, 0), (1, 1), (1, 1)))
     around = np.lib.stride_tricks.sliding_window_view(around, (3, 3), axis=(1, 2)).max(axis=(3, 4))

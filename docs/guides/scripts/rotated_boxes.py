@@ -60,7 +60,7 @@ def weighted_mean(own: Array, boxes: Array, weights: Array) -> Array:
 
 
 def mean_of_two(boxes: tuple[Array, Array], fronts: tuple[Array, Array]) -> Array:
-    """Average two answers for the same boxes; fronts are log-odds that the front is right."""
+    """Average two results for the same boxes; fronts are log-odds that the front is right."""
     one, two = boxes
     centers, sizes = (one[:, :3] + two[:, :3]) / 2, np.sqrt(one[:, 3:6] * two[:, 3:6])
     yaws, odds = np.stack((one[:, 6], two[:, 6])), np.stack(fronts)

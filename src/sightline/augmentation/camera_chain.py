@@ -36,7 +36,7 @@ class CameraChainConfig:
     root of the light (photon noise), down to half on black pixels."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if not 0 <= self.share <= 1:
             raise ValueError(f"share must be from 0 to 1, got {self.share}")
         for name in ("chromatic_px", "blur_px", "balance", "noise_levels"):

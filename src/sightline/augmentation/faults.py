@@ -29,7 +29,7 @@ class Fault(ABC):
 
     @abstractmethod
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """Applies the fault to a sample; the truth stays unchanged.
+        """Apply the fault to a sample; the truth stays unchanged.
 
         Args:
             sample: Sample of sound sensors.
@@ -45,13 +45,13 @@ class TurnedLidar(LidarTurn, Fault):
     """LiDAR rotated in its mount without a change of the calibration."""
 
     def __str__(self) -> str:
-        """Lists the angles that are not 0."""
+        """List the angles that are not 0."""
         named = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg), ("roll", self.roll_deg))
         angles = [f"{name} {angle_deg:g} deg" for name, angle_deg in named if angle_deg]
         return ", ".join(angles) or "yaw 0 deg"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """Rotates the LiDAR; see `rotate_extrinsics`."""
+        """Rotate the LiDAR; see `rotate_extrinsics`."""
         del rng
         return rotate_extrinsics(
             sample, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
@@ -66,16 +66,16 @@ class FalseEchoes(Fault):
     """Share of the returns."""
 
     def __post_init__(self) -> None:
-        """Checks the range."""
+        """Check the range."""
         if not 0 <= self.share <= 1:
             raise ValueError(f"share must be between 0 and 1, got {self.share}")
 
     def __str__(self) -> str:
-        """Shows the share."""
+        """Show the share."""
         return f"{100 * self.share:g} % outliers"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """Adds false ranges; see `add_outliers`."""
+        """Add false ranges; see `add_outliers`."""
         return add_outliers(sample, share=self.share, rng=rng)
 
 
@@ -87,18 +87,18 @@ class FewerRings(Fault):
     first: int = 0
 
     def __post_init__(self) -> None:
-        """Checks that a ring is left."""
+        """Check that a ring is left."""
         if not 0 <= self.first < self.keep_every:
             raise ValueError(
                 f"first must be at least 0 and below keep_every {self.keep_every}, got {self.first}"
             )
 
     def __str__(self) -> str:
-        """Shows the share of the rings, not the first ring."""
+        """Show the share of the rings, not the first ring."""
         return f"1 ring of {self.keep_every}"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """Removes rings; see `thin_rings`."""
+        """Remove rings; see `thin_rings`."""
         del rng
         return thin_rings(sample, self.keep_every, self.first)
 
@@ -112,7 +112,7 @@ class NoCamera(Fault):
         return "no camera"
 
     def __call__(self, sample: CameraLidarSample, rng: np.random.Generator) -> CameraLidarSample:
-        """Removes the image; see `drop_camera`."""
+        """Remove the image; see `drop_camera`."""
         del rng
         return drop_camera(sample)
 

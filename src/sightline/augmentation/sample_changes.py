@@ -203,7 +203,7 @@ class ColorJitterConfig:
     """Factor on the distance to grey."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         for name in ("brightness", "contrast", "gamma", "saturation"):
             value = getattr(self, name)
             if not 0 <= value < math.inf:

@@ -33,7 +33,7 @@ class GroundShape:
     """Rise by the square of the metres ahead: the foot of a hill, or its top."""
 
     def __post_init__(self) -> None:
-        """Checks that the numbers are finite."""
+        """Check that the numbers are finite."""
         values = (self.height_m, self.slope_x, self.slope_y, self.curvature_per_m)
         if not all(map(math.isfinite, values)):
             raise ValueError(f"the ground's shape needs finite numbers, got {self}")
@@ -55,7 +55,7 @@ class GroundShapeConfig:
     """Standard deviation of the curvature."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if not math.isfinite(self.mean_height_m):
             raise ValueError(f"mean_height_m must be finite, got {self.mean_height_m}")
         for name in ("height_m", "slope_x", "slope_y", "curvature_per_m"):

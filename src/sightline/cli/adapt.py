@@ -1,4 +1,4 @@
-"""`sightline adapt`: fine-tunes the shipped networks for a recording's rig, by simulation."""
+"""`sightline adapt`: fine-tune the shipped networks for a recording's rig, by simulation."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def adapt(
     workers: int = 2,
     device: Device = "cpu",
 ) -> None:
-    """Fine-tunes the shipped networks for a recording's camera and LiDAR, on simulated frames.
+    """Fine-tune the shipped networks for a recording's camera and LiDAR, on simulated frames.
 
     The rig is measured from the calibration and a few sweeps and written to OUT/rig.yaml; streets
     are simulated as it sees them; the networks are trained on; both are scored on further simulated

@@ -7,7 +7,7 @@ from sightline.cli.report import check_places, named_file
 
 
 def average(first: str, second: str, out: Path, *, share: float = 0.5, half: bool = False) -> None:
-    """Averages the weights of two networks of one design, such as before and after fine-tuning.
+    """Average the weights of two networks of one design, such as before and after fine-tuning.
 
     Where the fine-tuned network lost what the first one knew, the average often keeps both.
 
@@ -16,7 +16,7 @@ def average(first: str, second: str, out: Path, *, share: float = 0.5, half: boo
         second: Weights of the same design.
         out: File to write, .safetensors.
         share: Share of the second, from 0 to 1.
-        half: Stores half precision, in half of the bytes.
+        half: Store half precision, in half of the bytes.
     """
     check_places({"OUT": out}, data=[named_file(first), named_file(second)])
     from sightline.training.averaging import average_weights

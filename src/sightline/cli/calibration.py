@@ -1,4 +1,4 @@
-"""`sightline evaluate calibration`: measures the calibration of a detector's scores."""
+"""`sightline evaluate calibration`: measure the calibration of a detector's scores."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -30,7 +30,7 @@ def evaluate_calibration(
     picture: Path | None = None,
     json: Path | None = None,
 ) -> None:
-    """Measures how well scores predict the correctness of detections: D-ECE, LaECE, oLRP.
+    """Measure how well scores predict the correctness of detections: D-ECE, LaECE, oLRP.
 
     With --fit-results, calibrators are fitted on those results, for example of sound sensors, and
     the calibrated scores are measured, too.

@@ -1,4 +1,4 @@
-"""`sightline check`: validates a data set, and compares its rig with the networks' training."""
+"""`sightline check`: validate a data set, and compare its rig with the networks' training."""
 
 import json
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def check(data: Path, *, workers: int = 2, json: Path | None = None) -> int:
-    """Validates a data set: missing, truncated, non-finite and inconsistent files.
+    """Validate a data set: missing, truncated, non-finite and inconsistent files.
 
     Prints one line per problem with the file and the remedy, and one line if the camera or the
     LiDAR differ from what the shipped networks were trained on. Exit status: 0 if there is no

@@ -1,4 +1,4 @@
-"""`sightline corrupt`: simulates sensor faults on a data set."""
+"""`sightline corrupt`: simulate sensor faults on a data set."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def corrupt(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
-    """Corrupts the sensors of a data set: writes a KITTI object tree for each case of a suite.
+    """Corrupt the sensors of a data set: write a KITTI object tree for each case of a suite.
 
     OUT/CASE is valid data for every other command. The same settings give the same files for any
     number of workers; to resume an interrupted run, run it again. Unchanged files of a case become

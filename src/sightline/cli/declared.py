@@ -12,7 +12,7 @@ def declare(
     *,
     help_text: str,
 ) -> Callable[..., None]:
-    """Sets the signature for jsonargparse of a function with `**settings`.
+    """Set the signature for jsonargparse of a function with `**settings`.
 
     Args:
         command: The function, changed in place.

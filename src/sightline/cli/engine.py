@@ -9,7 +9,7 @@ from sightline.files.problem import install_command
 
 
 def announce_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
-    """Prints the engine that runs the network, unless the arguments determine it.
+    """Print the engine that runs the network, unless the arguments determine it.
 
     Args:
         choice: The requested engine.

@@ -36,7 +36,7 @@ def objects_command(
     markdown: Path | None = None,
     plots: Path | None = None,
 ) -> None:
-    """Scores result files exactly as KITTI's official object evaluation does.
+    """Score result files exactly as KITTI's official object evaluation does.
 
     3D boxes are also scored by nuScenes' centre distance ("centre" in the table).
 
@@ -118,7 +118,7 @@ def proposals_command(
     max_proposals: int | None = None,
     json: Path | None = None,
 ) -> None:
-    """Measures the recall of proposals: the share of labelled objects that a first stage finds.
+    """Measure the recall of proposals: the share of labelled objects that a first stage finds.
 
     Args:
         results: Folder with one result file per frame (16 fields per line).
@@ -154,7 +154,7 @@ def depth_command(
     workers: int = 2,
     json: Path | None = None,
 ) -> None:
-    """Scores depth maps exactly as KITTI's depth completion evaluation does.
+    """Score depth maps exactly as KITTI's depth completion evaluation does.
 
     Args:
         predictions: A 16-bit depth PNG or a folder of them.
@@ -201,7 +201,7 @@ def held_out_command(
     velodyne: Velodyne | None = None,
     json: Path | None = None,
 ) -> None:
-    """Scores depth completion without ground truth, on held-out LiDAR rings.
+    """Score depth completion without ground truth, on held-out LiDAR rings.
 
     Args:
         data: A recording, or a KITTI object tree or raw drive, with sweeps of a spinning LiDAR:
@@ -239,7 +239,7 @@ def held_out_command(
 def realism_command(
     simulated: Path, real: Path, *, labels: Path | None = None, json: Path | None = None
 ) -> None:
-    """Compares simulated frames with real ones: points, boxes, ground, traffic, light.
+    """Compare simulated frames with real ones: points, boxes, ground, traffic, light.
 
     Args:
         simulated: KITTI object tree from `simulate`.

@@ -1,4 +1,4 @@
-"""`sightline health`: detects untrustworthy sensors, frame by frame."""
+"""`sightline health`: detect untrustworthy sensors, frame by frame."""
 
 import warnings
 from pathlib import Path
@@ -27,7 +27,7 @@ def health(
     picture: Path | None = None,
     json: Path | None = None,
 ) -> None:
-    """Rates camera, LiDAR and their alignment along a drive, without a model of the sensors.
+    """Rate camera, LiDAR and their alignment along a drive, without a model of the sensors.
 
     Prints the time line: scores from 1 (no fault) to 0 (no data), below 0.5 as bad as one sound
     frame in a hundred; alarms, raised after two consecutive bad frames (one without data) and
@@ -136,7 +136,7 @@ def health_limits(
     seed: int = 0,
     transfer: bool = False,
 ) -> None:
-    """Fits limits to sound sensors: one clean frame in a hundred exceeds them.
+    """Fit limits to sound sensors: one clean frame in a hundred exceeds them.
 
     Args:
         data: A recording, KITTI object tree or raw drive of sound sensors like those to be rated.

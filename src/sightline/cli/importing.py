@@ -1,4 +1,4 @@
-"""`sightline import`: converts drives of other formats to recordings."""
+"""`sightline import`: convert drives of other formats to recordings."""
 
 from pathlib import Path
 from typing import Literal
@@ -20,7 +20,7 @@ def import_command(
     undistort: bool = False,
     max_intensity: float | None = None,
 ) -> None:
-    """Converts a ROS 2 bag, an MCAP file or nuScenes to a recording for all other commands.
+    """Convert a ROS 2 bag, an MCAP file or nuScenes to a recording for all other commands.
 
     Reports pairs, dropped data, and the share of the points inside the image. To resume an
     interrupted run, run it again. Bags need `pip install '.[ros]'`.

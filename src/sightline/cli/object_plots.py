@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def write_object_plots(report: "ObjectReport", folder: Path) -> int:
-    """Draws precision over recall for each class and metric, over all distances and in each band.
+    """Draw precision over recall for each class and metric, over all distances and in each band.
 
     The files are CLASS_METRIC.png, and for a band CLASS_METRIC_FROM-TOm.png; those of an earlier
     run are replaced.

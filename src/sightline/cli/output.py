@@ -59,7 +59,7 @@ def warn(message: str) -> None:
 
 
 def fail(message: str, status: int) -> int:
-    """Prints a message as one line to standard error; returns the exit status."""
+    """Print a message as one line to standard error; return the exit status."""
     warn(message)
     try:
         sys.stdout.flush()

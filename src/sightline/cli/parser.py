@@ -97,7 +97,7 @@ class OneLineParser(jsonargparse.ArgumentParser):
         super().__init__(*args, **{**plain, **settings})
 
     def add_argument(self, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
-        """Adds an argument; a Boolean argument becomes a flag without a value."""
+        """Add an argument; a Boolean argument becomes a flag without a value."""
         dashed = [
             name.replace("_", "-") if name.startswith("--") and name != "--print_config" else name
             for name in names
@@ -116,7 +116,7 @@ class OneLineParser(jsonargparse.ArgumentParser):
         return super().add_argument(*dashed, **settings)
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
-        """Prints the error and ends the program."""
+        """Print the error and end the program."""
         del ex  # its text is in the message
         sys.exit(fail(plain_refusal(message, str(self.prog)), REFUSED))
 
@@ -136,7 +136,7 @@ class _ValueList(argparse.Action):
         values: Any,  # noqa: ANN401 - as argparse
         option_string: str | None = None,
     ) -> None:
-        """Sets the tuple of the words after the option."""
+        """Set the tuple of the words after the option."""
         del parser, option_string
         option = self.option_strings[0]
         value_type, count = _LISTS[option]

@@ -1,4 +1,4 @@
-"""`sightline perceive`: runs all registered tasks together."""
+"""`sightline perceive`: run all registered tasks together."""
 
 from collections.abc import Callable
 from pathlib import Path

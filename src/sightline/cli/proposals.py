@@ -1,4 +1,4 @@
-"""`sightline proposals`: writes outputs of a first stage, to train the second or to be scored."""
+"""`sightline proposals`: write outputs of a first stage, to train the second or to be scored."""
 
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ def proposals(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> None:
-    """Writes the first stage's proposals: a cache for training the second stage, or result files.
+    """Write the first stage's proposals: a cache for training the second stage, or result files.
 
     `sightline fit` reads the cache, which also holds points and their features, from the folder of
     --data.init_args.preparation.init_args.cache; `sightline evaluate proposals` scores result

@@ -19,16 +19,16 @@ class Report(Protocol):
     """Report of a command that measures something."""
 
     def table(self) -> "RenderableType":
-        """Formats the report for people."""
+        """Format the report for people."""
         ...
 
     def to_json(self) -> Mapping[str, object]:
-        """Converts the report for scripts."""
+        """Convert the report for scripts."""
         ...
 
 
 def check_writable(path: Path | None) -> None:
-    """Refuses an unwritable report file before the work.
+    """Refuse an unwritable report file before the work.
 
     Raises:
         ValueError: The file cannot be written.
@@ -52,7 +52,7 @@ def check_places(
     data: Sequence[Path | None] = (),
     results: Sequence[Path | None] = (),
 ) -> None:
-    """Refuses invalid output files before the work; arguments as in `check_outputs`.
+    """Refuse invalid output files before the work; arguments as in `check_outputs`.
 
     Raises:
         ValueError: A file cannot be written, two are the same, or one is among the inputs.
@@ -68,7 +68,7 @@ def named_file(name: str | None) -> Path | None:
 
 
 def refuse_with_pack(**options: object) -> None:
-    """Refuses options of a job that packs its results, which are whole shards.
+    """Refuse options of a job that packs its results, which are whole shards.
 
     Raises:
         ValueError: One of the options is set.
@@ -82,7 +82,7 @@ def refuse_with_pack(**options: object) -> None:
 
 
 def check_writable_folder(path: Path | None) -> None:
-    """Refuses an unwritable folder of reports before the work.
+    """Refuse an unwritable folder of reports before the work.
 
     Raises:
         ValueError: The folder is a file or is below one, or cannot be written to.
@@ -96,7 +96,7 @@ def check_writable_folder(path: Path | None) -> None:
 
 
 def deliver(report: Report, path: Path | None) -> None:
-    """Prints a report and writes it to a JSON file, if a path is given."""
+    """Print a report and write it to a JSON file, if a path is given."""
     try:
         show_table(report.table())
     finally:  # even if the reader of the table, such as `head`, has closed the pipe

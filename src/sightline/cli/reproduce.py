@@ -27,7 +27,7 @@ def renamed(command: Callable[..., None], old: str, new: str) -> Callable[..., N
         warn(f"warning: reproduce {old} is now reproduce {new}; the old name will be removed")
         command(**settings)
 
-    call.__doc__ = (command.__doc__ or "").replace("Prints", f"Old name of {new}: prints", 1)
+    call.__doc__ = (command.__doc__ or "").replace("Print", f"Old name of {new}: print", 1)
     return call
 
 
@@ -55,7 +55,7 @@ def reproduce_gated_fusion(
     workers: int = 2,
     json: Path | None = None,
 ) -> None:
-    """Prints the tables of Kim et al. 2018 (gated fusion) with our figures on the given data.
+    """Print the tables of Kim et al. 2018 (gated fusion) with our figures on the given data.
 
     Published figures are beside ours. Rows of the paper hold figures of its own network alone;
     another network has a row with its name. The detections are kept in OUT: to resume an
@@ -145,7 +145,7 @@ def reproduce_two_stage(
     workers: int = 2,
     json: Path | None = None,
 ) -> None:
-    """Prints the table of the course on two-stage 3D detection with our figures on the given data.
+    """Print the table of the course on two-stage 3D detection with our figures on the given data.
 
     Average precision of cars at 11 recall positions, at a 3D IoU of 0.5 (the course's) and 0.7.
     Rows of the course hold figures of its own networks alone; another network has a row with its
@@ -220,7 +220,7 @@ def reproduce_shift_conv(
     velodyne: Velodyne | None = None,
     json: Path | None = None,
 ) -> None:
-    """Prints the tables of Yu and Kee 2021 (Shift-Convolution) with our figures on the given data.
+    """Print the tables of Yu and Kee 2021 (Shift-Convolution) with our figures on the given data.
 
     Published figures are beside ours. Rows of the paper hold figures of its own network alone;
     another network has a row with its name.

@@ -1,4 +1,4 @@
-"""`sightline robustness`: measures the loss of a method under sensor faults, for any task."""
+"""`sightline robustness`: measure the loss of a method under sensor faults, for any task."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -41,7 +41,7 @@ def robustness(
     compare: tuple[str, ...] | None = None,
     page: Path | None = None,
 ) -> None:
-    """Measures robustness to sensor faults: scores in every case of a suite, and summaries.
+    """Measure robustness to sensor faults: scores in every case of a suite, and summaries.
 
     OUT_FOLDER gets robustness.json, .csv and .md, and report.html, a page in one file. To resume an
     interrupted run, run it again. With --compare, runs are compared instead; with --results,

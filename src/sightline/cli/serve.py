@@ -22,11 +22,11 @@ def serve(
     kinds: tuple[str, ...] | None = None,
     severities: tuple[int, ...] | None = None,
 ) -> None:
-    """Opens a page in the browser: break a sensor, and see what is still detected.
+    """Open a page in the browser: break a sensor, and see what is still detected.
 
     Shows image, points, depth, health and objects, clean beside broken. Nothing is written, and
     only this machine can open the page unless --host is given; Ctrl-C ends it. With --export the
-    page is instead written to a folder of plain files, with answers computed beforehand, which any
+    page is instead written to a folder of plain files, with results computed beforehand, which any
     web server can show; an interrupted export goes on when it is run again.
 
     Args:

@@ -18,7 +18,7 @@ def shard(
     compress: bool = False,
     workers: int = 2,
 ) -> int:
-    """Packs a data set into shards: tars in webdataset's layout, which all commands read.
+    """Pack a data set into shards: tars in webdataset's layout, which all commands read.
 
     To resume an interrupted run, or after a shard has failed, run it again: shards that are whole
     are skipped. Exit status: 0 if all shards are whole, else 1.
@@ -42,7 +42,7 @@ def shard(
 
 
 def unshard(shards: Path, out: Path, *, workers: int = 2) -> int:
-    """Unpacks shards to the data set that they were packed from.
+    """Unpack shards to the data set that they were packed from.
 
     To resume an interrupted run, or after a shard has failed, run it again: files that are there
     are kept. Exit status: 0 if all shards are unpacked, else 1.

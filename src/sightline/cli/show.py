@@ -1,4 +1,4 @@
-"""`sightline show`: draws frames with predictions as a picture."""
+"""`sightline show`: draw frames with predictions as a picture."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def show(
     min_score: float = 0.3,
     velodyne: Velodyne | None = None,
 ) -> None:
-    """Draws a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth.
+    """Draw a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth.
 
     Draws the prediction of one task, or result files. Of a predicted depth map it also draws the
     expected error, if the method has one, and the error, if the data has ground-truth depth. For

@@ -1,4 +1,4 @@
-"""`sightline simulate`: runs a simulation; its options are the simulation's settings."""
+"""`sightline simulate`: run a simulation; its options are the simulation's settings."""
 
 from argparse import SUPPRESS
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""`sightline tasks`: lists the tasks to run, train and export, and the engines."""
+"""`sightline tasks`: list the tasks to run, train and export, and the engines."""
 
 from importlib.util import find_spec
 from typing import get_args
@@ -10,7 +10,7 @@ from sightline.tasks import find_task, recipes_of, task_names, weights_of
 
 
 def list_tasks() -> None:
-    """Lists the tasks with their weights, methods, outputs and recipes, and the engines."""
+    """List the tasks with their weights, methods, outputs and recipes, and the engines."""
     for name in task_names():
         task = find_task(name)
         default = task.default_weights

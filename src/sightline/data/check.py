@@ -24,7 +24,7 @@ def summarize_tree(root: Path | str) -> tuple[TreeSummary, ...]:
 
 @named_arguments
 def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[Problem]:
-    """Reads every file of a data set and yields each fault, frame by frame in order.
+    """Read every file of a data set and yield each fault, frame by frame in order.
 
     Supports recordings and KITTI's trees: the object tree (`training`, `testing`, or one of these
     folders itself), the depth completion tree and raw drives. Finds missing, truncated, non-finite

@@ -24,7 +24,7 @@ _TIME = re.compile(r"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)(\.\d+)?", re.ASCII)
 
 
 def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
-    """Reads `world_from_lidar` from lines of 12 numbers: the upper 3x4 part, row by row.
+    """Read `world_from_lidar` from lines of 12 numbers: the upper 3x4 part, row by row.
 
     Raises:
         FileError: A line has a wrong number of values, or no valid rotation.
@@ -54,7 +54,7 @@ def read_poses(path: Path | str) -> Float64[np.ndarray, "num_frames 4 4"]:
 
 
 def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
-    """Reads lines such as "2011-09-26 13:02:25.964389445" as seconds since the first line.
+    """Read lines such as "2011-09-26 13:02:25.964389445" as seconds since the first line.
 
     The seconds are rounded to nanoseconds, the precision of the file.
 

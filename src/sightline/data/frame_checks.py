@@ -58,7 +58,7 @@ class Findings:
     has_empty_sweep: bool = False
 
     def all(self) -> list[Problem]:
-        """Returns all faults."""
+        """Return all faults."""
         return [*self.unreadable, *self.impossible, *self.implausible, *self.nearly_empty]
 
     @property

@@ -76,7 +76,7 @@ def _find(sample_list: str | Path, root: Path) -> Path:
 
 
 def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
-    """Checks that every frame has its file, before any is read.
+    """Check that every frame has its file, before any is read.
 
     Args:
         folder: Folder with NAME.txt for each frame.

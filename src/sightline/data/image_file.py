@@ -25,7 +25,7 @@ _REMEDY = "extract it again"
 
 
 def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
-    """Reads a picture with 8 bits per channel as RGB; grey becomes three equal channels.
+    """Read a picture with 8 bits per channel as RGB; grey becomes three equal channels.
 
     The orientation tag of the file is ignored: a calibration refers to the pixels as stored.
 
@@ -61,7 +61,7 @@ def decode_rgb(content: bytes, path: Path | str) -> UInt8[np.ndarray, "height wi
 def read_png16(
     path: Path | str, *, expected: str, remedy: str
 ) -> UInt16[np.ndarray, "height width"]:
-    """Reads a map from a PNG of one channel with 16 bits.
+    """Read a map from a PNG of one channel with 16 bits.
 
     Args:
         path: The file.
@@ -119,7 +119,7 @@ def _describe_array(picture: object) -> str:
 
 @named_arguments
 def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> None:
-    """Writes a picture atomically: `.png` lossless, `.jpg` with quality 95.
+    """Write a picture atomically: `.png` lossless, `.jpg` with quality 95.
 
     Examples:
         >>> import sightline, tempfile

@@ -128,7 +128,7 @@ def _orientation(content: bytes) -> int:
 def parse_image_header(
     content: bytes, source: Path | str, *, file_bytes: int | None = None
 ) -> ImageHeader:
-    """Reads the header at the front of `content`.
+    """Read the header at the front of `content`.
 
     Args:
         content: The file, or its beginning.
@@ -172,7 +172,7 @@ def _min_bytes(header: ImageHeader) -> int:
 
 
 def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> None:
-    """Refuses a truncated PNG or JPEG file, or an altered PNG.
+    """Refuse a truncated PNG or JPEG file, or an altered PNG.
 
     Decoders handle such files differently: some invent the missing rows. Files that would take a
     decoder minutes are refused, too.

@@ -55,7 +55,7 @@ class CalibrationMatrices:
 
 
 def read_object_matrices(path: Path | str) -> CalibrationMatrices:
-    """Reads P2, R0_rect and Tr_velo_to_cam of an object benchmark's calibration file.
+    """Read P2, R0_rect and Tr_velo_to_cam of an object benchmark's calibration file.
 
     The entries of other cameras and the IMU are optional and ignored.
 
@@ -75,7 +75,7 @@ def read_object_matrices(path: Path | str) -> CalibrationMatrices:
 
 
 def read_raw_matrices(folder: Path | str) -> CalibrationMatrices:
-    """Reads camera 2's part of `calib_cam_to_cam.txt` and all of `calib_velo_to_cam.txt`.
+    """Read camera 2's part of `calib_cam_to_cam.txt` and all of `calib_velo_to_cam.txt`.
 
     Raises:
         FileError: A file lacks P_rect_02, R_rect_00, R or T, or one of them is invalid; see
@@ -99,7 +99,7 @@ def read_raw_matrices(folder: Path | str) -> CalibrationMatrices:
 
 
 def read_intrinsics(path: Path | str) -> Float64[np.ndarray, "3 3"]:
-    """Reads the nine numbers of an `intrinsics` file of the depth benchmark, row by row.
+    """Read the nine numbers of an `intrinsics` file of the depth benchmark, row by row.
 
     Raises:
         FileError: There are not nine numbers, or they are no valid camera.
@@ -115,7 +115,7 @@ def read_intrinsics(path: Path | str) -> Float64[np.ndarray, "3 3"]:
 
 
 def read_rectified_intrinsics(path: Path | str, camera: int) -> Float64[np.ndarray, "3 3"]:
-    """Reads the left 3x3 part of P_rect_0N of a `calib_cam_to_cam.txt`.
+    """Read the left 3x3 part of P_rect_0N of a `calib_cam_to_cam.txt`.
 
     Raises:
         FileError: The entry is missing, has a wrong number of values, is not numeric or singular.
@@ -127,7 +127,7 @@ def read_rectified_intrinsics(path: Path | str, camera: int) -> Float64[np.ndarr
 
 
 def read_rigid_transform(path: Path | str) -> Float64[np.ndarray, "4 4"]:
-    """Reads the R and T of a `calib_velo_to_cam.txt` or `calib_imu_to_velo.txt`.
+    """Read the R and T of a `calib_velo_to_cam.txt` or `calib_imu_to_velo.txt`.
 
     Raises:
         FileError: One is missing, has a wrong number of values or is not numeric, or R is not a
@@ -167,7 +167,7 @@ def object_calibration_text(matrices: CalibrationMatrices, pose: LidarPose | Non
 
 
 def read_object_pose(path: Path | str) -> LidarPose | None:
-    """Reads the mount of the LiDAR over the road, an addition to KITTI's format; None: not given.
+    """Read the mount of the LiDAR over the road, an addition to KITTI's format; None: not given.
 
     It has two lines, which other readers of KITTI's files ignore: the height [m], and roll and
     pitch [degrees] as in `Tilt`.

@@ -57,7 +57,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         load_images: bool = True,
         allow_gaps: bool = False,
     ) -> None:
-        """Lists the files.
+        """List the files.
 
         Args:
             root: Folder of the benchmark's extracted archives.
@@ -103,7 +103,7 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         return len(self.frames)
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Reads a frame.
+        """Read a frame.
 
         Raises:
             IndexError: There is no such frame.

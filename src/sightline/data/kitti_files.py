@@ -30,47 +30,47 @@ from sightline.geometry.calibration import Calibration
 def read_points(
     path: Path | str, *, drop_non_finite: bool = False
 ) -> Float32[Tensor, "num_points 4"]:
-    """Reads a sweep: x, y, z [m] in the LiDAR frame, reflectance [0, 1]; see `read_sweep`."""
+    """Read a sweep: x, y, z [m] in the LiDAR frame, reflectance [0, 1]; see `read_sweep`."""
     return torch.from_numpy(read_sweep(path, drop_non_finite=drop_non_finite))
 
 
 def write_points(path: Path | str, points: Float32[Tensor, "num_points 4"]) -> None:
-    """Writes a sweep exactly, for `read_points`; see `write_sweep`."""
+    """Write a sweep exactly, for `read_points`; see `write_sweep`."""
     write_sweep(path, points.numpy(force=True))
 
 
 def read_image(path: Path | str) -> UInt8[Tensor, "3 height width"]:
-    """Reads a PNG or JPEG picture as RGB, channels first; see `read_rgb`."""
+    """Read a PNG or JPEG picture as RGB, channels first; see `read_rgb`."""
     return torch.from_numpy(np.ascontiguousarray(read_rgb(path).transpose(2, 0, 1)))
 
 
 def write_image(path: Path | str, image: UInt8[Tensor, "3 height width"]) -> None:
-    """Writes an RGB picture as PNG or JPEG, by the suffix; see `write_rgb`."""
+    """Write an RGB picture as PNG or JPEG, by the suffix; see `write_rgb`."""
     write_rgb(path, image.numpy(force=True).transpose(1, 2, 0))
 
 
 def read_depth(path: Path | str) -> Float32[Tensor, "height width"]:
-    """Reads a depth map [m], 0 = no value, from a 16-bit PNG; see `read_depth_png`."""
+    """Read a depth map [m], 0 = no value, from a 16-bit PNG; see `read_depth_png`."""
     return torch.from_numpy(read_depth_png(path))
 
 
 def read_object_calibration(path: Path | str) -> Calibration:
-    """Reads the object benchmark's calibration of camera 2; see `read_object_matrices`."""
+    """Read the object benchmark's calibration of camera 2; see `read_object_matrices`."""
     return _calibration(read_object_matrices(path), path)
 
 
 def write_object_calibration(path: Path | str, calibration: Calibration) -> None:
-    """Writes a calibration in the object benchmark's format; see `object_calibration_text`."""
+    """Write a calibration in the object benchmark's format; see `object_calibration_text`."""
     atomic_write_text(path, object_calibration_text(_matrices(calibration)))
 
 
 def read_raw_calibration(folder: Path | str) -> Calibration:
-    """Reads camera 2's calibration from a raw recording's folder; see `read_raw_matrices`."""
+    """Read camera 2's calibration from a raw recording's folder; see `read_raw_matrices`."""
     return _calibration(read_raw_matrices(folder), folder)
 
 
 def write_raw_calibration(folder: Path | str, calibration: Calibration) -> None:
-    """Writes the two files that `read_raw_calibration` reads; see `raw_calibration_texts`."""
+    """Write the two files that `read_raw_calibration` reads; see `raw_calibration_texts`."""
     cameras, lidar = raw_calibration_texts(_matrices(calibration))
     atomic_write_text(Path(folder, "calib_cam_to_cam.txt"), cameras)
     atomic_write_text(Path(folder, "calib_velo_to_cam.txt"), lidar)

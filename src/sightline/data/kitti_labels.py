@@ -91,7 +91,7 @@ class KittiObjects:
     """Confidence on any scale, higher is more certain; None in labels."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns have equal lengths."""
+        """Check that the columns have equal lengths."""
         lengths = {
             "class_names": len(self.class_names),
             "truncation": len(self.truncation),
@@ -113,7 +113,7 @@ class KittiObjects:
 
 
 def read_labels(path: Path) -> KittiObjects:
-    """Reads a label file (ground truth); an empty file is a frame without objects.
+    """Read a label file (ground truth); an empty file is a frame without objects.
 
     A 16th field, as in results used as ground truth, is ignored, as in KITTI's own evaluation.
 
@@ -125,7 +125,7 @@ def read_labels(path: Path) -> KittiObjects:
 
 
 def read_results(path: Path) -> KittiObjects:
-    """Reads a result file (detections with scores); an empty file is a frame without detections.
+    """Read a result file (detections with scores); an empty file is a frame without detections.
 
     Raises:
         FileError: A field is missing, not a number or not finite; contains the file, line and
@@ -135,7 +135,7 @@ def read_results(path: Path) -> KittiObjects:
 
 
 def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> KittiObjects:
-    """Parses the contents of a label file, or of a result file (`with_scores`).
+    """Parse the contents of a label file, or of a result file (`with_scores`).
 
     Fields are separated by ASCII white space; blank lines are skipped. Numbers are finite decimals
     (KITTI's C program would also accept `nan`, `inf` and hexadecimals, and would misread all lines
@@ -196,7 +196,7 @@ def objects_from_rows(
 
 
 def write_objects(path: Path, objects: KittiObjects, *, decimals: int | None = 2) -> None:
-    """Writes a label file, or a result file if the objects have scores.
+    """Write a label file, or a result file if the objects have scores.
 
     The file is written atomically. KITTI's own label files are reproduced byte for byte.
 

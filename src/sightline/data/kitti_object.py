@@ -52,7 +52,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         parts: Collection[Part] = ("image", "points", "objects"),
         needs: Collection[Part] | None = None,
     ) -> None:
-        """Lists the files.
+        """List the files.
 
         Args:
             root: Folder with `training` and `testing`.
@@ -114,7 +114,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         return self.frames[index].objects
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Reads a frame.
+        """Read a frame.
 
         Raises:
             IndexError: There is no such frame.

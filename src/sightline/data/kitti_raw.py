@@ -35,7 +35,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         *,
         allow_gaps: bool = False,
     ) -> None:
-        """Lists the files and reads the short ones.
+        """List the files and read the short ones.
 
         Args:
             folder: Folder of the drive, e.g. `2011_09_26/2011_09_26_drive_0052_sync`.
@@ -88,7 +88,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         return len(self.frames)
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Reads a frame.
+        """Read a frame.
 
         Raises:
             IndexError: There is no such frame.

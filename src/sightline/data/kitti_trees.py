@@ -1,4 +1,4 @@
-"""Lists the files of KITTI's trees without reading them: objects, depth completion, raw drives."""
+"""Lists of the files in KITTI's trees, without reading: objects, depth completion, raw drives."""
 
 import difflib
 from collections.abc import Collection, Sequence
@@ -272,7 +272,7 @@ class DriveFiles:
 
 
 def list_drive(folder: Path) -> DriveFiles:
-    """Lists a drive in the official layout, or in the flat one.
+    """List a drive in the official layout, or in the flat one.
 
     Official: image_02/data/N.png, velodyne_points/data/N.bin, timestamps.txt next to each `data`,
     oxts/data/N.txt, the calibration in the parent folder (of the day). Flat: image_02/N.png,

@@ -329,7 +329,7 @@ def _likely_orders(
 
 
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
-    is_misread = _misread_boxes2d(objects, size) is not None  # told once for all
+    is_misread = _misread_boxes2d(objects, size) is not None  # reported once for all
     has_box3d = _has_box3d(objects)
     rotations = np.stack((objects.rotation_y, objects.alpha), axis=1)
     faults = {

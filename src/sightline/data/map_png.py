@@ -15,7 +15,7 @@ MAX_DEPTH_M = 65535 / STEPS_PER_METRE
 
 
 def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
-    """Reads a depth map in metres; 0 = no value. Exact: every step of 1/256 m is a float32.
+    """Read a depth map in metres; 0 = no value. Exact: every step of 1/256 m is a float32.
 
     Raises:
         FileError: The file is no complete PNG of one channel with 16 bits.
@@ -29,7 +29,7 @@ def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
 
 
 def write_depth_png(path: Path | str, depth_m: Float[np.ndarray, "height width"]) -> None:
-    """Writes a depth map [m], 0 = no value, rounded half up to steps of 1/256 m.
+    """Write a depth map [m], 0 = no value, rounded half up to steps of 1/256 m.
 
     A depth above 0 that would round to 0 becomes the smallest step, as in KITTI's development kit.
     The file is written atomically.
@@ -58,7 +58,7 @@ def write_depth_png(path: Path | str, depth_m: Float[np.ndarray, "height width"]
 
 
 def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
-    """Reads an instance map: 1 + the row of the pixel's object in the frame's label file; 0 = none.
+    """Read an instance map: 1 + the row of the pixel's object in the frame's label file; 0 = none.
 
     Raises:
         FileError: The file is no complete PNG of one channel with 16 bits.
@@ -72,7 +72,7 @@ def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
 
 
 def write_instance_png(path: Path | str, instances: Int32[np.ndarray, "height width"]) -> None:
-    """Writes an instance map for `read_instance_png` atomically.
+    """Write an instance map for `read_instance_png` atomically.
 
     Raises:
         ValueError: A number is negative or above 65535, or there is no pixel.

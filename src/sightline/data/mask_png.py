@@ -13,7 +13,7 @@ _YES = 255
 
 
 def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
-    """Reads a mask of `write_mask_png`: True for pixels lighter than middle grey.
+    """Read a mask of `write_mask_png`: True for pixels lighter than middle grey.
 
     Raises:
         FileError: The file is no complete picture.
@@ -23,7 +23,7 @@ def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
 
 
 def write_mask_png(path: Path | str, mask: Bool[np.ndarray, "height width"]) -> None:
-    """Writes a mask atomically: white for True, black for False.
+    """Write a mask atomically: white for True, black for False.
 
     Raises:
         ValueError: There is no pixel.

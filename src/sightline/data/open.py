@@ -1,4 +1,4 @@
-"""Opens data sets; recognises their type by the folder's contents."""
+"""Opening of data sets, whose type is recognised by the folder's contents."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import fields
@@ -67,7 +67,7 @@ class SampleDataset(Protocol):
         """Number of samples."""
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Reads a sample."""
+        """Read a sample."""
 
 
 @runtime_checkable
@@ -79,14 +79,14 @@ class ExaminedDataset(SampleDataset, Protocol):
         """Files of the samples, in the order of `sample_ids`."""
 
     def examine(self, frame: ObjectFrame) -> Findings:
-        """Finds the faults of a frame's files."""
+        """Find the faults of a frame's files."""
 
 
 class NamedSubset(Dataset[CameraLidarSample]):
     """Subset of a data set by names, in their order."""
 
     def __init__(self, dataset: SampleDataset, sample_ids: Sequence[str]) -> None:
-        """Looks up the names.
+        """Look up the names.
 
         Raises:
             ValueError: The data set lacks some of them.
@@ -107,7 +107,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
         return len(self.positions)
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Reads a sample.
+        """Read a sample.
 
         Raises:
             IndexError: There is no such sample.
@@ -124,7 +124,7 @@ def open_dataset(
     parts: Collection[Part] | None = None,
     needs: Collection[Part] | None = None,
 ) -> SampleDataset:
-    """Opens a recording, KITTI's object tree, depth tree or raw drive, depending on `path`.
+    """Open a recording, KITTI's object tree, depth tree or raw drive, depending on `path`.
 
     From a tree of several splits it opens `training`, or in a depth tree the first existing one of
     the cropped selection, `val`, anonymous test frames and `train`; give the folder of another

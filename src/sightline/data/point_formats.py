@@ -99,7 +99,7 @@ def _pcd_header(content: bytes, path: Path | str) -> tuple[dict[str, list[str]],
 
 
 def _check_viewpoint(header: dict[str, list[str]], path: Path | str) -> None:
-    """Warns of a VIEWPOINT, which is not applied: in PCL, points are in the sensor's frame.
+    """Warn of a VIEWPOINT, which is not applied: in PCL, points are in the sensor's frame.
 
     Raises:
         FileError: The VIEWPOINT is no pose.

@@ -201,7 +201,7 @@ def no_points(fields: Sequence[Field]) -> np.ndarray:
 
 
 def check_length(num_found: int, num_points: int, path: Path | str) -> None:
-    """Refuses a file with fewer points than its header states.
+    """Refuse a file with fewer points than its header states.
 
     Raises:
         FileError: The file is truncated.
@@ -212,7 +212,7 @@ def check_length(num_found: int, num_points: int, path: Path | str) -> None:
 
 
 def warn_of_rest(num_more: int, num_points: int, path: Path | str) -> None:
-    """Warns of points beyond the header's number, which are left out."""
+    """Warn of points beyond the header's number, which are left out."""
     if num_more > 0:
         warnings.warn(
             f"{path}: holds {num_more} points more than the {num_points} declared ones: they are "

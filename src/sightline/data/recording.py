@@ -79,7 +79,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         parts: Collection[Part] = ("image", "points", "objects"),
         needs: Collection[Part] | None = None,
     ) -> None:
-        """Lists the files.
+        """List the files.
 
         Args:
             folder: Folder of the recording.
@@ -160,7 +160,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         return found
 
     def __getitem__(self, index: int) -> CameraLidarSample:
-        """Reads a frame.
+        """Read a frame.
 
         Raises:
             IndexError: There is no such frame.
@@ -212,7 +212,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             raise FileError(self.folder, str(error), _REMEDY) from error
 
     def _rig(self, path: Path) -> "_Rig":
-        """Reads a calibration; a file for all frames is read once."""
+        """Read a calibration; a file for all frames is read once."""
         if self._last_rig is None or self._last_rig[0] != path:
             contents = read_recording_calibration(path)
             tilt = self._pose.tilt if contents.lidar_tilt is None else contents.lidar_tilt
@@ -327,7 +327,7 @@ class _Rig:
 
     @classmethod
     def of(cls, contents: RecordingCalibration, tilt: Tilt | None) -> "_Rig":
-        """Creates the rig of a calibration file with the tilt of its LiDAR."""
+        """Create the rig of a calibration file with the tilt of its LiDAR."""
         calibration = Calibration(
             image_from_camera=torch.from_numpy(contents.matrices.image_from_camera),
             camera_from_lidar=torch.from_numpy(contents.matrices.camera_from_lidar),

@@ -64,7 +64,7 @@ class RecordingCalibration:
 
 
 def read_recording_calibration(path: Path | str) -> RecordingCalibration:
-    """Reads a calibration file in YAML or JSON, which is a subset of YAML.
+    """Read a calibration file in YAML or JSON, which is a subset of YAML.
 
     Raises:
         FileError: The file is no calibration, lacks a matrix, or contains invalid values.

@@ -67,7 +67,7 @@ class RecordingView:
     """Implausibility with the likely cause."""
 
     def __str__(self) -> str:
-        """Formats the share in one clause."""
+        """Format the share in one clause."""
         share = f"{100 * self.share:.1f} % of the points of frame {self.sample_id}"
         return f"{share} fall into the image"
 
@@ -169,7 +169,7 @@ def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
 
 
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:
-    """Checks a calibration file, also against its first image, if there is one."""
+    """Check a calibration file, also against its first image, if there is one."""
     problems: list[Problem] = []
     calibration = read_or_note(read_recording_calibration, path, problems)
     if calibration is None:

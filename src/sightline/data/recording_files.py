@@ -183,7 +183,7 @@ def misnamed_files(folder: Path) -> list[Problem]:
 
 
 def list_recording(folder: Path) -> RecordingFiles:
-    """Lists a recording: images/NAME.jpg, points/NAME.pcd, calibration.yaml and optional files.
+    """List a recording: images/NAME.jpg, points/NAME.pcd, calibration.yaml and optional files.
 
     Pictures have the suffix .png, .jpg or .jpeg, clouds .bin, .npy or .pcd, in any case. A
     calibration is calibration.yaml (or .yml, .json) for all frames, or calibration/NAME.yaml for
@@ -220,7 +220,7 @@ def _common_calibration(folder: Path) -> Path | None:
 
 
 def read_times(path: Path) -> dict[str, Decimal]:
-    """Reads the lines "NAME SECONDS" of a times.txt exactly; floats of epoch seconds are inexact.
+    """Read the lines "NAME SECONDS" of a times.txt exactly; floats of epoch seconds are inexact.
 
     Raises:
         FileError: A line is no name and time, contains an invisible character (including other line

@@ -36,7 +36,7 @@ _MIN_CORRELATION = 0.9  # correlation of ordered numbers with elevations
 def ring_numbers(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Int64[np.ndarray, " num_points"]:
-    """Numbers the rings of a sweep (x, y, z first [m], LiDAR frame) in KITTI's order, from the top.
+    """Number the rings of a sweep (x, y, z first [m], LiDAR frame) in KITTI's order, from the top.
 
     KITTI's files contain one ring after the other, the highest first, each counter-clockwise from
     straight ahead. So the azimuth of a whole sweep passes straight ahead one time less than it has
@@ -242,7 +242,7 @@ def beams_of_sensor(num_rings: int) -> int:
 def check_spacing(
     points: Float[np.ndarray, "num_points fields"], rings: Int64[np.ndarray, " num_points"]
 ) -> None:
-    """Refuses a part of a sweep whose ring spacing is too large for a sensor of 64 beams.
+    """Refuse a part of a sweep whose ring spacing is too large for a sensor of 64 beams.
 
     Args:
         points: Points in KITTI's order; rings may be left out.

@@ -1,4 +1,4 @@
-"""Packs data sets into shards, tars in webdataset's layout, and unpacks them."""
+"""Packing of data sets into shards, tars in webdataset's layout, and unpacking."""
 
 import gzip
 import hashlib
@@ -56,7 +56,7 @@ class ShardReport:
     """One line for each shard that failed."""
 
     def __str__(self) -> str:
-        """Formats the numbers for the user."""
+        """Format the numbers for the user."""
         failed = f", {len(self.faults)} failed" if self.faults else ""
         return f"{self.written} written, {self.skipped} there already{failed}"
 
@@ -73,7 +73,7 @@ class _Sources:
 def write_shards(
     data: Path, out: Path, *, frames_per_shard: int, compress: bool = False, workers: int = 2
 ) -> ShardReport:
-    """Packs a data set into tars of some frames each; the same data give the same bytes.
+    """Pack a data set into tars of some frames each; the same data give the same bytes.
 
     A frame's files are those of one name: DIR/A/B/NAME.png becomes the member DIR/NAME.A.B.png,
     where DIR is a split or drive if there is one, so webdataset reads each frame as a sample. Files
@@ -116,7 +116,7 @@ def write_shards(
 
 
 def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
-    """Unpacks a folder of shards to the tree that they were packed from.
+    """Unpack a folder of shards to the tree that they were packed from.
 
     The checksum of each shard is compared first. Files that are there already are kept if they are
     the same, and a shard that fails does not stop the others.

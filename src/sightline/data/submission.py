@@ -28,7 +28,7 @@ _REMEDY = "write an empty file for a frame without detections, or give a list of
 
 @named_arguments
 def write_submission(results: Path, out: Path, *, sample_list: str | Path | None = None) -> int:
-    """Checks all result files and packs them; returns the number of frames.
+    """Check all result files and pack them; return the number of frames.
 
     The archive has NNNNNN.txt of each frame at its root, in order, without dates, so that the same
     results give the same bytes. It is written atomically. Warns of results that are probably of
@@ -105,7 +105,7 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
 
 
 def _check_objects(path: Path, objects: KittiObjects) -> None:
-    """Refuses valid values that the benchmark would count as false or ignore."""
+    """Refuse valid values that the benchmark would count as false or ignore."""
     for number, name in enumerate(objects.class_names, start=1):
         if name.lower() not in _CLASSES:
             raise FileError(

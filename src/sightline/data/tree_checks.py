@@ -116,7 +116,7 @@ class TreeSummary:
     """Further remark, in one clause."""
 
     def __str__(self) -> str:
-        """Formats the folder, its number of frames and of the files of each part."""
+        """Format the folder, its number of frames and of the files of each part."""
         parts = ", ".join(f"{part.name} {part.num_files}" for part in self.parts)
         note = f"; {self.note}" if self.note else ""
         return plain_line(f"{self.folder}: {self.num_frames} {self.kind} ({parts}){note}")

@@ -87,7 +87,7 @@ def undistort(
 
 
 def check_lens(model: LensModel, coefficients: Sequence[float]) -> None:
-    """Refuses invalid coefficients of a model.
+    """Refuse invalid coefficients of a model.
 
     Raises:
         ValueError: There is no such model, or the number of coefficients is wrong, or they are not

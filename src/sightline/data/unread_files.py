@@ -1,4 +1,4 @@
-"""Finds ignored files in sensors' folders, so that they are reported."""
+"""Search for ignored files in sensors' folders, so that they are reported."""
 
 import os
 import re

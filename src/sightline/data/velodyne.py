@@ -196,7 +196,7 @@ def _check_layout(content: bytes, path: Path | str) -> None:
 
 
 def write_sweep(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -> None:
-    """Writes a sweep exactly and atomically, for `read_sweep`.
+    """Write a sweep exactly and atomically, for `read_sweep`.
 
     Raises:
         ValueError: A value is NaN or infinite.

@@ -86,7 +86,7 @@ class AdaptiveConfig:
     """Largest ring spacing [px] at which morphological completion is mixed in."""
 
     def __post_init__(self) -> None:
-        """Checks the choices and ranges."""
+        """Check the choices and ranges."""
         if self.hidden_rule not in get_args(HiddenRule):
             raise ValueError(
                 f"hidden_rule must be one of {', '.join(get_args(HiddenRule))}, got "
@@ -119,7 +119,7 @@ def adaptive_depth(
     sparse_depth_m: Float32[np.ndarray, "height width"],
     config: AdaptiveConfig = AdaptiveConfig(),
 ) -> DepthMap:
-    """Completes depth between the rings of a sweep, for any number of rings.
+    """Complete depth between the rings of a sweep, for any number of rings.
 
     1. Measures the spacing along and between rings.
     2. Removes measurements that have nearer ones both above and below, within the distance that

@@ -141,7 +141,7 @@ def trace_rings(
     steps: Int64[ndarray, "n 2"],
     surface_ratio: float,
 ) -> Float32[ndarray, "height width"]:
-    """Draws each measured pixel and the line to its right neighbour.
+    """Draw each measured pixel and the line to its right neighbour.
 
     On one surface the line is linear in inverse depth; between two surfaces each end keeps its
     half. Measured pixels keep their values. Where lines cross, the nearer depth wins.
@@ -181,7 +181,7 @@ def fill_columns(
     Float32[ndarray, "height width"],
     Bool[ndarray, "height width"],
 ]:
-    """Fills each column from its traced pixels; columns without any stay empty.
+    """Fill each column from its traced pixels; columns without any stay empty.
 
     The fill is linear between two pixels of one surface. Between two surfaces the nearer one fills
     a share of the gap, the farther one the rest. The topmost value continues upwards. Below the
@@ -253,7 +253,7 @@ def _continue_below(
     distance: Float32[ndarray, "height width"],
     trusted: Bool[ndarray, "height width"],
 ) -> None:
-    """Fills the pixels below the lowest ring in the last three arrays. Row -1: no such row."""
+    """Fill the pixels below the lowest ring in the last three arrays. Row -1: no such row."""
     height, width = traced.shape
     for column in range(width):
         lowest, before = lowest_rows[column], rows_before[column]
@@ -279,7 +279,7 @@ def bridge_rows(
     trusted: Bool[ndarray, "height width"],
     min_distance: float,
 ) -> Float32[ndarray, "height width"]:
-    """Fills holes along their rows, linear between the trusted pixels on either side.
+    """Fill holes along their rows, linear between the trusted pixels on either side.
 
     A hole is a run of untrusted pixels whose first and last are at least `min_distance` from the
     nearest ring of their columns; nearer pixels lie beside a bent ring, such as the top one. A run

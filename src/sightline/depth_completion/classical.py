@@ -45,7 +45,7 @@ class ClassicalConfig:
     """Depth from which depths are subtracted for inversion; farther measurements are left out."""
 
     def __post_init__(self) -> None:
-        """Checks the blur and the range."""
+        """Check the blur and the range."""
         if self.blur not in get_args(Blur):
             raise ValueError(f"blur must be gaussian or bilateral, got {self.blur!r}")
         if not 2 * _EMPTY_BELOW_M < self.max_depth_m < np.inf:

@@ -30,7 +30,7 @@ def _check_at_most(name: str, value: int, largest: int) -> None:
 
 
 def _check_choices(settings: object, prefix: str = "") -> None:
-    """Refuses a value that is not one of its setting's choices; files are checked when read."""
+    """Refuse a value that is not one of its setting's choices; files are checked when read."""
     for name, kind in get_type_hints(type(settings)).items():
         if get_origin(kind) is Literal and getattr(settings, name) not in get_args(kind):
             choices = ", ".join(map(str, get_args(kind)))
@@ -53,7 +53,7 @@ class ShiftConvConfig:
     """Side of the pixel blocks that are first folded into channels: cheaper, longer reach."""
 
     def __post_init__(self) -> None:
-        """Checks the choices and the numbers."""
+        """Check the choices and the numbers."""
         _check_choices(self, "shift_conv.")
         if self.channels < TAPS or self.channels % TAPS:
             raise ValueError(f"shift_conv.channels must be a multiple of 9, got {self.channels}")
@@ -86,7 +86,7 @@ class TrunkConfig:
     """Kernel size of the convolution over all scales together: 1 is nine times cheaper."""
 
     def __post_init__(self) -> None:
-        """Checks the choices and the numbers."""
+        """Check the choices and the numbers."""
         _check_choices(self, "trunk.")
         for name in ("modules", "blocks", "lowest_blocks", "reduction"):
             _check_at_least(f"trunk.{name}", getattr(self, name), 1)
@@ -117,7 +117,7 @@ class PlaneSmoothing:
     """Standard deviation of the measurements [m]: the HDL-64E data sheet's upper bound."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if not self.windows_px or min(self.windows_px) < 1:
             raise ValueError(
                 "smoothing.windows_px must hold one window or more of at least 1 pixel, got "
@@ -209,7 +209,7 @@ class DepthCompletionConfig:
     """Smoothing of the completed map by predictors."""
 
     def __post_init__(self) -> None:
-        """Checks the choices, the numbers and their combinations."""
+        """Check the choices, the numbers and their combinations."""
         _check_choices(self)
         if not _MIN_SCALE_M <= self.depth_scale_m <= _MAX_SCALE_M:
             raise ValueError(

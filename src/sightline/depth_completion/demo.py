@@ -32,7 +32,7 @@ highest beam too, where any method can only guess.</p>
 
 
 def run_depth_demo(task: PredictingTask, frames: Path, out: Path) -> DemoPart:
-    """Completes the depth of frames with the default weights, scores it and draws it.
+    """Complete the depth of frames with the default weights, score it and draw it.
 
     Args:
         task: The depth completion task; it writes the files.

@@ -1,4 +1,4 @@
-"""Makes training and validation examples from samples."""
+"""Training and validation examples from samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -30,6 +30,7 @@ from sightline.evaluation.held_out_frame import (
     split_rings,
 )
 from sightline.geometry.projection import sparse_depth_map
+from sightline.geometry.ranges import check_range
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
 
@@ -42,11 +43,6 @@ as additional dense truth with its own loss weight.
 
 _MAX_TRUTH_M = 256  # range of KITTI's depth maps
 _SIZE_STEP = 32  # validation crops are multiples of it, which suits all our networks
-
-
-def _check_range(name: str, value: float, maximum: int) -> None:
-    if not 0 <= value <= maximum:
-        raise ValueError(f"{name} must be from 0 to {maximum}, got {value}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +65,10 @@ class AugmentationConfig:
     """Whether the crop's position is random; otherwise it is the bottom centre."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
-        _check_range("yaw_error_deg", self.yaw_error_deg, 90)
+        """Check the ranges."""
+        check_range("yaw_error_deg", self.yaw_error_deg, 0, 90)
         for name in ("outliers", "camera_dropout", "lidar_occlusion"):
-            _check_range(name, getattr(self, name), 1)
+            check_range(name, getattr(self, name), 0, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +93,7 @@ class ExampleConfig:
     """Augmentation in training."""
 
     def __post_init__(self) -> None:
-        """Checks the choices and the ranges."""
+        """Check the choices and the ranges."""
         if self.truth not in get_args(TruthKind):
             raise ValueError(
                 f"truth must be one of {', '.join(get_args(TruthKind))}, got {self.truth!r}"
@@ -130,7 +126,7 @@ class DepthExamples(SamplePreparation):
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DepthBatch:
-        """Makes an example; see `make_example`."""
+        """Make an example; see `make_example`."""
         return make_example(sample, self.settings, rng, training=training)
 
 

@@ -17,12 +17,12 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def write_depth(path: Path, depth_map: DepthMap) -> None:
-    """Writes the depths as a 16-bit PNG; depths beyond its range of 256 m become 0 (none)."""
+    """Write the depths as a 16-bit PNG; depths beyond its range of 256 m become 0 (none)."""
     _write(path, depth_map.depth_m)
 
 
 def write_uncertainty(path: Path, depth_map: DepthMap) -> None:
-    """Writes the expected absolute errors in the same format; infinite ones become 0.
+    """Write the expected absolute errors in the same format; infinite ones become 0.
 
     Raises:
         ValueError: The map has no expected errors.
@@ -33,7 +33,7 @@ def write_uncertainty(path: Path, depth_map: DepthMap) -> None:
 
 
 def read_depth(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
-    """Adds the depth map of a PNG, valid among the sample's measurements if it has any.
+    """Add the depth map of a PNG, valid among the sample's measurements if it has any.
 
     Raises:
         ValueError: The file is no depth map or does not have the sample's image size.
@@ -47,7 +47,7 @@ def read_depth(path: Path, sample: CameraLidarSample, perception: Perception) ->
 
 
 def read_uncertainty(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
-    """Adds the expected errors of a PNG to the depth map; pixels with large errors become invalid.
+    """Add the expected errors of a PNG to the depth map; pixels with large errors become invalid.
 
     Raises:
         ValueError: There is no depth map, or the file holds no errors or has another size.

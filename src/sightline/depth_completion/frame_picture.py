@@ -11,6 +11,6 @@ from sightline.visualization.sheet import frame_sheet
 def draw_completed(
     sample: CameraLidarSample, completer: Completer
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Draws the page of a sample, with completed depth if it has a sweep."""
+    """Draw the page of a sample, with completed depth if it has a sweep."""
     dense = completer(sample) if sample.points is not None else None
     return frame_sheet(sample, dense, dense_name=completer.name)

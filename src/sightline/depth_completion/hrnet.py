@@ -37,7 +37,7 @@ class Bottleneck(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch channels height width"]
     ) -> Float[Tensor, "batch channels height width"]:
-        """Adds the correction to the maps."""
+        """Add the correction to the maps."""
         return F.relu(maps + self.body(maps))
 
 
@@ -61,7 +61,7 @@ class Exchange(nn.Module):
         )
 
     def forward(self, scales: list[Tensor]) -> list[Tensor]:
-        """Returns maps of the same sizes and channels, the largest first."""
+        """Return maps of the same sizes and channels, the largest first."""
         mixed = []
         for target, paths in enumerate(self.paths):
             size = scales[target].shape[-2:]
@@ -104,7 +104,7 @@ class HighResolutionTrunk(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch in_channels height width"]
     ) -> Float[Tensor, "batch out_channels height width"]:
-        """Runs the trunk; height and width must be multiples of the config's `stride`."""
+        """Run the trunk; height and width must be multiples of the config's `stride`."""
         scales = [self.entry(maps)]
         for down in self.down:
             scales.append(down(scales[-1]))

@@ -51,7 +51,7 @@ class DepthLossConfig:
     """Settings of the E-Point's ground truth."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         for name in DepthLosses._fields[1:]:
             weight = getattr(self, name)
             if not 0 <= weight < math.inf:

@@ -17,7 +17,7 @@ def complete_depth(
     sparse_depth_m: Float32[Tensor, "height width"] | Float32[np.ndarray, "height width"],
     method: Method,
 ) -> DepthMap:
-    """Completes a sparse depth map [m], 0 = no measurement, with the method's default settings.
+    """Complete a sparse depth map [m], 0 = no measurement, with the method's default settings.
 
     Works on the CPU; a tensor on another device is copied. An empty map gives an empty result
     without valid pixels.
@@ -49,5 +49,5 @@ def filling_config(edition: FillingEdition) -> AdaptiveConfig:
 def starting_depth(
     sparse_depth_m: Float32[Tensor, "height width"], edition: FillingEdition = "first"
 ) -> DepthMap:
-    """Completes a map as the filled input of networks, in training and in use."""
+    """Complete a map as the filled input of networks, in training and in use."""
     return adaptive_depth(sparse_depth_m.numpy(force=True), filling_config(edition))

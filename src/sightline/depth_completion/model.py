@@ -95,7 +95,7 @@ class DepthCompletionNet(nn.Module):
         sparse_depth_m: Float[Tensor, "batch 1 height width"],
         filled_depth_m: Float[Tensor, "batch 1 height width"] | None = None,
     ) -> DepthCompletionOutput:
-        """Predicts depth from an image (RGB in [0, 1], black if missing) and maps [m], 0 = none.
+        """Predict depth from an image (RGB in [0, 1], black if missing) and maps [m], 0 = none.
 
         A network without that input ignores a classical completion.
 

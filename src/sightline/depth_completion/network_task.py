@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 
 class DepthNetworkTask:
-    """Implements `sightline.inference.network.NetworkTask` with imports at the time of use."""
+    """`sightline.inference.network.NetworkTask` that imports the network when it builds it."""
 
     name: Final = "depth-completion"
     default_weights: Final = "depth-best"
@@ -20,7 +20,7 @@ class DepthNetworkTask:
         return DepthCompletionConfig
 
     def build(self, config: "DepthCompletionConfig") -> "DepthCompletionNet":
-        """Builds the network."""
+        """Build the network."""
         from sightline.depth_completion.model import DepthCompletionNet
 
         return DepthCompletionNet(config)

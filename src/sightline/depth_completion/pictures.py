@@ -15,7 +15,7 @@ _POINT_PX = 3  # drawn size of a measurement
 def training_picture(
     batch: DepthBatch, output: DepthCompletionOutput
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """Draws the maps of a batch's first sample, one below the other, each with a title.
+    """Draw the maps of a batch's first sample, one below the other, each with a title.
 
     From the top: image, sparse depth, E-Point (if the network has one), predicted depth, expected
     error (if the network estimates it) in the colours of depth, and error (if the batch has the

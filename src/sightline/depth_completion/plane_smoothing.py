@@ -1,4 +1,4 @@
-"""Removes LiDAR noise from the planes of a depth map; edges and bends stay unchanged."""
+"""Removal of LiDAR noise from the planes of a depth map; edges and bends stay unchanged."""
 
 from collections.abc import Sequence
 

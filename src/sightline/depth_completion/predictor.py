@@ -51,12 +51,12 @@ RGBImage = Real[Tensor, "*channels_and_size"] | Real[np.ndarray, "*size_and_chan
 
 @dataclass(frozen=True, slots=True)
 class DepthCompleter(SamplePredictor[DepthMap]):
-    """Completes the depth of a sample with a method without training."""
+    """Predictor of depth by a method without training."""
 
     method: Method
 
     def __post_init__(self) -> None:
-        """Checks the method's name."""
+        """Check the method's name."""
         if self.method not in get_args(Method):
             raise ValueError(
                 f"there is no method {self.method} of depth completion; name one of "
@@ -77,7 +77,7 @@ class DepthCompleter(SamplePredictor[DepthMap]):
         return self.method
 
     def predict(self, sample: CameraLidarSample) -> DepthMap:
-        """Projects the sweep and completes its depth at the image's full size.
+        """Project the sweep and complete its depth at the image's full size.
 
         Raises:
             ValueError: The sample has no sweep, or one with non-finite points.
@@ -86,7 +86,7 @@ class DepthCompleter(SamplePredictor[DepthMap]):
 
 
 class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
-    """Completes depth with a trained network.
+    """Predictor of depth by a trained network.
 
     Examples:
         >>> import sightline
@@ -138,7 +138,7 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         return self._network.config.shift_conv is not None
 
     def predict(self, sample: CameraLidarSample) -> DepthMap:
-        """Completes a sample at its image's full size.
+        """Complete a sample at its image's full size.
 
         Raises:
             ValueError: The sample has no sweep, or one with non-finite points.
@@ -152,7 +152,7 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         image_size: tuple[int, int],
         image: RGBImage | None = None,
     ) -> DepthMap:
-        """Completes a sweep in the camera's image.
+        """Complete a sweep in the camera's image.
 
         Args:
             points: x, y, z first [m], LiDAR frame.
@@ -167,7 +167,7 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         return self.complete(sparse, image)
 
     def complete(self, sparse_depth_m: SparseMap, image: RGBImage | None = None) -> DepthMap:
-        """Completes a sparse depth map.
+        """Complete a sparse depth map.
 
         Args:
             sparse_depth_m: Metres along the optical axis, 0 = no measurement.

@@ -17,7 +17,7 @@ def propagate(
     *,
     steps: int,
 ) -> Float[Tensor, "batch 1 height width"]:
-    """Mixes depths `steps` times, and moves measured pixels towards their measurement each time.
+    """Mix depths `steps` times, and move measured pixels towards their measurement each time.
 
     Cheng et al. 2018 (CSPN), eq. 1 and 6, with two changes: the weights are normalised only where
     their magnitudes add up to more than 1, as in Park et al. 2020 (NLSPN), section 4.3, and the

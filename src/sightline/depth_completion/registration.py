@@ -57,10 +57,10 @@ def _read_uncertainty(
 
 
 class DepthCompletionTask(DepthNetworkTask):
-    """Implements `sightline.tasks.Task` with networks or methods without training."""
+    """`sightline.tasks.Task` by networks, or by methods without training."""
 
     summary: Final = (
-        "Completes the depth of every frame and writes 16-bit depth PNGs (metres times 256)."
+        "Complete the depth of every frame and write 16-bit depth PNGs (metres times 256)."
     )
     training_class: Final = "sightline.depth_completion.task.DepthCompletion"
     trial_settings: Final = {"data.init_args.preparation.init_args.settings.crop_size": "[64,128]"}
@@ -86,7 +86,7 @@ class DepthCompletionTask(DepthNetworkTask):
     switches: tuple[OutputFilter, ...] = (
         OutputFilter(
             name="valid_only",
-            summary="Writes only valid depths, and 0 (no value) elsewhere.",
+            summary="Write only valid depths, and 0 (no value) elsewhere.",
             change=_only_valid,
         ),
     )
@@ -106,7 +106,7 @@ class DepthCompletionTask(DepthNetworkTask):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Completer":
-        """Creates a completer; see `choose_completer`."""
+        """Create a completer; see `choose_completer`."""
         from sightline.depth_completion.predictor import choose_completer
 
         return choose_completer(
@@ -120,13 +120,13 @@ class DepthCompletionTask(DepthNetworkTask):
         return HeldOutScoring()
 
     def perception(self, prediction: "DepthMap") -> "Perception":
-        """Wraps the depth map."""
+        """Wrap the depth map."""
         from sightline.structures.predictions import Perception
 
         return Perception(depth=prediction)
 
     def demo(self, frames: Path, out: Path) -> "DemoPart":
-        """Runs the demo; see `run_depth_demo`."""
+        """Run the demo; see `run_depth_demo`."""
         from sightline.depth_completion.demo import run_depth_demo
 
         return run_depth_demo(self, frames, out)

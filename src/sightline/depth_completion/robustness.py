@@ -44,22 +44,22 @@ class HeldOutScoring:
     )
 
     def check(self, dataset: SampleDataset) -> None:
-        """Accepts every data set with sweeps."""
+        """Accept every data set with sweeps."""
         del dataset
 
     def notes(self, dataset: SampleDataset) -> tuple[str, ...]:
-        """Returns no notes: errors are means over the many pixels of every frame."""
+        """Return no notes: errors are means over the many pixels of every frame."""
         del dataset
         return ()
 
     def prepare(self, sample: CameraLidarSample) -> BenchFrame:
-        """Separates the input rings, cropped by the protocol, from the truth."""
+        """Separate the input rings, cropped by the protocol, from the truth."""
         frame = split_rings(sample)
         check_rings(frame)
         return BenchFrame(frame.with_beams(frame.sensor_beams), frame)
 
     def store(self, path: Path, prediction: BenchPrediction) -> None:
-        """Writes the frame's errors."""
+        """Write the frame's errors."""
         frame: HeldOutFrame = prediction.frame.truth
         place = f"sample {frame.sample.sample_id}"
         errors = held_out_errors(frame, prediction.output, place, zero_where_nothing=True)
@@ -71,12 +71,12 @@ class HeldOutScoring:
         raise FileError(path, "holds a frame's errors and no depth", "draw the prediction itself")
 
     def score(self, folder: Path, dataset: SampleDataset) -> Scores:
-        """Averages the errors over the frames."""
+        """Average the errors over the frames."""
         rows = [_read(folder / f"{name}{self.suffix}") for name in dataset.sample_ids]
         return {name: statistics.fmean(row[at] for row in rows) for at, name in enumerate(_METRICS)}
 
     def draw(self, prediction: BenchPrediction, width_px: int) -> tuple[Panel, ...]:
-        """Draws the image and the sweep of the input, and the completed depth."""
+        """Draw the image and the sweep of the input, and the completed depth."""
         sample, depth_map = prediction.corrupted.sample, prediction.output
         panels = [Panel("image", camera_picture(sample))]
         if sample.points is not None:

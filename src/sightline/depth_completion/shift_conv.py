@@ -9,7 +9,7 @@ from sightline.depth_completion.config import TAPS, ShiftConvConfig
 
 
 class ShiftConv(nn.Module):
-    """Translates the channels in nine directions, then mixes them by a 1x1 convolution: eq. 2.
+    """Translation of the channels in nine directions, then mixing by a 1x1 convolution: eq. 2.
 
     Channel c belongs to group c % 9. Group k reads the pixel k // 3 - 1 rows below and k % 3 - 1
     columns to the right, times `shift_px`: the taps of a 3x3 kernel in order, so group 4 stays.
@@ -44,7 +44,7 @@ class ShiftConv(nn.Module):
     def forward(
         self, maps: Float[Tensor, "batch in_channels height width"]
     ) -> Float[Tensor, "batch out_channels height width"]:
-        """Shifts, mixes, and with `norm` applies BatchNorm and ReLU."""
+        """Shift, mix, and with `norm` apply BatchNorm and ReLU."""
         shift = self.shift_px
         if maps.is_cuda:  # depthwise convolutions took most of a training there
             shifted = translate(maps, shift)
@@ -60,7 +60,7 @@ class ShiftConv(nn.Module):
 def translate(
     maps: Float[Tensor, "batch channels height width"], shift_px: int
 ) -> Float[Tensor, "batch channels height width"]:
-    """Translates the channels as `ShiftConv` does, by slices of the padded map."""
+    """Translate the channels as `ShiftConv` does, by slices of the padded map."""
     height, width = maps.shape[2:]
     padded = F.pad(maps, (shift_px,) * 4)
     groups = []
@@ -71,7 +71,7 @@ def translate(
 
 
 class ShiftConvBranch(nn.Module):
-    """Turns sparse depth into a filled depth map, the E-Point: section 3.1, Fig. 6.
+    """Conversion of sparse depth to a filled depth map, the E-Point: section 3.1, Fig. 6.
 
     A 1x1 convolution, the Shift-Convolutions and a linear 1x1 convolution to depth. Units are the
     input's; the result is not clamped.
@@ -94,6 +94,6 @@ class ShiftConvBranch(nn.Module):
     def forward(
         self, depth: Float[Tensor, "batch in_channels height width"]
     ) -> Float[Tensor, "batch 1 height width"]:
-        """Fills the map; height and width must be multiples of the config's `stride`."""
+        """Fill the map; height and width must be multiples of the config's `stride`."""
         lifted = self.lift(F.pixel_unshuffle(depth, self.stride))
         return F.pixel_shuffle(self.read(self.layers(lifted)), self.stride)

@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float32
 
 
 def check_sparse_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> None:
-    """Refuses a map with invalid depths.
+    """Refuse a map with invalid depths.
 
     Raises:
         ValueError: A pixel is negative or not finite, or the map has no pixel.

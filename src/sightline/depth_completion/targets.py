@@ -27,7 +27,7 @@ class ExpansionConfig:
     """Side of the median's window; 1: no median."""
 
     def __post_init__(self) -> None:
-        """Checks the variant and the windows."""
+        """Check the variant and the windows."""
         if self.variant not in get_args(Variant):
             raise ValueError(
                 f"variant must be one of {', '.join(get_args(Variant))}, got {self.variant!r}"

@@ -38,7 +38,7 @@ class DepthCompletion(TrainingModule):
         optimizer: OptimizerConfig = _OPTIMIZER,
         initial_weights: Path | None = None,
     ) -> None:
-        """Builds the network.
+        """Build the network.
 
         Args:
             network: Settings of the network. None: those of the initial weights; without them, the
@@ -66,7 +66,7 @@ class DepthCompletion(TrainingModule):
         return config
 
     def forward(self, batch: DepthBatch) -> DepthCompletionOutput:
-        """Runs the network on a batch.
+        """Run the network on a batch.
 
         Raises:
             ValueError: The network starts from a classical completion, which the batch lacks.
@@ -82,7 +82,7 @@ class DepthCompletion(TrainingModule):
         return output
 
     def setup(self, stage: str) -> None:
-        """Checks that examples contain the network's edition of the completion.
+        """Check that examples contain the network's edition of the completion.
 
         Raises:
             ValueError: The examples contain another edition of the completion.
@@ -101,7 +101,7 @@ class DepthCompletion(TrainingModule):
             )
 
     def losses(self, batch: DepthBatch) -> DepthLosses:
-        """Computes the loss of a batch and its terms."""
+        """Compute the loss of a batch and its terms."""
         return depth_completion_loss(
             self(batch),
             _truth(batch),
@@ -112,21 +112,21 @@ class DepthCompletion(TrainingModule):
         )
 
     def score(self, batch: DepthBatch) -> DepthCompletionOutput:
-        """Scores a batch."""
+        """Score a batch."""
         output: DepthCompletionOutput = self(batch)
         clamped = output.depth_m.float().clamp(NEAREST_M, FARTHEST_M)
         self.metric.update(clamped[:, 0], _truth(batch)[:, 0])
         return output
 
     def scores(self) -> Mapping[str, Tensor]:
-        """Returns the benchmark's scores."""
+        """Return the benchmark's scores."""
         means = super().scores()
         return {name: means[name] for name in _LOGGED_SCORES}
 
     def picture(
         self, batch: DepthBatch, prediction: DepthCompletionOutput
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """Draws the maps of the first sample, one below the other."""
+        """Draw the maps of the first sample, one below the other."""
         return training_picture(batch, prediction)
 
 

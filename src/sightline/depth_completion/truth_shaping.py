@@ -1,4 +1,4 @@
-"""Adapts simulated truth to measured truth: widened contours and pixel weights."""
+"""Adaptation of simulated truth to measured truth: widened contours and pixel weights."""
 
 import math
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class TruthShaping:
     """Weight of measurements that the classical completion keeps and predictors may restore."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if self.contours_px < 0:
             raise ValueError(f"contours_px must be at least 0, got {self.contours_px}")
         for name in ("contours_within_m", "thin_weight", "away_weight", "kept_weight"):

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, SupportsFloat, get_args
+from typing import Final, Literal, get_args
 
 from sightline.files.settings import TRAINING_ONLY
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.ranges import check_range
 
 CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
 """Detected classes, in the order of the networks' outputs."""
@@ -26,18 +27,6 @@ _SMALLEST_PRIOR_PX = 0.1
 _LARGEST_RATIO = 100.0
 _LARGEST_L2_NORM_SCALE = 1000.0
 _MAX_DETECTIONS = 10_000
-
-
-def check_range(
-    name: str, value: SupportsFloat, lowest: SupportsFloat, highest: SupportsFloat
-) -> None:
-    """Check that a setting's number is in range.
-
-    Raises:
-        ValueError: The number is out of range or NaN.
-    """
-    if not float(lowest) <= float(value) <= float(highest):
-        raise ValueError(f"{name} must be from {lowest} to {highest}, got {value}")
 
 
 def check_choice(name: str, value: object, choices: Sequence[object]) -> None:
@@ -77,7 +66,7 @@ class InputConfig:
     """Height added to LiDAR points; 0 follows Kim et al. 2018, eq. 3, exactly."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if self.size is not None and not all(0 < side <= _LARGEST_PX for side in self.size):
             raise ValueError(f"input.size must be from 1 to {_LARGEST_PX} px, got {self.size}")
         if self.size is not None and math.prod(self.size) > _MAX_PX:
@@ -115,7 +104,7 @@ class DgfnConfig:
     needs. It is folded into them in the weights that a training leaves: those are the paper's."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers of the priors."""
+        """Check the numbers of the priors."""
         num_maps = 6
         if len(self.prior_sizes_px) != num_maps + 1 or len(self.prior_ratios) != num_maps:
             raise ValueError(
@@ -139,7 +128,7 @@ class StreamConfig:
     """Number of residual blocks at strides 4, 8, 16 and 32."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         for count in self.channels:
             check_range("channels of a stream", count, 1, 4096)
         for count in self.blocks:
@@ -173,7 +162,7 @@ class CompactConfig:
     with the joint head's."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_choice("compact.lidar_pooling", self.lidar_pooling, get_args(LidarPooling))
         for name, highest in (("gate_groups", 64), ("head_channels", 4096), ("bins", 256)):
             check_range(f"compact.{name}", getattr(self, name), 1, highest)
@@ -192,7 +181,7 @@ class PostprocessConfig:
     """Largest number of detections in an image, by score."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("postprocess.min_score", self.min_score, 0, 1)
         check_range("postprocess.nms_iou", self.nms_iou, 0, 1)
         check_range("postprocess.max_detections", self.max_detections, 1, _MAX_DETECTIONS)
@@ -216,7 +205,7 @@ class Detection2DConfig:
     """Settings that turn boxes into detections."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and that exactly one design is set."""
+        """Check the ranges, and that exactly one design is set."""
         check_choice("fusion", self.fusion, get_args(Fusion))
         if not 0 < self.width <= _LARGEST_WIDTH:
             raise ValueError(f"width must be in (0, {_LARGEST_WIDTH}], got {self.width}")

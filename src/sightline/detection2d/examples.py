@@ -18,7 +18,7 @@ from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
 from sightline.data.kitti_conversion import kitti_from_labels
 from sightline.detection2d import graded_health
-from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig, check_range
+from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig
 from sightline.detection2d.graded_health import with_point_health
 from sightline.detection2d.loss import health, known_by_points
 from sightline.detection2d.placement import (
@@ -34,6 +34,7 @@ from sightline.detection2d.views import draw_band
 from sightline.files.settings import NetworkConfig
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
 from sightline.geometry.projection import DHI_RANGE_M
+from sightline.geometry.ranges import check_range
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
@@ -64,7 +65,7 @@ class ViewConfig:
     shown in use, one of a frame's bands each time, at its scale (`detection2d.views`)."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         low, high = self.scales
         if not 0 < low <= high < math.inf:
             raise ValueError(f"view.scales must be positive and in order, got {self.scales}")
@@ -202,7 +203,7 @@ class ExampleConfig:
     """Ground-truth objects that training uses as targets."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges, and that related settings match."""
+        """Check the ranges, and that related settings match."""
         check_range("fault_share", self.fault_share, 0, 1)
         check_range("pad_to", self.pad_to, 1, 1024)
         if self.graded and not self.health:
@@ -260,7 +261,7 @@ class DetectionExamples(SamplePreparation):
         return DetectionExamples(replace(self.settings, cases=only), self.faults)
 
     def learned_classes(self) -> tuple[str, ...]:
-        """Names the classes to detect."""
+        """Name the classes to detect."""
         return CLASSES
 
     def prepare(

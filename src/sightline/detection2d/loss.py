@@ -15,11 +15,11 @@ from sightline.detection2d.compact.loss import (
     aligned_loss,
     assign_batch,
 )
-from sightline.detection2d.config import check_range
 from sightline.detection2d.dgfn.loss import SsdLossConfig, multibox_loss
 from sightline.detection2d.fusion import GateOutput, RawOutputs
 from sightline.detection2d.placement import padded
 from sightline.detection2d.targets import DetectionBatch
+from sightline.geometry.ranges import check_range
 
 CELL_PX: Final = 8
 """Side of the health map's cells: the stride of the finest maps."""
@@ -118,7 +118,7 @@ class DetectionLossConfig:
     """Weight of the gate loss, which needs health maps in the examples."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("auxiliary_weight", self.auxiliary_weight, 0, 1e6)
         check_range("gate_weight", self.gate_weight, 0, 1e6)
 

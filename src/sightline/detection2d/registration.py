@@ -46,7 +46,7 @@ class Detection2DTask(DetectionNetworkTask, NetworkOnlyTask["DetectionPredictor"
     """`sightline.tasks.Task` by networks that use the camera, the LiDAR or both."""
 
     summary: Final = (
-        "Detects cars, pedestrians and cyclists in the image and writes KITTI's result files."
+        "Detect cars, pedestrians and cyclists in the image and write KITTI's result files."
     )
     training_class: Final = "sightline.detection2d.task.Detection2D"
     trial_settings: Final = {
@@ -69,7 +69,7 @@ class Detection2DTask(DetectionNetworkTask, NetworkOnlyTask["DetectionPredictor"
         Output(
             name="gates",
             suffix=".png",
-            summary="How far each sensor is let through: PNGs, the camera red, the LiDAR green.",
+            summary="Openness of each sensor's gate: PNGs, the camera red, the LiDAR green.",
             write=_write_gates,
         ),
     )

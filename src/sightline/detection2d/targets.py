@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float, Float32, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.data.kitti_labels import KittiObjects
-from sightline.detection2d.config import CLASSES, check_range
+from sightline.detection2d.config import CLASSES
 from sightline.detection2d.placement import Placement
+from sightline.geometry.ranges import check_range
 from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
@@ -45,7 +46,7 @@ class TargetConfig:
     """Largest KITTI occlusion: 0 visible, 1 partly, 2 largely occluded, 3 unknown."""
 
     def __post_init__(self) -> None:
-        """Checks the names and ranges."""
+        """Check the names and ranges."""
         check_look_alikes(self.ignored_names)
         for name in ("min_height_px", "min_width_px"):
             check_range(f"targets.{name}", getattr(self, name), 0, 10_000)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sized
-from typing import Final, SupportsFloat
+from typing import Final
 
 MAX_NUMBERS: Final = 2**29
 """Largest number of values in a layer's output for one sweep: 2 GB."""
@@ -27,19 +27,6 @@ def check_numbers(settings: object, rule: str, *names: str, within: str = "") ->
         value = getattr(settings, name)
         if not all(map(_RULES[rule], value if isinstance(value, tuple) else (value,))):
             raise ValueError(f"{within}{name} must be {rule}, got {value}")
-
-
-def check_range(
-    name: str, value: SupportsFloat, lowest: SupportsFloat, highest: SupportsFloat
-) -> None:
-    """Check that a number is in range; NaN is not.
-
-    Raises:
-        ValueError: It is not.
-    """
-    low, high = float(lowest), float(highest)
-    if not low <= float(value) <= high:
-        raise ValueError(f"{name} must be from {low:.9g} to {high:.9g}, got {value}")
 
 
 def check_different(name: str, values: Sized, keys: Collection[str]) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from sightline.detection3d.checks import check_range
+from sightline.geometry.ranges import check_range
 
 _SMALLEST_M, _LARGEST_M = 0.01, 100.0
 
@@ -18,7 +18,7 @@ class RoadUserClass:
     """Length, width, height."""
 
     def __post_init__(self) -> None:
-        """Checks the sizes."""
+        """Check the sizes."""
         for size_m in self.mean_size_m:
             check_range(f"mean_size_m of {self.name}", size_m, _SMALLEST_M, _LARGEST_M)
 

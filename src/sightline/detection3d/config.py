@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from sightline.detection3d.checks import MAX_NUMBERS, check_different, check_numbers, check_range
+from sightline.detection3d.checks import MAX_NUMBERS, check_different, check_numbers
 from sightline.detection3d.classes import RoadUserClass
 from sightline.detection3d.pillars.config import (
     PillarDetectionConfig,
@@ -34,6 +34,7 @@ from sightline.detection3d.points.config import (
 from sightline.detection3d.suppression import ClassAlignment, SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
 from sightline.files.settings import INFERENCE_ONLY
+from sightline.geometry.ranges import check_range
 
 # Settings that earlier versions saved name the levels here.
 __all__ = [
@@ -65,7 +66,7 @@ class HeadingHypothesesConfig:
     """Share by which the score from another axis must exceed that from the proposal's own axis."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_different("axes.class_names", self.class_names, self.class_names)
         check_range("axes.number", self.number, 2, _MAX_AXES)
         check_numbers(self, "at least 1", "passes", within="axes.")
@@ -117,7 +118,7 @@ class Detection3DConfig:
     boxes without it, and the weights that it writes have none."""
 
     def __post_init__(self) -> None:
-        """Checks that there is a first stage, and that the stages fit together."""
+        """Check that there is a first stage, and that the stages fit together."""
         if (self.points is None) == (self.pillars is None):
             raise ValueError(
                 "a detector needs one first stage: set pillars or points, and the other to null"
@@ -275,5 +276,5 @@ class Detection3DLossConfig:
     """Losses of the compact second stage."""
 
     def __post_init__(self) -> None:
-        """Checks the weight."""
+        """Check the weight."""
         check_numbers(self, "finite and not negative", "first_weight", within="loss.")

@@ -105,7 +105,7 @@ class SceneChangeConfig:
     """Largest number of training frames, drawn by the seed, whose objects are kept for pasting."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         low, high = self.scales
         if not 0 < low <= high < math.inf:
             raise ValueError(f"changes.scales must be positive and in order, got {self.scales}")
@@ -191,7 +191,7 @@ class Detection3DExamples(SamplePreparation):
         return self.settings.class_names or _names(Detection3DConfig())
 
     def learned_classes(self) -> tuple[str, ...]:
-        """Names the classes to detect."""
+        """Name the classes to detect."""
         return self.class_names
 
     def for_network(self, config: NetworkConfig) -> "Detection3DExamples":

@@ -18,9 +18,10 @@ from torch import Tensor
 
 from sightline.data.kitti_conversion import kitti_from_detections
 from sightline.data.open import SampleDataset
-from sightline.detection3d.checks import check_different, check_numbers, check_range
+from sightline.detection3d.checks import check_different, check_numbers
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.ranges import check_range
 from sightline.geometry.transforms import wrap_angle, yaw_rotation
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.ops.rotated_iou import pairwise_iou_bev
@@ -70,7 +71,7 @@ class ObjectSamplingConfig:
     """Points this little behind another point on the same ray stay visible."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_different("class_names", self.class_names, self.class_names)
         check_numbers(self, "at least 1", "max_objects", "min_points", "min_ground_points")
         check_range("max_bearing_deg", self.max_bearing_deg, 0, 180)

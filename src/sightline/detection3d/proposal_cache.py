@@ -190,7 +190,7 @@ def cache_proposals(
 
 @dataclass(frozen=True, slots=True)
 class _ProposalWork:
-    """Runs the first stage on a frame and writes its file."""
+    """Work item: runs the first stage on a frame and writes its file."""
 
     dataset: SampleDataset
     index: int

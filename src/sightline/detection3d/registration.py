@@ -38,7 +38,7 @@ def _read_results(
 class Detection3DTask(Detection3DNetworkTask, NetworkOnlyTask["Detection3DPredictor"]):
     """`sightline.tasks.Task` by networks that use the LiDAR alone."""
 
-    summary: Final = "Detects road users in 3D in LiDAR sweeps and writes KITTI's result files."
+    summary: Final = "Detect road users in 3D in LiDAR sweeps and write KITTI's result files."
     training_class: Final = "sightline.detection3d.task.Detection3D"
     trial_settings: Final = {
         "model.init_args.stages": "both",

@@ -8,8 +8,9 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from sightline.detection3d.checks import check_numbers, check_range
+from sightline.detection3d.checks import check_numbers
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.ranges import check_range
 from sightline.ops.nms import nms_bev
 from sightline.structures.predictions import Detections3D
 
@@ -24,7 +25,7 @@ class SuppressionConfig:
     """IoU from above from which a box with a lower score is removed."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "from 0 to 1", "min_score")
         check_numbers(self, "above 0 and at most 1", "iou")
 
@@ -71,7 +72,7 @@ class ClassAlignment:
     cosine of the angle between that axis and the direction to the LiDAR."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         for name, value in (("length_m", self.length_m), ("towards_m", self.towards_m)):
             check_range(f"alignment.{name}", value, -_LONGEST_M, _LONGEST_M)
 

@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.augmentation.sample_changes import points_in_view
-from sightline.detection3d.checks import check_numbers, check_range
+from sightline.detection3d.checks import check_numbers
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.geometry.ranges import check_range
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample, mounted_detections
@@ -54,7 +55,7 @@ class SweepConfig:
     """Height added to points, for a LiDAR that is mounted higher than KITTI's (1.73 m)."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if self.num_points is not None:
             check_range("input.num_points", self.num_points, 1, _MAX_POINTS)
         numbers = (*self.lowest_m, *self.highest_m, self.far_m, self.height_offset_m)
@@ -204,7 +205,7 @@ class SweepTruthConfig:
     """Smallest number of points on an object to detect; others are ignored."""
 
     def __post_init__(self) -> None:
-        """Checks the names and the number."""
+        """Check the names and the number."""
         check_look_alikes(self.ignored_names)
         check_numbers(self, "at least 0", "min_points")
 

@@ -43,7 +43,7 @@ class Engine(Protocol):
         ...
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Runs the network; returns its outputs by name, in float32.
+        """Run the network; return its outputs by name, in float32.
 
         Raises:
             ValueError: An input is missing or unknown, or a size is no multiple of the stride.
@@ -144,7 +144,7 @@ class TorchEngine:
 
     @torch.inference_mode()
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Runs the network; see `Engine`."""
+        """Run the network; see `Engine`."""
         check_inputs(inputs, self.input_names, self.metadata.stride)
         given = {name: tensor.to(self._device) for name, tensor in inputs.items()}
         is_reduced = self._precision == "bfloat16"
@@ -188,7 +188,7 @@ class OnnxRuntimeEngine:
         self._output_names = tuple(entry.name for entry in self._session.get_outputs())
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Runs the network; see `Engine`."""
+        """Run the network; see `Engine`."""
         check_inputs(inputs, self.input_names, self.metadata.stride)
         arrays = {name: tensor.numpy(force=True) for name, tensor in inputs.items()}
         outputs = self._session.run(self._output_names, arrays)
@@ -241,7 +241,7 @@ class OpenVinoEngine:
         self._output_names = tuple(entry.get_any_name() for entry in model.outputs)
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Runs the network; see `Engine`."""
+        """Run the network; see `Engine`."""
         check_inputs(inputs, self.input_names, self.metadata.stride)
         arrays = {name: tensor.numpy(force=True) for name, tensor in inputs.items()}
         with self._turn:
@@ -262,7 +262,7 @@ class OpenVinoEngine:
 
 
 def check_threads(threads: int | None) -> None:
-    """Refuses an invalid number of threads.
+    """Refuse an invalid number of threads.
 
     Raises:
         ValueError: The number is not positive.
@@ -275,7 +275,7 @@ def check_threads(threads: int | None) -> None:
 
 @contextmanager
 def _torch_threads(threads: int | None) -> Iterator[None]:
-    """Sets PyTorch's number of threads, a setting of the process, and restores it afterwards."""
+    """Set PyTorch's number of threads, a setting of the process, and restore it afterwards."""
     before = torch.get_num_threads()
     if threads is None or threads == before or has_lost_threads():
         yield

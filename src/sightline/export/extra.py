@@ -13,7 +13,7 @@ Library = Literal["onnx", "onnxruntime", "onnxscript", "openvino"]
 
 
 def import_extra(library: Library) -> ModuleType:
-    """Imports a library of the extra `export`.
+    """Import a library of the extra `export`.
 
     Raises:
         ValueError: The library is not installed.
@@ -27,7 +27,7 @@ def import_extra(library: Library) -> ModuleType:
 
 @contextmanager
 def _no_telemetry_of_openvino() -> Iterator[None]:
-    """Hides the package with which OpenVINO sends usage data to Google, during OpenVINO's import.
+    """Hide the package with which OpenVINO sends usage data to Google, during OpenVINO's import.
 
     If the package is not installed, OpenVINO permanently uses a stub instead.
     """

@@ -25,7 +25,7 @@ class ExportGraph:
     metadata: ExportMetadata
     """Metadata for the file."""
     cases: Callable[[], Cases]
-    """Creates the inputs for the comparison with PyTorch; the same at every call."""
+    """Function that creates the inputs for the comparison with PyTorch; the same at every call."""
     max_difference: float
     """Largest allowed difference to PyTorch, in `unit`."""
     unit: str = ""

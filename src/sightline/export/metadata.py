@@ -34,7 +34,7 @@ class ExportMetadata:
     """Version that wrote the file."""
 
     def __post_init__(self) -> None:
-        """Checks the stride."""
+        """Check the stride."""
         if self.stride < 1:
             raise ValueError(f"stride must be at least 1, got {self.stride}")
 

@@ -34,7 +34,7 @@ def named_outputs(output: object) -> dict[str, Tensor]:
 
 
 def check_inputs(inputs: Mapping[str, Tensor], names: tuple[str, ...], stride: int) -> None:
-    """Refuses invalid inputs, for which engines have unclear errors.
+    """Refuse invalid inputs, for which engines have unclear errors.
 
     Args:
         inputs: Inputs by name.

@@ -30,7 +30,7 @@ def export_onnx(
     *,
     metadata: ExportMetadata,
 ) -> None:
-    """Writes a module as one ONNX file for images of any size that the stride divides.
+    """Write a module as one ONNX file for images of any size that the stride divides.
 
     All inputs with four axes, `batch channels height width`, share height and width; every other
     size is fixed by the example. Outputs are named after the fields of the module's NamedTuple;
@@ -116,7 +116,7 @@ def _dynamic_shapes(inputs: Mapping[str, Tensor], stride: int) -> tuple[dict[int
 
 @contextmanager
 def _quiet_exporter() -> Iterator[None]:
-    """Silences routine messages of the exporter, and disables shape checks during the trace."""
+    """Silence routine messages of the exporter, and disable shape checks during the trace."""
     log = logging.getLogger(_EXPORTER_LOG)
     level = log.level
     is_unchecked = jaxtyping.config.jaxtyping_disable
@@ -134,7 +134,7 @@ def _quiet_exporter() -> Iterator[None]:
 
 
 def _strip_traces(model: Any) -> None:  # noqa: ANN401 - onnx_ir.Model, which an extra brings
-    """Removes the source lines from each node: they contain folders of this machine."""
+    """Remove the source lines from each node: they contain folders of this machine."""
     for node in model.graph.all_nodes():
         node.metadata_props.clear()
         node.doc_string = None

@@ -48,7 +48,7 @@ def export_openvino(
     *,
     metadata: ExportMetadata,
 ) -> None:
-    """Writes a module in OpenVINO's format through ONNX; arguments as in `export_onnx`.
+    """Write a module in OpenVINO's format through ONNX; arguments as in `export_onnx`.
 
     Args:
         module: Module in eval mode.
@@ -67,7 +67,7 @@ def export_openvino(
 
 
 def convert_to_openvino(onnx_path: Path, path: Path) -> None:
-    """Converts an ONNX file of Sightline to OpenVINO's format, with weights in full precision.
+    """Convert an ONNX file of Sightline to OpenVINO's format, with weights in full precision.
 
     Raises:
         ValueError: `onnx_path` is not written by Sightline, or `path` does not end in .xml.
@@ -102,7 +102,7 @@ def read_openvino_metadata(model: Any, path: Path) -> ExportMetadata:  # noqa: A
 
 @contextmanager
 def ir_files(path: Path) -> Iterator[Path]:
-    """Yields a temporary path for a `.xml` and its `.bin`; both are moved into place when complete.
+    """Yield a temporary path for a `.xml` and its `.bin`; both are moved into place when complete.
 
     The `.bin` is renamed first, so that a new `.xml` never exists without its weights.
 

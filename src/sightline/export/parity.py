@@ -66,7 +66,7 @@ class ParityReport:
         }
 
     def table(self) -> "Table":
-        """Lays out a row per engine, input and output; below, the largest difference, judged."""
+        """Lay out a row per engine, input and output; below, the largest difference, judged."""
         from rich.table import Table
 
         table = Table(
@@ -106,7 +106,7 @@ def check_parity(
     scale: float = 1.0,
     allowed: float | None = None,
 ) -> ParityReport:
-    """Runs engines on the same inputs as the reference and compares the outputs.
+    """Run engines on the same inputs as the reference and compare the outputs.
 
     Args:
         reference: Reference engine, usually PyTorch's.

@@ -34,7 +34,7 @@ class ProcessEngine:
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Exports the network if the engine needs it and it is not cached.
+        """Export the network if the engine needs it and it is not cached.
 
         `auto` falls back to PyTorch, with a warning, if the network cannot be exported.
 
@@ -71,7 +71,7 @@ class ProcessEngine:
         self._made: dict[int, Engine] = {}  # by process
 
     def __call__(self, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """Runs the network as `Engine` does.
+        """Run the network as `Engine` does.
 
         Raises:
             ValueError: The device cannot be used, OpenVINO has run before this process was forked,
@@ -97,7 +97,7 @@ class ProcessEngine:
 
 
 def _check_device(device: str) -> None:
-    """Refuses a missing device without initialising it: a fork could not use it afterwards."""
+    """Refuse a missing device without initialising it: a fork could not use it afterwards."""
     try:
         kind = torch.device(device).type
     except RuntimeError as error:

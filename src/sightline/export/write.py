@@ -18,7 +18,7 @@ def export_graphs(
     out: Path,
     format: Format,  # noqa: A002 - the flag is --format
 ) -> dict[Path, ParityReport]:
-    """Writes a network's graphs as files for ONNX Runtime or OpenVINO, and checks their outputs.
+    """Write a network's graphs as files for ONNX Runtime or OpenVINO, and check their outputs.
 
     The files accept images of any size that the network's stride divides. They are kept, all or
     none, if all agree with PyTorch on their cases.
@@ -54,7 +54,7 @@ def export_graphs(
 
 
 def _check(graph: ExportGraph, aside: Path, path: Path) -> ParityReport:
-    """Compares a temporary file with PyTorch."""
+    """Compare a temporary file with PyTorch."""
     reference = TorchEngine(graph.module, tuple(graph.example_inputs), metadata=graph.metadata)
     report = check_parity(
         reference,

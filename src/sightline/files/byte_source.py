@@ -1,4 +1,4 @@
-"""Reads ranges of bytes from local files, and from any file system that fsspec opens."""
+"""Reading of byte ranges from local files, and from any file system that fsspec opens."""
 
 import re
 from pathlib import Path

@@ -49,7 +49,7 @@ class Calibration:
     """Rectified camera frame from LiDAR frame (KITTI's R0_rect @ Tr_velo_to_cam)."""
 
     def __post_init__(self) -> None:
-        """Checks for errors that no later step could repair."""
+        """Check for errors that no later step could repair."""
         for name in ("image_from_camera", "camera_from_lidar"):
             if not getattr(self, name).isfinite().all():
                 raise ValueError(f"{name} holds NaN or infinite values; calibrate again")

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, SupportsFloat, get_args, get_origin, get_type_hints
 
 Number = float | int
 
@@ -29,12 +29,12 @@ def check_ranges(settings: object) -> None:
     for name, limits in _field_limits(kind).items():
         value = getattr(settings, name)
         if not isinstance(value, tuple):
-            check_number(name, value, *limits)
+            _check_number(name, value, *limits)
         elif len(value) == 2:
-            check_range(name, value, *limits)
+            _check_pair(name, value, *limits)
         else:
             for each in value:
-                check_number(f"each number of {name}", each, *limits)
+                _check_number(f"each number of {name}", each, *limits)
 
 
 @cache
@@ -49,12 +49,21 @@ def _field_limits(kind: type[Any]) -> Mapping[str, Within]:
     }
 
 
-def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
-    """Check a range for random draws: it must not be empty or exceed the limits.
+def check_range(
+    name: str, value: SupportsFloat, lowest: SupportsFloat, highest: SupportsFloat
+) -> None:
+    """Check that a number is within limits that only a `__post_init__` knows; NaN is not.
 
     Raises:
-        ValueError: The range is invalid.
+        ValueError: It is not.
     """
+    low, high = float(lowest), float(highest)
+    if not low <= float(value) <= high:
+        raise ValueError(f"{name} must be from {low:.9g} to {high:.9g}, got {value}")
+
+
+def _check_pair(name: str, bounds: tuple[Number, Number], lowest: Number, highest: Number) -> None:
+    """Check a range for random draws: it must not be empty or exceed the limits."""
     if not (lowest <= bounds[0] <= bounds[1] <= highest and bounds[1] < math.inf):
         raise ValueError(
             f"{name} must be two numbers from {lowest:g} to {highest:g}, the lower first; got "
@@ -62,12 +71,8 @@ def check_range(name: str, bounds: tuple[Number, Number], lowest: Number, highes
         )
 
 
-def check_number(name: str, value: Number, lowest: Number, highest: Number = math.inf) -> None:
-    """Check that a setting is finite and within the limits.
-
-    Raises:
-        ValueError: The setting is invalid.
-    """
+def _check_number(name: str, value: Number, lowest: Number, highest: Number) -> None:
+    """Check that a setting is finite and within the limits."""
     if not (lowest <= value <= highest and value < math.inf):
         limits = f"from {lowest:g} to {highest:g}" if highest < math.inf else f"at least {lowest:g}"
         raise ValueError(f"{name} must be finite and {limits}, got {value:g}")

@@ -6,6 +6,7 @@ Without PyTorch.
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -267,18 +268,23 @@ def _coarse_tilt(xyz: Float64[np.ndarray, "num_points 3"]) -> Tilt | None:
     if len(lowest) < _MIN_CELLS:
         return None
     lowest = lowest[:: max(len(lowest) // _SEARCHED_CELLS, 1)]
-    angles_deg = np.arange(-_MAX_TILT_DEG, _MAX_TILT_DEG + 1, _STEP_DEG).tolist()
     best, best_score = None, 0.0
-    for roll_deg in angles_deg:
-        for pitch_deg in angles_deg:
-            tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
-            z = np.sort(lowest @ tilt.up)
-            in_window = np.searchsorted(z, z + _COARSE_WINDOW_M, side="right") - np.arange(len(z))
-            in_window[(-z < _LOWEST_M) | (-z > _HIGHEST_M + _COARSE_WINDOW_M)] = 0
-            score = float(in_window.max()) * (1 - _LEVEL_PREFERENCE * tilt.angle_deg)
-            if score > best_score:
-                best, best_score = tilt, score
+    for tilt, up, preference in _searched_tilts():
+        z = np.sort(lowest @ up)
+        in_window = np.searchsorted(z, z + _COARSE_WINDOW_M, side="right") - np.arange(len(z))
+        in_window[(-z < _LOWEST_M) | (-z > _HIGHEST_M + _COARSE_WINDOW_M)] = 0
+        score = float(in_window.max()) * preference
+        if score > best_score:
+            best, best_score = tilt, score
     return best
+
+
+@cache
+def _searched_tilts() -> tuple[tuple[Tilt, Float64[np.ndarray, "3"], float], ...]:
+    """Make the search's grid: tilts, their vectors up and the preference for a level LiDAR."""
+    angles_deg = np.arange(-_MAX_TILT_DEG, _MAX_TILT_DEG + 1, _STEP_DEG).tolist()
+    tilts = [Tilt(roll_deg=roll, pitch_deg=pitch) for roll in angles_deg for pitch in angles_deg]
+    return tuple((tilt, tilt.up, 1 - _LEVEL_PREFERENCE * tilt.angle_deg) for tilt in tilts)
 
 
 def _lowest_points(

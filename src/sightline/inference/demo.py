@@ -41,7 +41,7 @@ class DemoPart:
 
 
 def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]) -> str:
-    """Checks the embedded frames and runs the tasks' demos on them.
+    """Check the embedded frames and run the tasks' demos on them.
 
     Args:
         out: Folder of all results.

@@ -34,7 +34,7 @@ class NetworkTask(Protocol[Network_co]):
         ...
 
     def build(self, config: Any) -> Network_co:  # noqa: ANN401 - an instance of `config_type`
-        """Builds a network from settings, with random weights."""
+        """Build a network from settings, with random weights."""
         ...
 
 
@@ -58,7 +58,7 @@ class LoadedNetwork(Generic[Network]):
 
 
 def load_network(task: NetworkTask[Network], weights: str | Path) -> LoadedNetwork[Network]:
-    """Builds a task's network and loads its weights.
+    """Build a task's network and load its weights.
 
     Args:
         task: Task of the network.

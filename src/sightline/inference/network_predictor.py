@@ -30,7 +30,7 @@ class NetworkPredictor(SamplePredictor[Prediction], Generic[Network, Prediction]
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        """Takes a loaded network; `load` takes the name of its weights.
+        """Take a loaded network; `load` takes the name of its weights.
 
         Args:
             loaded: The network.
@@ -53,7 +53,7 @@ class NetworkPredictor(SamplePredictor[Prediction], Generic[Network, Prediction]
         device: str,
         threads: int | None,
     ) -> EngineName:
-        """Prepares the network for an engine; returns the engine's name."""
+        """Prepare the network for an engine; return the engine's name."""
 
     @classmethod
     def load(  # noqa: PYI019 - see Made
@@ -64,7 +64,7 @@ class NetworkPredictor(SamplePredictor[Prediction], Generic[Network, Prediction]
         device: str = "cpu",
         threads: int | None = None,
     ) -> Made:
-        """Loads weights by name or from a file, and makes a predictor.
+        """Load weights by name or from a file, and make a predictor.
 
         Raises:
             ValueError: See `load_network` and the constructor.

@@ -43,12 +43,8 @@ class ShardWriter(Protocol):
         """List the claims of a job without shards on its folders."""
         ...
 
-    def write(self, dataset: SampleDataset, folder: Path) -> None:
-        """Write the results of all frames; equal frames give equal bytes.
-
-        Raises:
-            ValueError: A frame cannot be read or predicted.
-        """
+    def works(self, dataset: SampleDataset, folder: Path) -> Sequence[Work]:
+        """List the work on each frame, which writes its results; equal frames give equal bytes."""
         ...
 
 
@@ -63,7 +59,7 @@ def pack_results(
     shard_index: int = 0,
     num_shards: int = 1,
 ) -> JobResult:
-    """Writes the results of each shard of frames as a shard of the same name.
+    """Write the results of each shard of frames as a shard of the same name.
 
     `out` becomes a folder of shards, which commands read as if it were unpacked: the files are
     those of a job without shards, with its sightline.json in shared.tar. A shard is the unit of
@@ -135,12 +131,13 @@ class _ShardWork:
                 warnings.simplefilter("ignore")  # those of the first shard have been shown
                 dataset = _open(self.writer, self.source, self.place)
             if dataset is not None:
-                self.writer.write(dataset, folder)
+                for work in self.writer.works(dataset, folder):
+                    _run_named(work)
             by_frame = sorted(files_below(folder), key=lambda path: (Path(path).stem, path))
             pack_files(folder, self.target, by_frame)
 
 
-def run_named(work: Work) -> None:
+def _run_named(work: Work) -> None:
     """Run the work on a frame of a shard; an error names the frame.
 
     Raises:

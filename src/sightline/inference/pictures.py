@@ -18,7 +18,7 @@ DrawSample = Callable[[CameraLidarSample], UInt8[np.ndarray, "height width 3"]]
 def write_frame_picture(
     data: Path, frame: str, out: Path, *, draw: DrawSample, velodyne: Velodyne | None = None
 ) -> Path:
-    """Draws one frame to a PNG file.
+    """Draw one frame to a PNG file.
 
     Args:
         data: Folder of the data set; see `open_dataset`.

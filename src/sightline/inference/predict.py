@@ -8,7 +8,7 @@ from typing import Any
 
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
-from sightline.inference.packed import pack_results, run_named
+from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
@@ -42,7 +42,7 @@ def predict(
     num_shards: int = 1,
     around: bool | None = None,
 ) -> JobResult:
-    """Predicts every sample of a recording or of one of KITTI's trees, and writes files.
+    """Predict every sample of a recording or of one of KITTI's trees, and write files.
 
     Files are written atomically, and samples with existing files are skipped: to resume a stopped
     job, run it again. Each folder's sightline.json records the predictor and the data of the files;
@@ -113,7 +113,7 @@ def predict_shards(
     num_shards: int = 1,
     around: bool | None = None,
 ) -> JobResult:
-    """Predicts every sample of a folder of shards, and packs the files of each shard into one.
+    """Predict every sample of a folder of shards, and pack the files of each shard into one.
 
     The arguments are those of `predict`; see `pack_results` for `out` and the errors.
     """
@@ -150,11 +150,12 @@ class _ShardWriter:
         chosen = {**{name: True for name, _ in self.changes}, **around_entry(around=self.around)}
         return output_claims(self.task, self.predictor, places, data, sweeps, chosen=chosen)
 
-    def write(self, dataset: SampleDataset, folder: Path) -> None:
+    def works(self, dataset: SampleDataset, folder: Path) -> "list[_SampleWork]":
         places, changes = ((self.task.outputs[0], folder),), tuple(each for _, each in self.changes)
-        for index, name in enumerate(dataset.sample_ids):
-            work = _SampleWork(dataset, index, name, self.predictor, changes, places, self.around)
-            run_named(work)
+        return [
+            _SampleWork(dataset, index, name, self.predictor, changes, places, self.around)
+            for index, name in enumerate(dataset.sample_ids)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +258,7 @@ def output_claims(
 
 
 def write_prediction(places: Places, sample: CameraLidarSample, prediction: object) -> None:
-    """Writes the files of one prediction."""
+    """Write the files of one prediction."""
     for output, folder in places:
         output.write(folder / f"{sample.sample_id}{output.suffix}", sample, prediction)
 

@@ -44,7 +44,7 @@ class Predictor(Protocol):
         ...
 
     def __call__(self, sample: "CameraLidarSample") -> Any:  # noqa: ANN401 - each task's own
-        """Predicts for a sample.
+        """Predict for a sample.
 
         Raises:
             ValueError: The sample lacks a required part.
@@ -63,10 +63,10 @@ class Output:
     summary: str
     """Contents of the folder, in one sentence."""
     write: "Callable[[Path, CameraLidarSample, Any], None]"
-    """Writes the prediction for a sample atomically; picklable."""
+    """Function that writes the prediction for a sample atomically; picklable."""
     read: "Callable[[Path, CameraLidarSample, Perception], Perception] | None" = None
-    """Adds the contents of a file to the perception from the outputs before this one; None: the
-    file contains nothing to draw."""
+    """Function that adds the contents of a file to the perception from the outputs before this one;
+    None: the file contains nothing to draw."""
     further: str = ""
     """Key of the prediction in `Perception.further`, and of lines; empty: boxes or depth."""
 

@@ -66,7 +66,7 @@ class Crew(Protocol):
 
 
 def run_on_crew(crew: Crew, count: int, workers: int) -> Iterator[str | Lost]:
-    """Runs pieces 0 to `count` - 1 of a job and yields their return values, in order.
+    """Run pieces 0 to `count` - 1 of a job and yield their return values, in order.
 
     A worker that ends or hangs is replaced, and another one tries its piece again; a piece that
     has lost `MAX_TRIES` workers is yielded as `Lost`, and the others go on.

@@ -38,7 +38,7 @@ def acquire_output_dir(
     results: Sequence[str],
     manifest_name: str = MANIFEST_NAME,
 ) -> None:
-    """Writes the settings of a job to its folder, or checks that the same settings are there.
+    """Write the settings of a job to its folder, or check that the same settings are there.
 
     Of several jobs that claim a folder concurrently, on one machine or on several, one writes the
     manifest; jobs with the same settings share the folder and write identical files. The claim of a
@@ -72,7 +72,7 @@ class Claim:
 
 
 def claim_folders(claims: Sequence[Claim]) -> None:
-    """Claims all folders of a job, or none if one of them would be refused.
+    """Claim all folders of a job, or none if one of them would be refused.
 
     Raises:
         ValueError: See `acquire_output_dir`.
@@ -122,7 +122,7 @@ def check_outputs(
     data: Iterable[Path | None],
     results: Iterable[Path | None] = (),
 ) -> None:
-    """Refuses outputs that would change the inputs or each other, before any work.
+    """Refuse outputs that would change the inputs or each other, before any work.
 
     Args:
         outputs: Files and folders by their option; None: not requested.
@@ -168,7 +168,7 @@ def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:
 
 
 def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
-    """Refuses outputs inside a data set, where they would replace or become parts of it.
+    """Refuse outputs inside a data set, where they would replace or become parts of it.
 
     Links are followed, including those in the data set.
 
@@ -233,7 +233,7 @@ def is_finished(path: Path) -> bool:
 
 
 def read_claim(folder: Path, manifest_name: str = MANIFEST_NAME) -> dict[str, object] | None:
-    """Reads the manifest of a folder; None: there is none, or it is unreadable."""
+    """Read the manifest of a folder; None: there is none, or it is unreadable."""
     try:
         content = json.loads(_manifest_text(folder / manifest_name))
     except (ValueError, RecursionError):

@@ -26,7 +26,7 @@ too small for several, and waiting threads occupy the cores of other workers."""
 _PATIENCE_S: Final = 5.0
 """Time for workers to finish their current pieces when the job is stopped."""
 _LAST_S: Final = 5.0
-"""Time for workers to end after they were told to."""
+"""Time for workers to end after the request."""
 _SIGNAL_S: Final = 0.2
 """Time between signals to the processes of a job, for example from a batch system."""
 HELD_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
@@ -133,7 +133,7 @@ class ProcessCrew:
         channel.close()
 
     def close(self) -> None:
-        """Lets every worker finish its piece and ends it, by force if necessary."""
+        """Let every worker finish its piece, and end it, by force if necessary."""
         for channel, _ in self._processes.values():
             with contextlib.suppress(OSError):  # it has ended already
                 channel.send(None)

@@ -47,7 +47,7 @@ def progress_bars(console: Console) -> Progress:
 
 @contextmanager
 def waiting(description: str) -> Iterator[None]:
-    """Shows the description of a slow step on stderr, if it is a terminal."""
+    """Show the description of a slow step on stderr, if it is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield
@@ -59,7 +59,7 @@ def waiting(description: str) -> Iterator[None]:
 def track(
     iterable: Iterable[Item], *, description: str, total: int | None = None
 ) -> Iterator[Item]:
-    """Yields the items and shows their number, rate and the remaining time.
+    """Yield the items and show their number, rate and the remaining time.
 
     The display is on stderr and disappears at the end, so that only the result remains. If stderr
     is no terminal, jobs of more than ten seconds print a line from time to time. Items are read one
@@ -84,7 +84,7 @@ def track(
 
 
 def _with_lines(iterable: Iterable[Item], description: str, total: int | None) -> Iterator[Item]:
-    """Yields the items and prints their number on stderr from time to time."""
+    """Yield the items and print their number on stderr from time to time."""
     lines = ProgressLines(first_s=_FIRST_LINE_S)
     for done, item in enumerate(iterable):
         lines.show(description, done, total)
@@ -95,13 +95,13 @@ class ProgressLines:
     """Progress lines of named jobs on stderr: the first after a delay, then from time to time."""
 
     def __init__(self, *, first_s: float = 0.0) -> None:
-        """Stores the delay of a job's first line."""
+        """Store the delay of a job's first line."""
         self._first_s = first_s
         self._begun: dict[str, tuple[float, int]] = {}
         self._next: dict[str, float] = {}
 
     def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
-        """Prints the number of finished pieces of a job if it is time; total None: unknown."""
+        """Print the number of finished pieces of a job if it is time; total None: unknown."""
         now = time.monotonic()
         is_new = name not in self._begun
         begun_s, first = self._begun.setdefault(name, (now, done))
@@ -117,12 +117,12 @@ class ProgressLines:
         self.say(", ".join(parts))
 
     def end(self, name: str) -> None:
-        """Forgets a finished job."""
+        """Forget a finished job."""
         self._begun.pop(name, None)
         self._next.pop(name, None)
 
     def say(self, text: str) -> None:
-        """Prints a line, if stderr can be written to; a job does not end for lack of it."""
+        """Print a line, if stderr can be written to; a job does not end for lack of it."""
         with suppress(OSError):
             print(text, file=sys.stderr, flush=True)
 

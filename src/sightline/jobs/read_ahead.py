@@ -26,7 +26,7 @@ def map_ahead(
 
 
 def check_threads(workers: int) -> None:
-    """Refuses a number of threads that is not 1 to `MAX_WORKERS`.
+    """Refuse a number of threads that is not 1 to `MAX_WORKERS`.
 
     Raises:
         ValueError: The number is out of range.

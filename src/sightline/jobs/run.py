@@ -23,7 +23,7 @@ class JobResult:
     """Number of pieces with existing files."""
 
     def __str__(self) -> str:
-        """Formats the result for the user."""
+        """Format the result for the user."""
         return f"{self.written} written, {self.skipped} there already"
 
 
@@ -39,7 +39,7 @@ class Work(Protocol):
         ...
 
     def run(self) -> None:
-        """Runs the piece.
+        """Run the piece.
 
         Raises:
             ValueError: The data or the output folder is faulty.
@@ -79,7 +79,7 @@ def run_job(
     driver: Driver = "local",
     keep_going: bool = False,
 ) -> None:
-    """Runs the pieces of a job in parallel.
+    """Run the pieces of a job in parallel.
 
     The piece of a worker that ends, for lack of memory or with its machine, is tried again on
     another one. If it ends three workers, it counts as failed, and the others are finished first.
@@ -121,7 +121,7 @@ def run_job(
 def run_pieces(
     piece: Piece, count: int, workers: int, driver: Driver = "local"
 ) -> Iterator[str | Lost]:
-    """Runs pieces 0 to `count` - 1 of a job and yields their return values, in order.
+    """Run pieces 0 to `count` - 1 of a job and yield their return values, in order.
 
     A piece returns its error instead of raising it: an exception in a worker becomes a RuntimeError
     with a traceback. Pieces write files atomically, so that a job stopped by Ctrl-C, for example,
@@ -161,7 +161,7 @@ def _progress(num_done: int, total: int, way_on: str) -> str:
 
 
 def check_workers(workers: int, driver: Driver = "local") -> None:
-    """Refuses an invalid number of workers, and a driver whose library is not installed.
+    """Refuse an invalid number of workers, and a driver whose library is not installed.
 
     Raises:
         ValueError: There is no worker, or Ray is not installed.
@@ -174,7 +174,7 @@ def check_workers(workers: int, driver: Driver = "local") -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """Runs a piece by its index; returns the error and, in a last line, the way on; empty: none.
+    """Function that runs a piece by its index; returns the error and a remedy; empty: no error.
 
     A full disk and a lack of memory are no faults of the piece.
     """

@@ -11,7 +11,7 @@ _processes_without_threads: set[int] = set()
 
 
 def keep_opencv_to_one_thread_in_workers() -> None:
-    """Limits OpenCV to one thread in a worker; does nothing outside of workers.
+    """Limit OpenCV to one thread in a worker; do nothing outside of workers.
 
     Work is parallel over workers: additional threads would make them wait for each other.
     """

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.open import SampleDataset
-from sightline.geometry.ranges import check_number
+from sightline.geometry.ranges import check_range
 from sightline.health.monitor import HealthMonitor
 from sightline.health.tilt_error import estimate_tilt
 from sightline.health.yaw_error import LARGEST_DEG, EdgeMatch, estimate_yaw
@@ -61,7 +61,7 @@ class AlignmentConfig:
         """Check the angles."""
         for each in fields(self):
             lowest = 0 if each.name.startswith(("min_", "max_")) else -180
-            check_number(each.name, getattr(self, each.name), lowest, 180)
+            check_range(each.name, getattr(self, each.name), lowest, 180)
 
 
 class Measured(NamedTuple):

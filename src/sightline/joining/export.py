@@ -23,7 +23,7 @@ def export_joined(
     out: Path,
     format: Format,  # noqa: A002 - the flag is --format
 ) -> dict[Path, ParityReport]:
-    """Writes detection2d, detection3d-proposals and detection3d-refinement, and joined.json.
+    """Write detection2d, detection3d-proposals and detection3d-refinement, and joined.json.
 
     Args:
         out: The folder.

@@ -52,7 +52,7 @@ class JoinConfig:
     """IoU above which an object with an image box alone repeats a surer one of its kind."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         for name in ("min_iou", "projected_share", "own_share", "min_lifted_score", "max_iou"):
             value = getattr(self, name)
             if not 0 <= value <= 1:

@@ -72,7 +72,7 @@ class ScoreMap:
     bias: float = 0.0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         is_finite = all(map(math.isfinite, (self.low, self.high, self.bias)))
         if not (is_finite and self.low > 0 and self.high > 0):
             raise ValueError(

@@ -23,7 +23,7 @@ from sightline.structures.sample import CameraLidarSample
 
 
 class JoinedPredictor(SamplePredictor[Perception]):
-    """Detects the objects of a frame with both sensors, or with the one that is left.
+    """Predictor of the objects of a frame by both sensors, or by the one that is left.
 
     Examples:
         >>> import dataclasses, sightline
@@ -54,7 +54,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
         config: JoinConfig | None = None,
         alignment: Alignment | None = None,
     ) -> None:
-        """Takes both detectors and the models fitted for them; `load` takes those that ship.
+        """Take both detectors and the models fitted for them; `load` takes those that ship.
 
         Args:
             detector2d: Detector in the image.
@@ -80,7 +80,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
         samples: Sequence[CameraLidarSample] | SampleDataset,
         config: AlignmentConfig | None = None,
     ) -> "JoinedPredictor":
-        """Makes a predictor that undoes the LiDAR's rotation found in frames of one recording.
+        """Make a predictor that undoes the LiDAR's rotation found in frames of one recording.
 
         The rotation is measured by edges, less the bias that it has on sound data; an angle is
         undone if it is surely more than its noise, so sound recordings are left as they are. If the
@@ -107,7 +107,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "JoinedPredictor":
-        """Loads both detectors, and the included models that were fitted for them.
+        """Load both detectors, and the included models that were fitted for them.
 
         Args:
             detection2d: Included weights of the image detector. None: the default ones.
@@ -137,7 +137,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
         }
 
     def predict(self, sample: CameraLidarSample) -> Perception:
-        """Detects in a sample.
+        """Detect in a sample.
 
         Raises:
             ValueError: The sample has neither image nor sweep, or has points that are not finite.

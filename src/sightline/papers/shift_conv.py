@@ -251,7 +251,7 @@ def reproduce_shift_conv(
     sample_list: str | Path | Sequence[str] | None = None,
     velodyne: Velodyne | None = None,
 ) -> ShiftConvReport:
-    """Measures the figures of the paper's tables on the given data.
+    """Measure the figures of the paper's tables on the given data.
 
     A depth completion tree is scored against its ground truth by KITTI's rules; only the 1,000
     frames of `val_selection_cropped` give the benchmark's figure. Other data is scored on held-out

@@ -29,14 +29,14 @@ class LinearCka:
     """Linear CKA of two sets of features of the same pixels, from sums over parts of the pixels."""
 
     def __init__(self) -> None:
-        """Starts without pixels."""
+        """Start without pixels."""
         self._count = 0
         self._sums: Float64[Tensor, " channels"] | None = None
         self._products: Float64[Tensor, "channels channels"] | None = None
         self._first = 0  # number of channels of the first set
 
     def add(self, first: Float[Tensor, "pixels a"], second: Float[Tensor, "pixels b"]) -> None:
-        """Adds pixels."""
+        """Add pixels."""
         both = torch.cat((first, second), dim=1).double()
         sums, products = both.sum(dim=0), both.T @ both
         self._first = first.shape[1]
@@ -45,7 +45,7 @@ class LinearCka:
         self._products = products if self._products is None else self._products + products
 
     def value(self) -> float | None:
-        """Computes the alignment; None without pixels, or if one set's features are constant."""
+        """Compute the alignment; None without pixels, or if one set's features are constant."""
         if self._sums is None or self._products is None:
             return None
         mean = self._sums / self._count

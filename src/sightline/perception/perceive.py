@@ -1,6 +1,5 @@
-"""Runs all tasks on a whole data set, resumable and in parallel, with one line per frame."""
+"""All tasks on a whole data set, resumable and in parallel, with one line per frame."""
 
-import shutil
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -13,7 +12,7 @@ from sightline.data.kitti_trees import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
 from sightline.files.atomic import atomic_write_text
 from sightline.geometry.wrong_types import named_arguments
-from sightline.inference.packed import pack_results, run_named
+from sightline.inference.packed import pack_results
 from sightline.inference.predict import (
     Places,
     around_entry,
@@ -86,7 +85,7 @@ def perceive(
     around: bool | None = None,
     align: bool = True,
 ) -> PerceiveResult:
-    """Runs all tasks on every frame of a data set; each frame is loaded once.
+    """Run all tasks on every frame of a data set; each frame is loaded once.
 
     `out` then contains a folder of result files for each task, as from `sightline predict`, the
     folders `joined` and `joined-3d` of objects if both detectors have their default weights,
@@ -200,7 +199,7 @@ def perceive_shards(
     num_shards: int = 1,
     around: bool | None = None,
 ) -> JobResult:
-    """Runs all tasks on a folder of shards, and packs the results of each shard into one.
+    """Run all tasks on a folder of shards, and pack the results of each shard into one.
 
     The arguments are those of `perceive`; see `pack_results` for `out` and the errors. The shards
     hold each frame's line, but no perception.jsonl and no times, which differ between runs. Frames
@@ -235,16 +234,14 @@ class _ShardWriter:
         sweeps = sweeps_folder(dataset)
         return _claims(self.perceiver, places, data, folder, sweeps, around=self.around)
 
-    def write(self, dataset: SampleDataset, folder: Path) -> None:
+    def works(self, dataset: SampleDataset, folder: Path) -> "list[_FrameWork]":
         places = _places(self.perceiver, folder, all_outputs=self.all_outputs)
         made_by = _made_by(self.perceiver)
-        for index, name in enumerate(dataset.sample_ids):
-            run_named(
-                _FrameWork(
-                    dataset, index, name, self.perceiver, places, made_by, folder, self.around
-                )
-            )
-        shutil.rmtree(folder / _TIMINGS_FOLDER, ignore_errors=True)
+        shared = (self.perceiver, places, made_by, folder, self.around)
+        return [
+            _FrameWork(dataset, index, name, *shared, keeps_time=False)
+            for index, name in enumerate(dataset.sample_ids)
+        ]
 
 
 def _made_by(perceiver: MultiTaskPredictor) -> dict[str, str]:
@@ -264,6 +261,8 @@ class _FrameWork:
     made_by: Mapping[str, str]
     out: Path
     around: bool | None
+    keeps_time: bool = True
+    """Whether to write the time of each prediction, too."""
 
     def __str__(self) -> str:
         return f"sample {self.name}"
@@ -279,11 +278,12 @@ class _FrameWork:
                 path = self.out / folder / f"{self.name}.txt"
                 path.parent.mkdir(exist_ok=True)
                 write_objects(path, sample, predictions.objects, in_space=in_space)
-        for lines, line in (
-            (_TIMINGS_FOLDER, timing_line(sample, predictions)),
-            (LINES_FOLDER, frame_line(sample, predictions, self.made_by)),
-        ):
-            atomic_write_text(self.out / lines / f"{self.name}.json", f"{line}\n")
+        if self.keeps_time:
+            self._write_line(_TIMINGS_FOLDER, timing_line(sample, predictions))
+        self._write_line(LINES_FOLDER, frame_line(sample, predictions, self.made_by))
+
+    def _write_line(self, folder: str, line: str) -> None:
+        atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
 
 
 def _aligned(
@@ -390,7 +390,7 @@ def _done_frames(
 
 
 def _join_lines(out: Path) -> Lines:
-    """Joins all frames' lines in one file, including lines written by other shards meanwhile."""
+    """Join all frames' lines in one file, including lines written by other shards meanwhile."""
     while True:
         lines = read_lines(out / LINES_FOLDER)
         atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
@@ -401,7 +401,7 @@ def _join_lines(out: Path) -> Lines:
 
 
 def _join_timings(out: Path) -> Lines:
-    """Joins the times of all frames in one file; see `_join_lines`."""
+    """Join the times of all frames in one file; see `_join_lines`."""
     timings: Lines | None = None
     while timings != (timings := read_timings(out / _TIMINGS_FOLDER)):
         atomic_write_text(out / TIMINGS_NAME, "".join(f"{text}\n" for text, _ in timings.values()))
@@ -414,7 +414,7 @@ def _line_files(out: Path) -> list[str]:
 
 
 def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lines) -> None:
-    """Warns of frames that have files in the folder but no entry in the joined files."""
+    """Warn of frames that have files in the folder but no entry in the joined files."""
     for entry, names, joined in (
         ("line", [name for name in files if name not in lines], LINES_NAME),
         ("time", [name for name in lines if name not in timings], TIMINGS_NAME),

@@ -57,7 +57,7 @@ class FramePredictions:
 
 
 class MultiTaskPredictor(SamplePredictor[Perception]):
-    """Runs several tasks on a frame; if a sensor fails, the tasks that do not need it continue.
+    """Predictor of several tasks; if a sensor fails, the tasks that do not need it continue.
 
     Examples:
         >>> import dataclasses, sightline
@@ -80,7 +80,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
     def __init__(
         self, predictors: Mapping[str, Predictor], alignment: Alignment | None = None
     ) -> None:
-        """Stores the predictors by task name.
+        """Store the predictors by task name.
 
         Args:
             predictors: Predictors by task name.
@@ -106,7 +106,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         device: str = "cpu",
         threads: int | None = None,
     ) -> "MultiTaskPredictor":
-        """Loads weights for each task: the given ones, else the task's default.
+        """Load weights for each task: the given ones, else the task's default.
 
         Args:
             weights: Weights by task: the name of weights in the package, a file, the name of one of
@@ -149,7 +149,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         samples: "Sequence[CameraLidarSample] | SampleDataset",
         config: AlignmentConfig | None = None,
     ) -> "MultiTaskPredictor":
-        """Makes a predictor whose tasks get frames with the LiDAR's measured rotation undone.
+        """Make a predictor whose tasks get frames with the LiDAR's measured rotation undone.
 
         As `JoinedPredictor.aligned`. If frames disagree or sweeps are late, only the joined objects
         know of it.
@@ -170,11 +170,11 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         return tuple(part for part in SENSOR_FIELDS.values() if part in used)
 
     def predict(self, sample: CameraLidarSample) -> Perception:
-        """Predicts with all tasks; tasks that lack a sensor contribute nothing."""
+        """Predict with all tasks; tasks that lack a sensor contribute nothing."""
         return self.predict_by_task(sample).perception
 
     def predict_by_task(self, sample: CameraLidarSample) -> FramePredictions:
-        """Returns the tasks' own predictions and their times, without the rotation."""
+        """Return the tasks' own predictions and their times, without the rotation."""
         alignment = self.alignment or Alignment()
         turn = alignment.turn
         sample = undo_turn(sample, turn)
@@ -208,7 +208,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         return replace(predictions, objects=objects, undone_turn=turn or None)
 
     def _detect(self, sample: CameraLidarSample) -> tuple[Detections2D | None, Detections3D | None]:
-        """Detections to be joined; none unless they are."""
+        """Detections of both detectors; none of either where they are not joined."""
         if self.join_models is None:
             return None, None
         found = Perception.joined(

@@ -34,7 +34,7 @@ class PictureFiles:
     def checked(
         cls, video: Path | str | None, rerun: Path | str | None, *, fps: float, min_score: float
     ) -> "PictureFiles | None":
-        """Checks the requested files; returns None if nothing is requested.
+        """Check the requested files; return None if nothing is requested.
 
         Raises:
             ValueError: A name has the wrong suffix, a file cannot be written, a library is missing,
@@ -58,7 +58,7 @@ class PictureFiles:
         )
 
     def write(self, dataset: SampleDataset, results: Path) -> None:
-        """Draws all frames in order.
+        """Draw all frames in order.
 
         Raises:
             ValueError: A frame or a result cannot be read, or a file cannot be written.

@@ -26,7 +26,7 @@ class PredictorSource:
         self._task, self._predictor = task, predictor
 
     def __call__(self, sample: CameraLidarSample) -> Perception:
-        """Runs the predictor."""
+        """Run the predictor."""
         if lacking_parts(self._predictor, sample):
             return Perception()
         return self._task.perception(self._predictor(sample))
@@ -36,7 +36,7 @@ class ResultSource:
     """Source of predictions from result files."""
 
     def __init__(self, folders: Sequence[Path], data: Path) -> None:
-        """Opens the folders; warns of results from other data."""
+        """Open the folders; warn of results from other data."""
         self._folders = tuple(folders)
         self._opened = open_results(self._folders)
         foreign = [each for each in self._opened if each.data not in ("", data_name(data))]
@@ -53,7 +53,7 @@ class ResultSource:
         return next((each.made_by for each in self._opened if _is_depth(each)), "")
 
     def __call__(self, sample: CameraLidarSample) -> Perception:
-        """Reads the files.
+        """Read the files.
 
         Raises:
             ValueError: The sample has no file, or a file is damaged.
@@ -75,7 +75,7 @@ def write_frames_picture(
     min_score: float,
     velodyne: Velodyne | None = None,
 ) -> Path:
-    """Draws one frame with all its predictions, or several side by side, to a PNG or JPEG file.
+    """Draw one frame with all its predictions, or several side by side, to a PNG or JPEG file.
 
     Args:
         data: Folder of the data set; see `open_dataset`.

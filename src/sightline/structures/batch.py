@@ -22,10 +22,10 @@ class Batch(Protocol):
         """Number of samples."""
 
     def to(self, device: torch.device | str, *, non_blocking: bool = False) -> "Batch":
-        """Copies the batch to another device."""
+        """Copy the batch to another device."""
 
     def pin_memory(self) -> "Batch":
-        """Copies the batch to pinned memory, which a GPU can read directly."""
+        """Copy the batch to pinned memory, which a GPU can read directly."""
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -56,7 +56,7 @@ class FieldwiseBatch:
     sample_ids: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Checks that every field has as many samples as there are names."""
+        """Check that every field has as many samples as there are names."""
         for field in fields(self):
             value: Tensor | tuple[object, ...] | None = getattr(self, field.name)
             if value is not None and len(value) != len(self.sample_ids):
@@ -73,11 +73,11 @@ class FieldwiseBatch:
     def to(  # noqa: PYI019 - see above
         self: BatchT, device: torch.device | str, *, non_blocking: bool = False
     ) -> BatchT:
-        """Copies the batch to another device."""
+        """Copy the batch to another device."""
         return _with_tensors(self, lambda tensor: tensor.to(device, non_blocking=non_blocking))
 
     def pin_memory(self: BatchT) -> BatchT:  # noqa: PYI019 - see above
-        """Copies the batch to pinned memory, which a GPU can read directly."""
+        """Copy the batch to pinned memory, which a GPU can read directly."""
         return _with_tensors(self, Tensor.pin_memory)
 
 

@@ -25,7 +25,7 @@ class Health:
     """Check with the lowest score: a field of the checks, or `absent`."""
 
     def __post_init__(self) -> None:
-        """Checks the range."""
+        """Check the range."""
         if not 0 <= self.score <= 1:
             raise ValueError(f"a score of health must be in [0, 1], got {self.score}")
 

@@ -39,7 +39,7 @@ class ObjectLabels:
     """KITTI's observation angle [rad]: rotation_y minus the bearing; -10: unknown."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns have equal lengths."""
+        """Check that the columns have equal lengths."""
         lengths = {
             "class_names": len(self.class_names),
             "boxes2d": len(self.boxes2d),
@@ -59,7 +59,7 @@ class ObjectLabels:
         return (self.boxes3d.sizes > 0).all(dim=-1)
 
     def select(self, mask: Bool[Tensor, " num_objects"]) -> "ObjectLabels":
-        """Selects the objects of a mask."""
+        """Select the objects of a mask."""
         kept = torch.nonzero(mask)[:, 0].tolist()
         return ObjectLabels(
             class_names=tuple(self.class_names[index] for index in kept),

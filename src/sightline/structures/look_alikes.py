@@ -11,7 +11,7 @@ LOOK_ALIKES: Final = MappingProxyType(
 
 
 def check_look_alikes(names: Collection[str]) -> None:
-    """Refuses names in settings that are no look-alikes.
+    """Refuse names in settings that are no look-alikes.
 
     Raises:
         ValueError: A name is no look-alike.

@@ -68,7 +68,7 @@ class Objects:
     """Number of LiDAR returns in the 3D box, or else in the image box."""
 
     def __post_init__(self) -> None:
-        """Checks lengths and origins."""
+        """Check lengths and origins."""
         lengths = {name: len(getattr(self, name)) for name in self.__dataclass_fields__}
         if len(set(lengths.values())) > 1:
             raise ValueError(f"objects of one frame need columns of one length, got {lengths}")
@@ -93,7 +93,7 @@ class Objects:
         return (self.boxes3d.sizes > 0).all(dim=1)
 
     def select(self, kept: Int64[Tensor, " num_kept"]) -> "Objects":
-        """Selects objects by indices, in their order."""
+        """Select objects by indices, in their order."""
         indices = kept.tolist()
         return Objects(
             class_names=tuple(self.class_names[index] for index in indices),
@@ -108,7 +108,7 @@ class Objects:
         )
 
     def filter_by_score(self, min_score: float) -> "Objects":
-        """Selects objects with a score of at least `min_score`, in their order."""
+        """Select objects with a score of at least `min_score`, in their order."""
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
     def to_json(self) -> list[dict[str, Any]]:

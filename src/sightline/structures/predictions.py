@@ -102,11 +102,11 @@ class Detections2D:
     """Confidence; higher is more certain."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns have equal lengths."""
+        """Check that the columns have equal lengths."""
         _check_lengths(self.class_names, self.boxes, self.scores)
 
     def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections2D":
-        """Selects detections by indices, in their order."""
+        """Select detections by indices, in their order."""
         return Detections2D(
             class_names=tuple(self.class_names[index] for index in kept.tolist()),
             boxes=self.boxes[kept],
@@ -114,7 +114,7 @@ class Detections2D:
         )
 
     def filter_by_score(self, min_score: float) -> "Detections2D":
-        """Selects detections with a score of at least `min_score`, in their order."""
+        """Select detections with a score of at least `min_score`, in their order."""
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
     surer_than = _surer_than
@@ -151,11 +151,11 @@ class Detections3D:
     """Confidence; higher is more certain."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns have equal lengths."""
+        """Check that the columns have equal lengths."""
         _check_lengths(self.class_names, self.boxes, self.scores)
 
     def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections3D":
-        """Selects detections by indices, in their order."""
+        """Select detections by indices, in their order."""
         return Detections3D(
             class_names=tuple(self.class_names[index] for index in kept.tolist()),
             boxes=self.boxes[kept],
@@ -163,7 +163,7 @@ class Detections3D:
         )
 
     def filter_by_score(self, min_score: float) -> "Detections3D":
-        """Selects detections with a score of at least `min_score`, in their order."""
+        """Select detections with a score of at least `min_score`, in their order."""
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
     surer_than = _surer_than
@@ -235,7 +235,7 @@ class Perception:
     @classmethod
     @named_arguments
     def joined(cls, parts: "Iterable[Perception]") -> "Perception":
-        """Joins several perceptions; the first one with a prediction wins."""
+        """Join several perceptions; the first one with a prediction wins."""
         joined = cls()
         for part in parts:
             joined = cls(
@@ -249,7 +249,7 @@ class Perception:
         return joined
 
     def filter_by_score(self, min_score: float) -> "Perception":
-        """Removes detections with scores below `min_score`."""
+        """Remove detections with scores below `min_score`."""
         return replace(
             self,
             objects=None if self.objects is None else self.objects.filter_by_score(min_score),

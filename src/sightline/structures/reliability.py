@@ -22,7 +22,7 @@ class Reliability:
     share. NaN: the bin is empty."""
 
     def __post_init__(self) -> None:
-        """Checks that the columns have equal lengths."""
+        """Check that the columns have equal lengths."""
         if not len(self.counts) == len(self.mean_score) == len(self.mean_target):
             raise ValueError(
                 f"bins need columns of one length, got {len(self.counts)}, {len(self.mean_score)} "

@@ -79,7 +79,7 @@ class CameraLidarSample:
     for KITTI's frames."""
 
     def __post_init__(self) -> None:
-        """Checks that all maps have one size."""
+        """Check that all maps have one size."""
         for name, picture in (("image", self.image), ("depth", self.depth)):
             if picture is not None and tuple(picture.shape[-2:]) != self.image_size:
                 raise ValueError(
@@ -114,7 +114,7 @@ class CameraLidarSample:
         sample_id: str = "sample",
         all_around: bool = False,
     ) -> "CameraLidarSample":
-        """Creates a sample from your arrays; warns of doubtful input and of assumptions.
+        """Create a sample from your arrays; warn of doubtful input and of assumptions.
 
         The camera may point away from the LiDAR's x axis, and the LiDAR may be tilted by up to some
         20 degrees. Points and all predictions stay in the LiDAR's own frame.

@@ -4,7 +4,7 @@ from sightline.structures.sample import CameraLidarSample
 
 
 def check_finite_points(sample: CameraLidarSample) -> None:
-    """Refuses a sweep with non-finite points: one NaN would spread through a network.
+    """Refuse a sweep with non-finite points: one NaN would spread through a network.
 
     Raises:
         ValueError: A coordinate or a reflectance is NaN or infinite.

@@ -159,7 +159,7 @@ def _without_recipe(arguments: Sequence[str], recipes: Path) -> str:
 
 
 def check_data_numbers(arguments: Sequence[str]) -> None:
-    """Refuses too small numbers among the flags of `data`, before PyTorch is imported.
+    """Refuse too small numbers among the flags of `data`, before PyTorch is imported.
 
     Raises:
         ValueError: See `check_data_number`.
@@ -172,7 +172,7 @@ def check_data_numbers(arguments: Sequence[str]) -> None:
 
 
 def check_data_number(name: str, value: int | None) -> None:
-    """Refuses a number that is too small for a setting of `data`.
+    """Refuse a number that is too small for a setting of `data`.
 
     Args:
         name: Name of the setting; settings outside `MIN_DATA_SETTINGS` are not checked.

@@ -23,19 +23,19 @@ _MIN_CURVE_POINTS = 20  # number of points per curve in TensorBoard
 
 
 class RandomState(Callback):
-    """Keeps the states of all global random generators of each rank in checkpoints.
+    """Callback that keeps the states of all global random generators of each rank in checkpoints.
 
     Our code uses generators passed as arguments; dropout and third-party layers do not.
     """
 
     def __init__(self) -> None:
-        """Starts without states to restore."""
+        """Start without states to restore."""
         self._restored: dict[str, Any] | None = None
 
     def on_save_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Adds the states."""
+        """Add the states."""
         del pl_module
         states: list[dict[str, Any]] = [_random_states()] * trainer.world_size
         if trainer.world_size > 1:
@@ -45,14 +45,14 @@ class RandomState(Callback):
     def on_load_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Stores the states of this rank, if the checkpoint contains them."""
+        """Store the states of this rank, if the checkpoint contains them."""
         del pl_module
         states = checkpoint.get(_STATES_KEY, [])
         if trainer.global_rank < len(states):
             self._restored = states[trainer.global_rank]
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Restores the states, directly before the first training batch."""
+        """Restore the states, directly before the first training batch."""
         del trainer, pl_module
         if self._restored is not None:
             _set_random_states(self._restored)
@@ -60,10 +60,10 @@ class RandomState(Callback):
 
 
 class LogShortRuns(Callback):
-    """Logs often enough that a short run leaves a curve too."""
+    """Callback that logs often enough that a short run leaves a curve too."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Sets the logging interval by the length of the run."""
+        """Set the logging interval by the length of the run."""
         del pl_module
         steps = trainer.estimated_stepping_batches
         if math.isfinite(steps):
@@ -73,7 +73,7 @@ class LogShortRuns(Callback):
 
 
 class ReturnFreeMemory(Callback):
-    """Returns freed memory to the operating system every few steps, where the C library can.
+    """Callback that returns freed memory to the system every few steps, where the C library can.
 
     glibc keeps freed tensors of up to 32 MB in its heap. Where each step has other sizes (points,
     regions), the gaps are seldom reused and a process grows by megabytes a step.
@@ -82,7 +82,7 @@ class ReturnFreeMemory(Callback):
     _EVERY_N_STEPS = 10
 
     def __init__(self) -> None:
-        """Looks the function up; C libraries other than glibc have none and keep no such heap."""
+        """Look the function up; C libraries other than glibc have none and keep no such heap."""
         self._trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
 
     def on_train_batch_end(
@@ -93,38 +93,38 @@ class ReturnFreeMemory(Callback):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Returns the memory."""
+        """Return the memory."""
         del trainer, pl_module, outputs, batch
         if self._trim is not None and batch_idx % self._EVERY_N_STEPS == 0:
             self._trim(ctypes.c_size_t(0))
 
 
 class LogSteps(Callback):
-    """Logs learning rate, norm of the gradients before clipping, and seconds per step.
+    """Callback that logs learning rate, norm of the unclipped gradients, and seconds per step.
 
     The seconds are the mean since the last point of the curve, with data loading, without
     validations.
     """
 
     def __init__(self) -> None:
-        """Starts with zero steps."""
+        """Start with zero steps."""
         self._start_s = 0.0
         self._steps = 0
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Starts the clock."""
+        """Start the clock."""
         del trainer, pl_module
         self._restart()
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Restarts the clock."""
+        """Restart the clock."""
         del trainer, pl_module
         self._restart()
 
     def on_before_optimizer_step(
         self, trainer: Trainer, pl_module: LightningModule, optimizer: Optimizer
     ) -> None:
-        """Logs rate and norm at the logger's interval."""
+        """Log rate and norm at the logger's interval."""
         if not _is_logged(trainer, trainer.global_step + 1):
             return
         groups = optimizer.param_groups
@@ -142,7 +142,7 @@ class LogSteps(Callback):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Logs the time at the logger's interval."""
+        """Log the time at the logger's interval."""
         del outputs, batch, batch_idx
         self._steps += 1
         if _is_logged(trainer, trainer.global_step):
@@ -160,21 +160,21 @@ def _is_logged(trainer: Trainer, step: int) -> bool:
 
 
 class WriteWeights(Checkpoint):
-    """Writes weights.safetensors: the best weights so far, or without `best` the last, at the end.
+    """Callback that writes weights.safetensors: the best so far, or without `best` the last ones.
 
     The weights come from the checkpoints, so they are averages if weights are averaged; the module
     may convert them (`TrainingModule.final_weights`).
     """
 
     def __init__(self, folder: Path, last: LastCheckpoint, best: ModelCheckpoint | None) -> None:
-        """Stores the folder and the checkpoint callbacks, which must come before this callback."""
+        """Store the folder and the checkpoint callbacks, which must come before this callback."""
         self.path = folder / RUN_WEIGHTS
         self._last = last
         self._best = best
         self._written_score: float | None = None
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes if the validation was the best so far."""
+        """Write if the validation was the best so far."""
         if self._best is None or trainer.sanity_checking or self._best.best_model_score is None:
             return
         score = float(self._best.best_model_score)
@@ -184,7 +184,7 @@ class WriteWeights(Checkpoint):
             self._write(trainer, pl_module, best, {str(self._best.monitor): score})
 
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes if nothing was validated, even if the resumed run was already complete."""
+        """Write if nothing was validated, even if the resumed run was already complete."""
         if self._best is None or self._best.best_model_score is None:
             self._write(trainer, pl_module, self._last.path, {})
 

@@ -48,14 +48,14 @@ class SamplePreparation(ABC):
     """Parts of the samples to load."""
 
     def learned_classes(self) -> tuple[str, ...]:
-        """Names the labelled classes that the network learns; by default none."""
+        """Name the labelled classes that the network learns; by default none."""
         return ()
 
     @abstractmethod
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> FieldwiseBatch:
-        """Prepares one sample as a batch of one.
+        """Prepare one sample as a batch of one.
 
         Args:
             sample: Sample as read.
@@ -65,7 +65,7 @@ class SamplePreparation(ABC):
         """
 
     def for_network(self, config: NetworkConfig) -> "SamplePreparation":
-        """Creates the preparation for a network, with the settings that only the network has.
+        """Create the preparation for a network, with the settings that only the network has.
 
         Called before each training, validation and test; a second call must change nothing.
 
@@ -84,7 +84,7 @@ class SamplePreparation(ABC):
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
     ) -> "SamplePreparation":
-        """Creates the preparation of a training, with data shared by all samples.
+        """Create the preparation of a training, with data shared by all samples.
 
         Called in each process before each start of a training, also a resumed one: the shared data
         must depend only on the data sets and the generator.
@@ -100,7 +100,7 @@ class SamplePreparation(ABC):
         return self
 
     def for_update(self, rng: np.random.Generator) -> "SamplePreparation":
-        """Creates the preparation of one training batch, with random draws shared by its samples.
+        """Create the preparation of one training batch, with random draws shared by its samples.
 
         Args:
             rng: Generator of the batch.
@@ -112,7 +112,7 @@ class SamplePreparation(ABC):
         return self
 
     def collate(self, prepared: Sequence[Any]) -> Batch:
-        """Joins several batches into one, by default with `concatenate`."""
+        """Join several batches into one, by default with `concatenate`."""
         batch: FieldwiseBatch = concatenate(prepared)
         return batch
 
@@ -141,7 +141,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         seed: int,
         training: bool,
     ) -> None:
-        """Stores open data sets, each with its number of repeats."""
+        """Store open data sets, each with its number of repeats."""
         self._datasets = tuple(dataset for dataset, _ in datasets)
         self._lengths = np.array([len(dataset) for dataset, _ in datasets], dtype=np.int64)
         self._ends = np.cumsum(self._lengths * np.array([repeat for _, repeat in datasets]))
@@ -154,7 +154,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         return int(self._ends[-1])
 
     def __getitem__(self, key: SampleKey) -> FieldwiseBatch:
-        """Reads and prepares a sample."""
+        """Read and prepare a sample."""
         return self._prepare(key, self._preparation)
 
     def _prepare(self, key: SampleKey, preparation: SamplePreparation) -> FieldwiseBatch:
@@ -166,7 +166,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         return preparation.prepare(sample, rng, training=self._training)
 
     def __getitems__(self, keys: Sequence[SampleKey]) -> "Batch | FailedBatch | None":
-        """Reads and prepares a batch; None if it has no samples. PyTorch's loader calls this."""
+        """Read and prepare a batch; None if it has no samples. PyTorch's loader calls this."""
         if not keys:
             return None
         preparation = self._preparation
@@ -201,7 +201,7 @@ class CameraLidarData(lightning.LightningDataModule):
         seed: int = 0,
         samples_per_epoch: int | None = None,
     ) -> None:
-        """Stores the settings; folders are opened when they are needed.
+        """Store the settings; folders are opened when they are needed.
 
         Args:
             preparation: The task's preparation of samples.
@@ -245,7 +245,7 @@ class CameraLidarData(lightning.LightningDataModule):
         self._warned: set[tuple[str, str]] = set()
 
     def setup(self, stage: str) -> None:
-        """Hands the network's settings to the preparation; trains without validation samples.
+        """Hand the network's settings to the preparation; train without validation samples.
 
         Raises:
             ValueError: There are no training samples (raised before a first validation), or the
@@ -325,7 +325,7 @@ class CameraLidarData(lightning.LightningDataModule):
         return PreparedSamples(datasets, preparation, seed=self.seed, training=training)
 
     def _held_out_uses(self, tree: Path) -> list[str]:
-        """Uses (validation, test) with the list `val` of a folder."""
+        """Use (validation, test) with the list `val` of a folder."""
         return [
             use
             for use in ("validation", "test")

@@ -86,7 +86,7 @@ def load_initial_weights(
 def check_network(
     source: str, task: str, given: Mapping[str, object], *, task_name: str, config: NetworkConfig
 ) -> None:
-    """Refuses a checkpoint whose task or settings differ from the network's.
+    """Refuse a checkpoint whose task or settings differ from the network's.
 
     Args:
         source: Name of the checkpoint in errors.

@@ -12,7 +12,7 @@ class Interruption(KeyboardInterrupt):
     """A run that was ended from outside; the message explains how to resume it."""
 
     def __init__(self, message: str, number: int) -> None:
-        """Stores the message and the number of the signal."""
+        """Store the message and the number of the signal."""
         super().__init__(message)
         self.number = number
 
@@ -34,14 +34,14 @@ _MAX_STEP_S: Final = 25.0
 
 
 def interrupt(number: int, frame: FrameType | None = None) -> None:
-    """Ends the current work at once; a signal handler."""
+    """End the current work at once; a signal handler."""
     del frame
     raise Interruption("", number)
 
 
 @contextmanager
 def ending_by_signals() -> Iterator[None]:
-    """Lets SIGTERM and SIGHUP end the block as Ctrl-C does; restores all handlers afterwards.
+    """Let SIGTERM and SIGHUP end the block as Ctrl-C does; restore all handlers afterwards.
 
     Handlers of the caller stay, and so does SIGHUP being ignored.
     """
@@ -77,37 +77,37 @@ def terminating_workers() -> Iterator[None]:
 
 
 class DeferredInterruption:
-    """Defers the first signal until the current step ends; a second one ends the step at once.
+    """Deferral of the first signal to the end of the current step; a second one ends it at once.
 
     A step that takes longer than batch systems wait, such as a hanging one, is ended too.
     """
 
     def __init__(self) -> None:
-        """Starts without a pending signal and without handlers."""
+        """Start without a pending signal and without handlers."""
         self.number: int | None = None
         self._previous: dict[int, Any] = {}
 
     def install(self) -> None:
-        """Installs the signal handlers."""
+        """Install the signal handlers."""
         if not self._previous:
             is_kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN  # by nohup
             numbers = [number for number in SIGNALS if number != signal.SIGHUP or not is_kept]
             self._previous = {number: signal.signal(number, self._defer) for number in numbers}
 
     def restore_handlers(self) -> None:
-        """Restores the previous signal handlers and the unlimited duration of steps."""
+        """Restore the previous signal handlers and the unlimited duration of steps."""
         for number, handler in self._previous.items():
             signal.signal(number, handler)
         self._previous = {}
         self.cancel_timeout()
 
     def cancel_timeout(self) -> None:
-        """Removes the time limit, for the writing of a checkpoint after the step."""
+        """Remove the time limit, for the writing of a checkpoint after the step."""
         if self.number is not None:
             signal.setitimer(signal.ITIMER_REAL, 0)
 
     def raise_pending(self) -> None:
-        """Ends the current work if a signal is pending.
+        """End the current work if a signal is pending.
 
         Raises:
             Interruption: A signal is pending.
@@ -125,7 +125,7 @@ class DeferredInterruption:
 
 
 def ignore_interruptions() -> None:
-    """Ignores interruptions in a worker process: they reach every process of a job.
+    """Ignore interruptions in a worker process: they reach every process of a job.
 
     Without its workers the parent could not finish its step. A second SIGTERM comes from the
     parent, for a worker that did not end on request.

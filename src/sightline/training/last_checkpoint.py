@@ -14,7 +14,7 @@ _VALIDATION_DUE_KEY = "sightline_owed_validation"
 
 
 class LastCheckpoint(Checkpoint):
-    """Writes last.ckpt at an interval of steps, before validations, after epochs and when stopped.
+    """Callback that writes last.ckpt: by steps, before validations, after epochs, when stopped.
 
     A checkpoint written before a validation marks it as due: a run that resumes from it validates
     first. So a run that is interrupted at any moment finds the same best weights.
@@ -25,7 +25,7 @@ class LastCheckpoint(Checkpoint):
     """
 
     def __init__(self, folder: Path, *, every_n_steps: int) -> None:
-        """Stores the folder and the interval.
+        """Store the folder and the interval.
 
         Raises:
             ValueError: The interval is 0 steps.
@@ -42,7 +42,7 @@ class LastCheckpoint(Checkpoint):
     def on_save_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Marks the validation as due, if it is."""
+        """Mark the validation as due, if it is."""
         del trainer, pl_module
         if self._validation_due:
             checkpoint[_VALIDATION_DUE_KEY] = True
@@ -51,26 +51,26 @@ class LastCheckpoint(Checkpoint):
     def on_load_checkpoint(
         self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Stores the step of a checkpoint with a due validation."""
+        """Store the step of a checkpoint with a due validation."""
         del trainer, pl_module
         if checkpoint.get(_VALIDATION_DUE_KEY):
             self._resumed_due_step = checkpoint["global_step"]
 
     def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Adds a step if the validation of the last step is due: the Trainer would stop at once."""
+        """Add a step if the validation of the last step is due: the Trainer would stop at once."""
         del pl_module
         if self._resumed_due_step is not None and self._resumed_due_step == trainer.max_steps:
             trainer.fit_loop.epoch_loop.max_steps += 1
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Removes the extra step of `on_fit_start`."""
+        """Remove the extra step of `on_fit_start`."""
         del pl_module
         if self._resumed_due_step is not None and self._resumed_due_step == trainer.max_steps - 1:
             trainer.fit_loop.epoch_loop.max_steps -= 1
         self._resumed_due_step = None
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Installs the signal handlers."""
+        """Install the signal handlers."""
         del pl_module
         self._step = trainer.global_step
         if trainer.world_size == 1:
@@ -84,7 +84,7 @@ class LastCheckpoint(Checkpoint):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Writes at the interval, and ends the training if requested."""
+        """Write at the interval, and end the training if requested."""
         del pl_module, outputs, batch, batch_idx
         if trainer.global_step == self._step:
             return  # gradients are being accumulated; no checkpoint holds those
@@ -108,24 +108,24 @@ class LastCheckpoint(Checkpoint):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Ends the training if requested: last.ckpt marks this validation as due."""
+        """End the training if requested: last.ckpt marks this validation as due."""
         del trainer, pl_module, outputs, batch, batch_idx, dataloader_idx
         self._interruption.raise_pending()
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes the checkpoint."""
+        """Write the checkpoint."""
         del pl_module
         self._write(trainer)
 
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Restores the signal handlers."""
+        """Restore the signal handlers."""
         del trainer, pl_module, stage
         self._interruption.restore_handlers()
 
     def on_exception(
         self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
     ) -> None:
-        """Restores the signal handlers."""
+        """Restore the signal handlers."""
         del trainer, pl_module, exception
         self._interruption.restore_handlers()
 
@@ -137,7 +137,7 @@ class LastCheckpoint(Checkpoint):
 
 
 def _enter_validation(fit_loop: dict[str, Any]) -> None:
-    """Moves the Trainer's progress from the end of a step into the validation after it.
+    """Move the Trainer's progress from the end of a step into the validation after it.
 
     The Trainer then resumes such a checkpoint with the validation instead of the next step.
     """

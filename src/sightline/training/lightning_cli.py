@@ -142,7 +142,7 @@ class _Parser(LightningArgumentParser):
 
 
 class _SaveConfig(SaveConfigCallback):
-    """Writes the settings into the run's folder, for `fit --config`."""
+    """Callback that writes the settings into the run's folder, for `fit --config`."""
 
     def __init__(
         self,
@@ -152,16 +152,16 @@ class _SaveConfig(SaveConfigCallback):
         path: Path,
         initial_weights: Path | None,
     ) -> None:
-        """Stores the folder and the initial weights of the run."""
+        """Store the folder and the initial weights of the run."""
         super().__init__(parser, config, save_to_log_dir=False)
         self._path = path
         self._initial_weights = initial_weights
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Does nothing yet: the checkpoint to resume from may be refused after this."""
+        """Do nothing yet: the checkpoint to resume from may be refused after this."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Writes the settings at the start of a training."""
+        """Write the settings at the start of a training."""
         super().setup(trainer, pl_module, "fit")
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -181,7 +181,7 @@ class _SaveConfig(SaveConfigCallback):
 
 
 def _check_outside_data(settings: Namespace, folder: Path) -> None:
-    """Refuses a run's folder inside a data set of its sources, before anything is created."""
+    """Refuse a run's folder inside a data set of its sources, before anything is created."""
     for use in ("training", "validation", "test"):
         for source in settings[use] or ():
             given = source.get("init_args", source)
@@ -220,7 +220,7 @@ class _TrainingCLI(LightningCLI):
         }
 
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
-        """Adds the arguments of a run beside model, data and trainer."""
+        """Add the arguments of a run beside model, data and trainer."""
         defaults = {RUN_FOLDER: self._run.folder}
         for option in (RUN_FOLDER, CHECKPOINT_EVERY_N_STEPS, KEEP_LAST_WEIGHTS):
             default = defaults.get(option, option.default)
@@ -228,14 +228,14 @@ class _TrainingCLI(LightningCLI):
         parser.link_arguments("seed_everything", "data.init_args.seed", compute_fn=int)
 
     def parse_arguments(self, parser: LightningArgumentParser, args: Any) -> None:  # noqa: ANN401 - as base
-        """Parses the arguments; Lightning's method warns if they do not come from sys.argv."""
+        """Parse the arguments; Lightning's method warns if they do not come from sys.argv."""
         self.config = parser.parse_args(args)
 
     def _parse_ckpt_path(self) -> None:
-        """Does nothing: our checkpoints hold no arguments."""
+        """Do nothing: our checkpoints hold no arguments."""
 
     def before_instantiate_classes(self) -> None:
-        """Finds the checkpoint; refuses misplaced nulls, and a run that would overwrite another.
+        """Find the checkpoint; refuse misplaced nulls, and a run that would overwrite another.
 
         If the initial weights of the run are gone, its checkpoint replaces them: it contains
         everything that was loaded from them.
@@ -275,7 +275,7 @@ class _TrainingCLI(LightningCLI):
             config["model"]["init_args"]["initial_weights"] = path
 
     def _warn_of_other_settings(self, path: Path, config: Namespace) -> None:
-        """Warns of settings that the resumed run did not begin with."""
+        """Warn of settings that the resumed run did not begin with."""
         if self.subcommand != "fit":
             return
         settings = self._parser(self.subcommand).dump(config, skip_unset=False)
@@ -284,7 +284,7 @@ class _TrainingCLI(LightningCLI):
             rank_zero_only(print)(f"sightline: warning: {note}", file=sys.stderr)
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:  # noqa: ANN401 - as base
-        """Adds the logger and the callbacks of a run to those of the recipe."""
+        """Add the logger and the callbacks of a run to those of the recipe."""
         config = self.config[self.subcommand]
         folder: Path = config["run_folder"]
         self.save_config_kwargs = {
@@ -302,23 +302,23 @@ class _TrainingCLI(LightningCLI):
         return super().instantiate_trainer(**kwargs)
 
     def before_fit(self) -> None:
-        """Scores weights from elsewhere before they are changed."""
+        """Score weights from elsewhere before they are changed."""
         self.model.is_resumed = self.config[self.subcommand]["ckpt_path"] is not None
         is_scored = self._initial_weights is not None and not self.model.is_resumed
         if is_scored and self.datamodule.sources["validation"]:
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
     def after_fit(self) -> None:
-        """Prints the path of the weights."""
+        """Print the path of the weights."""
         if self.trainer.is_global_zero:
             print(f"{self._run.folder}: the weights are in weights.safetensors")
 
     def after_validate(self) -> None:
-        """Writes the metrics."""
+        """Write the metrics."""
         self._write_metrics()
 
     def after_test(self) -> None:
-        """Writes the metrics."""
+        """Write the metrics."""
         self._write_metrics()
 
     def _run_callbacks(

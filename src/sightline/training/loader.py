@@ -56,7 +56,7 @@ class BatchLoader(DataLoader[Any]):
     def __init__(
         self, dataset: Dataset[Any], batches: Sampler[Any], *, workers: int, seed: int
     ) -> None:
-        """Stores the data set, the order of batches and the number of worker processes."""
+        """Store the data set, the order of batches and the number of worker processes."""
         collate: Callable[[Any], Any] = _share_memory if workers else _identity
         super().__init__(
             dataset,
@@ -72,7 +72,7 @@ class BatchLoader(DataLoader[Any]):
         )
 
     def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
-        """Yields the batches.
+        """Yield the batches.
 
         Raises:
             ValueError: A sample cannot be read or prepared.
@@ -128,13 +128,13 @@ class ResumableLoader(BatchLoader):
         workers: int,
         seed: int,
     ) -> None:
-        """Stores the data set, the order of batches and the source of the training's position."""
+        """Store the data set, the order of batches and the source of the training's position."""
         super().__init__(dataset, batches, workers=workers, seed=seed)
         self._batches = batches
         self._position = position
 
     def __iter__(self) -> Any:  # noqa: ANN401 - DataLoader promises a private class
-        """Yields the rest of the current epoch."""
+        """Yield the rest of the current epoch."""
         self._batches.start_at(*self._position())
         yield from super().__iter__()
 
@@ -144,7 +144,7 @@ class ResumableLoader(BatchLoader):
         return {"epoch": epoch, "batch": batch}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Does nothing: the position comes from the Trainer's progress."""
+        """Do nothing: the position comes from the Trainer's progress."""
 
 
 def _share_memory(batch: object) -> object:
@@ -200,7 +200,7 @@ def _identity(batch: object) -> object:
 
 
 def _set_up_worker(worker: int) -> None:
-    """Leaves signals to the Trainer; limits the worker to one BLAS thread."""
+    """Leave signals to the Trainer; limit the worker to one BLAS thread."""
     del worker
     ignore_interruptions()
     one_blas_thread()

@@ -81,7 +81,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         initial_weights: Path | None = None,
         initial_part: str | None = None,
     ) -> None:
-        """Stores the network.
+        """Store the network.
 
         Args:
             network: Network to train.
@@ -118,16 +118,16 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Settings for rebuilding the network."""
 
     def final_weights(self, weights: Weights) -> Weights:
-        """Converts weights of a checkpoint for use: by default they stay as they are."""
+        """Convert weights of a checkpoint for use: by default they stay as they are."""
         return weights
 
     @abstractmethod
     def losses(self, batch: Any) -> Losses:  # noqa: ANN401 - the task's own batch
-        """Computes the loss of a batch and its terms."""
+        """Compute the loss of a batch and its terms."""
 
     @abstractmethod
     def score(self, batch: Any) -> Any:  # noqa: ANN401 - the task's own batch and prediction
-        """Updates `metric` with a batch; returns the network's prediction."""
+        """Update `metric` with a batch; return the network's prediction."""
 
     def scores(self) -> Mapping[str, Tensor]:
         """All scores to log, by name, after every batch has been scored."""
@@ -143,12 +143,12 @@ class TrainingModule(lightning.LightningModule, ABC):
         batch: Any,  # noqa: ANN401 - the task's own batch
         prediction: Any,  # noqa: ANN401 - the result of `score`
     ) -> UInt8[np.ndarray, "height width 3"] | None:
-        """Draws the first sample of a batch and its prediction; None: no picture."""
+        """Draw the first sample of a batch and its prediction; None: no picture."""
         del batch, prediction
         return None
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        """Computes and logs the loss of a batch and its terms.
+        """Compute and log the loss of a batch and its terms.
 
         Raises:
             ValueError: The training has diverged.
@@ -163,7 +163,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         return losses.total
 
     def validation_step(self, batch: Batch | None, batch_idx: int) -> None:
-        """Scores a batch; draws the first few. Batch None: only other ranks have samples left."""
+        """Score a batch; draw the first few. Batch None: only other ranks have samples left."""
         if batch is None:
             return
         with self._explaining_failures(batch):
@@ -178,22 +178,22 @@ class TrainingModule(lightning.LightningModule, ABC):
                 )
 
     def on_validation_epoch_end(self) -> None:
-        """Logs the scores."""
+        """Log the scores."""
         self._log_scores("validation")
 
     def test_step(self, batch: Batch | None, batch_idx: int) -> None:
-        """Scores a batch. Batch None: only other ranks have samples left."""
+        """Score a batch. Batch None: only other ranks have samples left."""
         del batch_idx
         if batch is not None:
             with self._explaining_failures(batch):
                 self.score(batch)
 
     def on_test_epoch_end(self) -> None:
-        """Logs the scores."""
+        """Log the scores."""
         self._log_scores("test")
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
-        """Creates the optimiser and its schedule over all steps of the training."""
+        """Create the optimiser and its schedule over all steps of the training."""
         named = dict(self.named_parameters())
         trained = {name: each for name, each in named.items() if each.requires_grad}
         optimizer = make_optimizer(trained.items(), self.optimizer)
@@ -227,7 +227,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         }
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Describes the network in the checkpoint."""
+        """Describe the network in the checkpoint."""
         data = getattr(self.trainer, "datamodule", None)
         checkpoint[_NUM_STEPS_KEY] = self._num_steps
         checkpoint[CHECKPOINT_KEY] = {
@@ -242,7 +242,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         }
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Refuses a checkpoint of another network; takes its step if it is only scored."""
+        """Refuse a checkpoint of another network; take its step if it is only scored."""
         description = checkpoint.get(CHECKPOINT_KEY)
         if description is None:
             raise ValueError(
@@ -265,7 +265,7 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     @contextmanager
     def _explaining_failures(self, batch: Batch) -> Iterator[None]:
-        """Reports a divergence if a batch fails because the weights are not finite, else names it.
+        """Report a divergence if a batch fails because the weights are not finite, else names it.
 
         A batch of which the message names a sample stays as it is.
         """
@@ -280,7 +280,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             raise ValueError(f"{samples} {', '.join(batch.sample_ids)}: {error}") from error
 
     def _check_finite(self, loss: Tensor) -> None:
-        """Ends a diverged training, whose loss is not finite."""
+        """End a diverged training, whose loss is not finite."""
         trainer = self._trainer
         if trainer is not None and trainer.precision == "16-mixed":
             return  # its scaler skips such steps
@@ -303,7 +303,7 @@ class TrainingModule(lightning.LightningModule, ABC):
 
 
 def _check_resumable(checkpoint: Mapping[str, Any]) -> None:
-    """Refuses a checkpoint without the state of a training, which Lightning resumes in part."""
+    """Refuse a checkpoint without the state of a training, which Lightning resumes in part."""
     lacking = [
         key for key, kind in _TRAINING_STATE.items() if not isinstance(checkpoint.get(key), kind)
     ]

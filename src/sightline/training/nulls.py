@@ -10,7 +10,7 @@ from jsonargparse import Namespace
 
 
 def check_nulls(component: str, settings: Namespace | None) -> None:
-    """Refuses nulls of settings that must have a value.
+    """Refuse nulls of settings that must have a value.
 
     Args:
         component: Component of the settings, as on the command line: model or data.

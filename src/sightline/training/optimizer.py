@@ -41,7 +41,7 @@ class OptimizerConfig:
     (`*` is any text; of several that fit, the first counts): {"*_gate.*": 0.05}. 0: frozen."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         if not 0 < self.learning_rate < math.inf:
             raise ValueError(f"learning_rate must be finite and positive, got {self.learning_rate}")
         if not 0 <= self.weight_decay < math.inf:

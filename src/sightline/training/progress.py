@@ -21,16 +21,16 @@ class _Display(Protocol):
     """Display of named jobs with many pieces on stderr."""
 
     def show(self, name: str, done: int, total: int | None, note: str = "") -> None:
-        """Shows the number of finished pieces of a job; total None: unknown."""
+        """Show the number of finished pieces of a job; total None: unknown."""
 
     def end(self, name: str) -> None:
-        """Ends the display of a job."""
+        """End the display of a job."""
 
     def say(self, text: str) -> None:
-        """Prints a permanent line."""
+        """Print a permanent line."""
 
     def close(self) -> None:
-        """Closes the display."""
+        """Close the display."""
 
 
 class _Bars:
@@ -59,10 +59,10 @@ class _Bars:
 
 
 class RunProgress(ProgressBar):
-    """Shows the steps of the whole run, the batches of each validation, and its score."""
+    """Display of the steps of the whole run, the batches of each validation, and its score."""
 
     def __init__(self) -> None:
-        """Starts without a display."""
+        """Start without a display."""
         super().__init__()
         self._is_enabled = True
         self._display: _Display | None = None
@@ -70,15 +70,15 @@ class RunProgress(ProgressBar):
         self._printed_notes: set[str] = set()
 
     def disable(self) -> None:
-        """Disables the display in this process: another one has it."""
+        """Disable the display in this process: another one has it."""
         self._is_enabled = False
 
     def enable(self) -> None:
-        """Enables the display again."""
+        """Enable the display again."""
         self._is_enabled = True
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Shows the position in the run."""
+        """Show the position in the run."""
         del pl_module
         self._show_training(trainer)
 
@@ -90,12 +90,12 @@ class RunProgress(ProgressBar):
         batch: object,
         batch_idx: int,
     ) -> None:
-        """Updates the number of finished batches."""
+        """Update the number of finished batches."""
         del pl_module, outputs, batch, batch_idx
         self._show_training(trainer)
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Shows the start of the validation."""
+        """Show the start of the validation."""
         del pl_module
         self._show("validation", 0, self._num_batches(trainer))
 
@@ -108,12 +108,12 @@ class RunProgress(ProgressBar):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Updates the number of finished batches."""
+        """Update the number of finished batches."""
         del pl_module, outputs, batch, dataloader_idx
         self._show("validation", batch_idx + 1, self._num_batches(trainer))
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Prints the score that selects the best weights."""
+        """Print the score that selects the best weights."""
         display = self._displayed()
         if display is None:
             return
@@ -148,20 +148,20 @@ class RunProgress(ProgressBar):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Updates the number of finished batches."""
+        """Update the number of finished batches."""
         del pl_module, outputs, batch, dataloader_idx
         total = trainer.num_test_batches[0]
         self._show("test", batch_idx + 1, int(total) if math.isfinite(total) else None)
 
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Removes the bars."""
+        """Remove the bars."""
         del trainer, pl_module, stage
         self._close()
 
     def on_exception(
         self, trainer: Trainer, pl_module: LightningModule, exception: BaseException
     ) -> None:
-        """Removes the bars."""
+        """Remove the bars."""
         del trainer, pl_module, exception
         self._close()
 

@@ -1,4 +1,4 @@
-"""Silences routine messages of Lightning and TensorBoard; their real warnings stay."""
+"""Suppression of routine messages of Lightning and TensorBoard; their real warnings stay."""
 
 import logging
 import threading
@@ -25,7 +25,7 @@ LIGHTNING_NOISE = (
 
 @contextmanager
 def warning_once(seen: set[tuple[str, str]], subject: str) -> Iterator[None]:
-    """Emits each kind of warning within blocks of one subject once, at the block's end.
+    """Emit each kind of warning within blocks of one subject once, at the block's end.
 
     Args:
         seen: Subjects and kinds of the warnings so far; extended.
@@ -45,7 +45,7 @@ def warning_once(seen: set[tuple[str, str]], subject: str) -> Iterator[None]:
 
 @contextmanager
 def quiet_lightning() -> Iterator[None]:
-    """Silences routine messages within the block."""
+    """Silence routine messages within the block."""
     loggers = [logging.getLogger(f"lightning.{part}") for part in ("pytorch", "fabric")]
     levels = [logger.level for logger in loggers]
     previous_hook = threading.excepthook
@@ -66,6 +66,6 @@ def quiet_lightning() -> Iterator[None]:
 def _ignore_disk_errors(
     hook: Callable[[threading.ExceptHookArgs], object], failure: threading.ExceptHookArgs
 ) -> None:
-    """Hides write errors of TensorBoard's thread, which are raised in the main thread too."""
+    """Hide write errors of TensorBoard's thread, which are raised in the main thread too."""
     if not issubclass(failure.exc_type, OSError):
         hook(failure)

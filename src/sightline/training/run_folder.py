@@ -13,7 +13,7 @@ _CLAIM = ".claim"
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Locks a folder against other trainings until the block or the process ends.
+    """Lock a folder against other trainings until the block or the process ends.
 
     The operating system holds the lock, on a file that stays; nothing needs cleaning up.
 

@@ -28,7 +28,7 @@ class TrainingBatches(Sampler[list[SampleKey]]):
         rank: int = 0,
         world: int = 1,
     ) -> None:
-        """Checks that there is a batch for every rank.
+        """Check that there is a batch for every rank.
 
         Raises:
             ValueError: There are too few samples.
@@ -59,11 +59,11 @@ class TrainingBatches(Sampler[list[SampleKey]]):
         return self._num_batches
 
     def start_at(self, epoch: int, batch: int) -> None:
-        """Sets the start of the next iteration."""
+        """Set the start of the next iteration."""
         self._epoch, self._first = epoch, batch
 
     def __iter__(self) -> Iterator[list[SampleKey]]:
-        """Yields the rank's remaining batches of the epoch."""
+        """Yield the rank's remaining batches of the epoch."""
         # No sample has the third number as its index, so its generator differs from this one.
         rng = np.random.default_rng((self._seed, self._epoch, self._num_samples))
         order = rng.permutation(self._num_samples)
@@ -81,7 +81,7 @@ class ScoringBatches(Sampler[list[SampleKey]]):
     """
 
     def __init__(self, num_samples: int, batch_size: int, *, rank: int = 0, world: int = 1) -> None:
-        """Distributes the samples."""
+        """Distribute the samples."""
         self._rank_samples = range(rank, num_samples, world)
         self._max_rank_samples = math.ceil(num_samples / world)
         self._batch_size = batch_size
@@ -91,7 +91,7 @@ class ScoringBatches(Sampler[list[SampleKey]]):
         return math.ceil(self._max_rank_samples / self._batch_size)
 
     def __iter__(self) -> Iterator[list[SampleKey]]:
-        """Yields the rank's batches."""
+        """Yield the rank's batches."""
         for start in range(0, self._max_rank_samples, self._batch_size):
             yield [(0, index) for index in self._rank_samples[start : start + self._batch_size]]
 
@@ -100,7 +100,7 @@ class EpochPosition:
     """Position of a Trainer: the next epoch and the next batch in it."""
 
     def __init__(self, trainer: "lightning.Trainer | None", num_batches: int) -> None:
-        """Stores the Trainer, if there is one, and the loader's batches per epoch."""
+        """Store the Trainer, if there is one, and the loader's batches per epoch."""
         self._trainer = trainer
         self._num_batches = num_batches
 

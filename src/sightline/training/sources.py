@@ -36,7 +36,7 @@ class SourceConfig:
     separate, repeated source shows rare classes more often. (): all."""
 
     def __post_init__(self) -> None:
-        """Checks the range."""
+        """Check the range."""
         if self.repeat < 1:
             raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
 

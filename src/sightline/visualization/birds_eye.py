@@ -39,7 +39,7 @@ class BirdsEyeView:
     pixels_per_m: float = 14.0
 
     def __post_init__(self) -> None:
-        """Checks that the rectangle is not empty."""
+        """Check that the rectangle is not empty."""
         # Written so that NaN, which compares false with everything, is refused.
         has_area = self.x_min_m < self.x_max_m and self.y_min_m < self.y_max_m
         if not (has_area and self.pixels_per_m > 0) or not all(map(math.isfinite, astuple(self))):
@@ -116,7 +116,7 @@ def put_boxes_from_above(
     color: RGB | None = None,
     styles: Sequence[BoxStyle] | None = None,
 ) -> None:
-    """Draws boxes into an existing bird's-eye view.
+    """Draw boxes into an existing bird's-eye view.
 
     Args:
         canvas: The view's picture.

@@ -56,7 +56,7 @@ def put_lines(
     opacity: float = 1.0,
     dash_px: float | None = None,
 ) -> None:
-    """Draws segments of (x, y) [px].
+    """Draw segments of (x, y) [px].
 
     Args:
         canvas: The canvas.
@@ -100,7 +100,7 @@ def put_polygon(
     *,
     opacity: float,
 ) -> None:
-    """Fills a convex polygon of (x, y) [px]."""
+    """Fill a convex polygon of (x, y) [px]."""
     if len(vertices) < 3:
         return
     filled = canvas.copy()
@@ -116,7 +116,7 @@ def put_picture_within(
     *,
     opacity: float,
 ) -> None:
-    """Puts a picture over the canvas within the convex hull of points (x, y) [px]."""
+    """Put a picture over the canvas within the convex hull of points (x, y) [px]."""
     limits = np.array(canvas.shape[1::-1])
     hull = cv2.convexHull(np.rint(points.clip(-limits, 2 * limits)).astype(np.int32))
     left, top, width, height = cv2.boundingRect(hull)
@@ -138,7 +138,7 @@ def put_points(
     *,
     diameter_px: float,
 ) -> None:
-    """Draws discs at (x, y) [px]; later points cover earlier ones."""
+    """Draw discs at (x, y) [px]; later points cover earlier ones."""
     height, width = canvas.shape[:2]
     layer = np.zeros((height * _OVERSAMPLING, width * _OVERSAMPLING, 4), np.uint8)
     for start in range(0, len(pixels), _POINTS_PER_BATCH):
@@ -156,7 +156,7 @@ def _ink_discs(
     colors: UInt8[np.ndarray, "num_points 3"],
     diameter_px: float,
 ) -> None:
-    """Sets colour and full opacity of the discs' pixels in an oversampled layer."""
+    """Set colour and full opacity of the discs' pixels in an oversampled layer."""
     radius = diameter_px * _OVERSAMPLING / 2
     reach = np.arange(-int(radius), int(radius) + 1)
     dy, dx = (axis.ravel() for axis in np.meshgrid(reach, reach, indexing="ij"))

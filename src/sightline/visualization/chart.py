@@ -51,7 +51,7 @@ def put_axes(
     columns: Sequence[tuple[float, str]] = SHARE_COLUMNS,
     rows: Sequence[tuple[float, str]] = PERCENT_ROWS,
 ) -> None:
-    """Draws the grid, with labels beside its rows and below its columns."""
+    """Draw the grid, with labels beside its rows and below its columns."""
     height = plot.text_px - 1
     for share, text in rows:
         row = plot.row(share)
@@ -68,5 +68,5 @@ def put_axes(
 
 
 def put_title(canvas: UInt8[np.ndarray, "height width 3"], plot: Plot, title: str) -> None:
-    """Writes a title above the plot's left edge."""
+    """Write a title above the plot's left edge."""
     put_text(canvas, title, plot.left, plot.top - 9, height_px=plot.text_px + 1, color=TEXT)

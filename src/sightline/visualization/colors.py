@@ -45,7 +45,7 @@ def class_color(class_name: str) -> RGB:
 
 
 def check_class_names(class_names: Sequence[str], num_boxes: int) -> None:
-    """Refuses a number of class names that differs from the number of boxes.
+    """Refuse a number of class names that differs from the number of boxes.
 
     Raises:
         ValueError: The numbers differ.

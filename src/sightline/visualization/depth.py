@@ -81,7 +81,7 @@ def put_legend(
     width_px: int = 300,
     hole: str = "",
 ) -> None:
-    """Draws a scale's bar with its marks in metres, its right end at column `right`.
+    """Draw a scale's bar with its marks in metres, its right end at column `right`.
 
     Args:
         canvas: Canvas to draw on.

@@ -42,7 +42,7 @@ def put_text(
     height_px: int = 11,
     color: RGB = (225, 228, 232),
 ) -> None:
-    """Writes a text that starts at column `left` and stands on row `baseline`."""
+    """Write a text that starts at column `left` and stands on row `baseline`."""
     mask = _text_mask(text, height_px)
     top = baseline - round(_ASCENT * height_px)
     rows = slice(max(top, 0), max(min(top + mask.shape[0], canvas.shape[0]), 0))
@@ -66,7 +66,7 @@ def with_title(
 def put_tags(
     canvas: UInt8[np.ndarray, "height width 3"], tags: Sequence[Tag], *, height_px: int
 ) -> None:
-    """Writes tags on plates beside their boxes, without overlaps.
+    """Write tags on plates beside their boxes, without overlaps.
 
     Positions are tried in this order: above the box's top left corner, within it, below the box,
     and the same from the right edge. A tag without a free position is left out: the box has its

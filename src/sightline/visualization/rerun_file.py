@@ -52,7 +52,7 @@ _DISPLAYED_DEPTH_M = (0.0, 80.0)
 
 
 def check_rerun(path: Path) -> None:
-    """Refuses an invalid file of the viewer, before any work.
+    """Refuse an invalid file of the viewer, before any work.
 
     Raises:
         ValueError: The name does not end in .rrd, or the library is not installed.
@@ -68,7 +68,7 @@ def write_rerun(
     *,
     further: Sequence[str] = (),
 ) -> int:
-    """Writes a file for `rerun FILE` atomically; returns the number of frames.
+    """Write a file for `rerun FILE` atomically; return the number of frames.
 
     Image, depth, points, 2D and 3D boxes and further predictions are at each frame's own time;
     missing parts are cleared, so that nothing of an earlier frame stays on the screen. Joined
@@ -128,7 +128,7 @@ class _Copier(threading.Thread):
                     pass
 
     def check(self) -> None:
-        """Raises the disk's error, if there was one."""
+        """Raise the disk's error, if there was one."""
         if self._fault is not None:
             raise self._fault
 

@@ -53,7 +53,7 @@ def put_share_legend(
     color: RGB,
     width_px: int = 120,
 ) -> None:
-    """Draws the colour bar of `lay_shares` between labels of its ends, up to column `right`."""
+    """Draw the colour bar of `lay_shares` between labels of its ends, up to column `right`."""
     end = right - text_width(high, AXIS_TEXT_PX) - 6
     start = end - width_px
     canvas[top : top + AXIS_TEXT_PX, start:end] = _share_colors()[

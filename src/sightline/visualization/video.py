@@ -29,7 +29,7 @@ class _Sink(Protocol):
 def write_video(
     path: Path, pictures: Iterable[UInt8[np.ndarray, "height width 3"]], *, fps: float = 10.0
 ) -> int:
-    """Writes an MP4 atomically; returns the number of frames.
+    """Write an MP4 atomically; return the number of frames.
 
     The codec is H.264, which browsers play, if PyAV is installed (extra `viz`); else MPEG-4 Part 2,
     which players play and browsers do not, with a warning.
@@ -64,7 +64,7 @@ def write_video(
 
 
 def check_video(path: Path, fps: float) -> None:
-    """Refuses an invalid video, before frames are made for it.
+    """Refuse an invalid video, before frames are made for it.
 
     Raises:
         ValueError: The name does not end in .mp4, or the rate is not in range.

@@ -169,7 +169,7 @@ def test_an_image_must_leave_something_of_the_last_map():
     [
         ({"prior_sizes_px": (1.0, 2.0)}, "expected 7 prior_sizes_px and 6 prior_ratios, got 2"),
         ({"prior_sizes_px": (1e9,) * 7}, "prior_sizes_px must be from 0.1 to 8192, got 1000000000"),
-        ({"prior_ratios": ((-2.0,),) * 6}, "prior_ratios must be from 0.01 to 100.0, got -2.0"),
+        ({"prior_ratios": ((-2.0,),) * 6}, "prior_ratios must be from 0.01 to 100, got -2.0"),
     ],
 )
 def test_priors_that_make_no_sense_are_refused(settings, message):

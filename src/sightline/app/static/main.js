@@ -70,7 +70,7 @@ async function askSide(name, query) {
   side.query = query;
   if (name === "broken") {
     document.body.dataset.busy = "true";
-    at("status").textContent = "asking ... (the first answer starts the networks: seconds, once minutes)";
+    at("status").textContent = "computing ... (the networks are loaded first: seconds, once minutes)";
     showCommands(query, mine.abort.signal);
   }
   try {
@@ -119,7 +119,7 @@ function status(mine, part) {
 function settle(mine) {
   if (mine) {
     document.body.dataset.ms = Math.round(performance.now() - mine.since);
-    at("status").textContent = `whole answer: ${document.body.dataset.ms} ms`;
+    at("status").textContent = `all results: ${document.body.dataset.ms} ms`;
   }
   document.body.dataset.busy = "false";
   if (isPlaying) setTimeout(playOn, 60);

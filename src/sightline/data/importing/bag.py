@@ -52,7 +52,7 @@ class Topic:
     """Number of messages."""
 
     def __str__(self) -> str:
-        """Describes the topic in errors."""
+        """Describe the topic in errors."""
         kind = self.kind.rpartition("/")[2] if self.kind in _KINDS.values() else self.kind
         return f"{shortened(self.name)} ({shortened(kind)}, {self.count})"
 
@@ -89,7 +89,7 @@ class Bag:
     """Reasons why messages read so far cannot be decoded, by topic and number."""
 
     def __post_init__(self) -> None:
-        """Lists the topics by name; if a name has several kinds, the supported one."""
+        """List the topics by name; if a name has several kinds, the supported one."""
         found: dict[str, Topic] = {}
         for connection in self._connections():
             kind, count = kind_of(connection.msgtype), _count(connection)
@@ -108,7 +108,7 @@ class Bag:
     def messages(
         self, topics: Collection[str], *, selected: Collection[tuple[str, int]] | None = None
     ) -> Iterator[Message]:
-        """Yields messages in the order of receipt.
+        """Yield messages in the order of receipt.
 
         Messages that cannot be decoded are left out and noted in `undecodable`.
 
@@ -226,7 +226,7 @@ def _remedy(reason: str) -> str:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Opens a bag: a folder with metadata.yaml, a .mcap, .db3 or .bag file, or a folder of them.
+    """Open a bag: a folder with metadata.yaml, a .mcap, .db3 or .bag file, or a folder of them.
 
     Messages are decoded by ROS's definitions of their types; definitions in the bag are ignored as
     untrusted.

@@ -77,7 +77,7 @@ def import_bag(
     undistort: bool,
     max_intensity: float | None,
 ) -> ImportReport:
-    """Imports a drive; arguments and errors as in `import_recording`."""
+    """Import a drive; arguments and errors as in `import_recording`."""
     check_not_into_source(source, out)
     notes: list[str] = []
     with open_bag(source) as bag, collected_warnings(notes):
@@ -152,7 +152,7 @@ class _Frames:
     def try_first(
         self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]], source: Path
     ) -> None:
-        """Checks the first readable frame before any is written to the recording.
+        """Check the first readable frame before any is written to the recording.
 
         Raises:
             ValueError: No frame can be read, or the calibration does not fit it.
@@ -171,7 +171,7 @@ class _Frames:
         raise first
 
     def write(self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]]) -> None:
-        """Writes frames by name from the messages of the given numbers.
+        """Write frames by name from the messages of the given numbers.
 
         Frames with an unreadable image or cloud are left out and noted in `faults`.
         """
@@ -197,7 +197,7 @@ class _Frames:
         self._remove_incomplete()
 
     def _remove_incomplete(self) -> None:
-        """Removes images without a readable cloud, and vice versa: each would count as a frame."""
+        """Remove images without a readable cloud, and vice versa: each would count as a frame."""
         for name in self.faults:
             for folder in (IMAGES, POINTS):
                 for path in (self.out / folder).glob(f"{name}.*"):
@@ -225,7 +225,7 @@ class _Frames:
         )
 
     def _image(self, name: str, message: Message) -> Callable[[], None]:
-        """Reads an image; returns a function that writes it."""
+        """Read an image; return a function that writes it."""
         topic = self.topics.camera
         if topic.kind == COMPRESSED_IMAGE:
             file = image_file_from_message(message.content, topic.name)
@@ -248,7 +248,7 @@ class _Frames:
             )
 
     def _cloud(self, name: str, message: Message) -> Callable[[], None]:
-        """Reads a cloud; returns a function that writes it."""
+        """Read a cloud; return a function that writes it."""
         source = f"topic {shortened(message.topic)}"
         read = cloud_from_message(message.content, message.topic)
         points, tally = count_echoes(name, read, self.max_intensity, source)

@@ -50,7 +50,7 @@ _TABLES_REMEDY: Final = "correct calibrated_sensor.json or extract nuScenes' met
 def import_nuscenes(
     tables: Tables, out: Path, *, camera: str, lidar: str, max_intensity: float
 ) -> ImportReport:
-    """Imports key frames; arguments and errors as in `import_recording`."""
+    """Import key frames; arguments and errors as in `import_recording`."""
     check_not_into_source(tables.root, out)
     key_frames = tables.moments(camera, lidar)
     listed = key_frames.moments

@@ -1,4 +1,4 @@
-"""`sightline import`: converts drives of other formats to recordings."""
+"""`sightline import`: convert drives of other formats to recordings."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def import_recording(
     undistort: bool = False,
     max_intensity: float | None = None,
 ) -> ImportReport:
-    """Converts a ROS bag, an MCAP file or nuScenes to a recording for all commands.
+    """Convert a ROS bag, an MCAP file or nuScenes to a recording for all commands.
 
     Frames are written atomically, and existing ones are skipped: to resume a stopped import, run it
     again. If the camera points away from the LiDAR's x axis by more than 5 degrees, clouds are

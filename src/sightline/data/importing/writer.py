@@ -58,7 +58,7 @@ class ImportReport:
     """Notes on the topics, on pairs and dropped data, and on the fit of the calibration."""
 
     def __str__(self) -> str:
-        """Formats the notes, then the numbers."""
+        """Format the notes, then the numbers."""
         skipped = f"{self.skipped} were there already"
         return "\n".join(
             (*map(plain_line, self.notes), f"{self.out}: {self.written} frames written, {skipped}")
@@ -143,7 +143,7 @@ def count_echoes(
 
 
 def check_not_into_source(source: Path, out: Path) -> None:
-    """Refuses an output folder inside the source or containing the source.
+    """Refuse an output folder inside the source or containing the source.
 
     Raises:
         ValueError: One folder is inside the other.
@@ -158,7 +158,7 @@ def check_not_into_source(source: Path, out: Path) -> None:
 
 @contextmanager
 def collected_warnings(notes: list[str]) -> Iterator[None]:
-    """Adds each warning within the block to the notes once."""
+    """Add each warning within the block to the notes once."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
@@ -176,7 +176,7 @@ def staging_folder() -> Iterator[Path]:
 
 
 def check_staged(folder: Path, source: Path | str) -> None:
-    """Checks the frame in a folder with the checks of the recording's reader.
+    """Check the frame in a folder with the checks of the recording's reader.
 
     Args:
         folder: A recording of one frame.
@@ -230,20 +230,20 @@ def moved_cloud(
 
 
 def write_cloud(out: Path, name: str, points: Float32[np.ndarray, "num_points 4"]) -> None:
-    """Writes a frame's cloud."""
+    """Write a frame's cloud."""
     write_sweep(out / POINTS / f"{name}.bin", points)
 
 
 def write_calibration(
     out: Path, calibration: RecordingCalibration, name: str | None = None
 ) -> None:
-    """Writes the calibration of all frames, or of one."""
+    """Write the calibration of all frames, or of one."""
     path = f"{CALIBRATIONS}.yaml" if name is None else f"{CALIBRATIONS}/{name}.yaml"
     atomic_write_text(out / path, recording_calibration_text(calibration))
 
 
 def write_times(out: Path, times_s: Mapping[str, float | Decimal]) -> None:
-    """Writes the time of each frame."""
+    """Write the time of each frame."""
     lines = (f"{name} {seconds:.9f}\n" for name, seconds in times_s.items())
     atomic_write_text(out / TIMES_NAME, "".join(lines))
 

@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from sightline.detection2d.compact.network import decode_distances
-from sightline.detection2d.config import CLASSES, check_choice, check_range
+from sightline.detection2d.config import CLASSES, check_choice
 from sightline.detection2d.fusion import HeadOutput
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.ranges import check_range
 
 _NOTHING = -1
 _ADDED_IOU = 0.05  # added to the IoU, to assign also objects without overlapping boxes
@@ -32,7 +33,7 @@ class AssignmentConfig:
     """Number of best-aligned cells assigned to an object."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("assignment.alpha", self.alpha, 0, 100)
         check_range("assignment.beta", self.beta, 0, 100)
         check_range("assignment.cells", self.cells, 1, 10_000)
@@ -125,7 +126,7 @@ class AlignedLossConfig:
     """Weight of the cross entropy of the distance distributions (Li et al. 2020, eq. 6)."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_choice("aligned.classification", self.classification, get_args(Classification))
         check_range("aligned.ignored_share", self.ignored_share, 0, 1)
         for name in ("class_weight", "box_weight", "distribution_weight"):

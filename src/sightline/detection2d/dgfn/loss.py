@@ -9,11 +9,11 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from sightline.detection2d.config import check_range
 from sightline.detection2d.dgfn.network import corners_of, encode_boxes
 from sightline.detection2d.fusion import HeadOutput
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.ranges import check_range
 
 _NOTHING = -1
 
@@ -32,7 +32,7 @@ class SsdLossConfig:
     """Weight of the box loss relative to the class loss."""
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
+        """Check the ranges."""
         check_range("ssd.match_iou", self.match_iou, 0, 1)
         check_range("ssd.ignored_share", self.ignored_share, 0, 1)
         check_range("ssd.negatives_per_positive", self.negatives_per_positive, 0, 1e6)

@@ -80,7 +80,7 @@ def load_vgg_weights(network: Detector, source: str) -> None:
 
 @torch.no_grad()
 def _scale_conv5_3(network: Detector, length: float) -> None:
-    """Scale each stream's conv5_3 so that its features' mean length over a frame's pixels is so."""
+    """Scale the conv5_3 of each stream to this mean length of the features over frames' pixels."""
     lengths: dict[str, list[float]] = {sensor: [] for sensor in network.streams}
     frames = open_dataset(PACKAGED_FRAMES, parts={"image", "points"})
     for index in range(len(frames)):

@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Final
 
-from sightline.detection3d.checks import check_different, check_numbers, check_range
+from sightline.detection3d.checks import check_different, check_numbers
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
+from sightline.geometry.ranges import check_range
 
 HEAD_STRIDE: Final = 2
 """Length and width of a head cell, in cells of the features."""
@@ -45,7 +46,7 @@ class PillarGridConfig:
     in its middle; odd. 0: none."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers, and that the backbone can halve the grid in all its stages."""
+        """Check the numbers, and that the backbone can halve the grid in all its stages."""
         check_numbers(self, "positive and finite", "cell_m", "slice_m")
         check_numbers(self, "at least 1", "slices")
         if self.local_window and not (
@@ -119,7 +120,7 @@ class PillarNetworkConfig:
     """Channels of the heads' input maps."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_different("classes", self.classes, [entry.name for entry in self.classes])
         check_numbers(self, "at least 1", "channels", "head_channels")
         check_numbers(self, "at least 0", "blocks")
@@ -144,7 +145,7 @@ class PillarDetectionConfig:
     and predicted IoU. None: no averaging."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "from 0 to 1", "min_heat", "suppression_iou", "quality_share")
         if self.mean_iou is not None and not 0 <= self.mean_iou < 1:
             raise ValueError(f"mean_iou must be None or from 0 to below 1, got {self.mean_iou}")
@@ -170,7 +171,7 @@ class PillarTargetsConfig:
     """Distance around ignored objects in which the heat does not count."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         shares = ("heat_share", "told_length_share", "told_width_share")
         check_numbers(self, "above 0 and at most 1", *shares)
         check_numbers(self, "finite and not negative", "ignored_margin_m")
@@ -194,7 +195,7 @@ class PillarLossConfig:
     """Error where the loss changes from quadratic to linear; for corners twice this, in metres."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         weights = (f"{name}_weight" for name in ("heat", "box", "corner", "front", "quality"))
         check_numbers(self, "finite and not negative", *weights)
         check_numbers(self, "positive and finite", "knee")

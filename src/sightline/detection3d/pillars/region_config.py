@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from sightline.detection3d.checks import check_different, check_numbers, check_range, check_widths
+from sightline.detection3d.checks import check_different, check_numbers, check_widths
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN, RoadUserClass
+from sightline.geometry.ranges import check_range
 
 # Bounds on settings that cost time or memory but add no weights: weights files may come from
 # anywhere.
@@ -43,7 +44,7 @@ class RegionConfig:
     this."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_different("classes", self.classes, [entry.name for entry in self.classes])
         for margin in self.margin_m:
             check_range("margin_m", margin, 0, _LARGEST_MARGIN_M)
@@ -110,7 +111,7 @@ class RegionExamplesConfig:
     ignored for it."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "at least 0", "num_objects", "num_background", "num_proposals")
         errors = ("center_share", "least_center_m", "height_share", "yaw_rad", "log_sizes")
         check_numbers(self, "finite and not negative", *errors)
@@ -140,7 +141,7 @@ class RegionLossConfig:
     """Error of a corner where the corner loss changes from quadratic to linear."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         weights = (f"{name}_weight" for name in ("value", "corner", "front", "quality"))
         check_numbers(self, "finite and not negative", *weights)
         check_numbers(self, "positive and finite", "knee", "corner_knee_m")

@@ -8,10 +8,10 @@ from sightline.detection3d.checks import (
     MAX_NUMBERS,
     check_different,
     check_numbers,
-    check_range,
     check_widths,
 )
 from sightline.detection3d.classes import CAR, RoadUserClass
+from sightline.geometry.ranges import check_range
 
 _MAX_CENTERS = 2**16
 _MAX_ROI_POINTS = 2**14
@@ -32,7 +32,7 @@ class NeighbourhoodConfig:
     """Output channels of the layers applied to each neighbour."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if not 0 < self.radius_m <= _LARGEST_RADIUS_M:
             raise ValueError(
                 f"radius_m must be positive and up to {_LARGEST_RADIUS_M:g}, got {self.radius_m}"
@@ -51,7 +51,7 @@ class AbstractionConfig:
     """Neighbourhoods in parallel; their channels are concatenated."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_range("num_centers", self.num_centers, 1, _MAX_CENTERS)
         if not self.scales:
             raise ValueError("scales must hold one neighbourhood or more, got none")
@@ -110,7 +110,7 @@ class PointBackboneConfig:
     """Layers of the feature propagations, the finest first: one entry for each level."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers, and that each level has a propagation."""
+        """Check the numbers, and that each level has a propagation."""
         check_numbers(self, "at least 0", "in_channels")
         if not self.levels or len(self.levels) != len(self.propagation_widths):
             raise ValueError(
@@ -138,7 +138,7 @@ class BoxCodingConfig:
     """Number of bins over the full turn; the first is centred on yaw 0."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         bins = 2 * self.scope_m / self.bin_m if self.bin_m > 0 else 0.0
         if not (0 < self.scope_m < math.inf and 1 <= bins < math.inf and bins == round(bins)):
             raise ValueError(
@@ -185,7 +185,7 @@ class ProposalNetworkConfig:
     """Dropout rate in the heads."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_different("classes", self.classes, [entry.name for entry in self.classes])
         check_numbers(self, "at least 1", "head_width")
         if not 0 <= self.dropout < 1:
@@ -209,7 +209,7 @@ class ProposalConfig:
     would otherwise crowd them out."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if not 1 <= self.num_proposals <= self.num_candidates:
             raise ValueError(
                 f"num_proposals must be from 1 to num_candidates {self.num_candidates}, got "
@@ -234,7 +234,7 @@ class RoiPoolingConfig:
     """Number of points for each proposal."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_range("margin_m", self.margin_m, 0, _LARGEST_MARGIN_M)
         check_range("num_points", self.num_points, 1, _MAX_ROI_POINTS)
 
@@ -258,7 +258,7 @@ class RefinementConfig:
     height, yaw in the frame of the points [m, rad]."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "at least 0", "in_channels")
         if len(self.first_box) != 7 or not all(map(math.isfinite, self.first_box)):
             raise ValueError(f"first_box must be 7 finite numbers, got {self.first_box}")
@@ -283,7 +283,7 @@ class FocalLossConfig:
     """Focusing exponent: how fast the weight of correct predictions falls."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "from 0 to 1", "alpha")
         check_numbers(self, "finite and not negative", "gamma")
 
@@ -300,7 +300,7 @@ class ProposalLossConfig:
     """Margin around boxes in which points are ignored."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         check_numbers(self, "finite and not negative", "ignored_margin_m", "size_weight")
 
 
@@ -320,7 +320,7 @@ class ProposalSamplingConfig:
     """3D IoU below which background is easy."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if not 1 <= self.max_foreground <= self.num_samples:
             raise ValueError(
                 f"max_foreground must be from 1 to num_samples {self.num_samples}, got "
@@ -347,7 +347,7 @@ class RefinementLossConfig:
     """3D IoU up to which a proposal is negative; from here to `positive_iou` it is unused."""
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         if not 0 <= self.negative_iou < self.positive_iou <= 1:
             raise ValueError(
                 "negative_iou must be below positive_iou and both from 0 to 1, got "
