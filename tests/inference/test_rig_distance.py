@@ -75,13 +75,17 @@ def test_of_several_cameras_the_farthest_counts():
 
 
 def test_the_line_names_both_distances_numbers_ranges_and_results():
-    line = str(compare(numbers_of("os1-128"), ALL))
+    focal = {"trained": [690, 750], "factor": 2, "suffers": "the sizes of objects"}
+    pitch = {"trained": [-1.5, 1.5], "step": 5, "suffers": "far objects"}
+    line = str(
+        compare(numbers_of("os1-128"), [{"camera": {"focal_px": focal, "pitch_deg": pitch}}])
+    )
     assert "\n" not in line
     for part in (
         "1.5 (its camera) and 0.0 (its LiDAR)",
         "camera's focal length 1900 px (trained 690 to 750)",
         "camera's pitch 5 degrees (trained -1.5 to 1.5)",
-        "expect worse the sizes of objects in the image, depth between the returns, far objects",
+        "expect worse the sizes of objects, far objects",
         "docs/guides/own_rig.md",
     ):
         assert part in line
@@ -91,6 +95,7 @@ def test_a_lidar_without_rings_is_named_as_such():
     found = compare(numbers_of("livox-horizon"), ALL)
     assert "LiDAR without rings" in str(found)
     assert found.of_sensor("lidar") >= 1
+    assert compare([("lidar", {"ring_step_deg": None})], [TABLE["designs"]["image"]]) is None
 
 
 def test_a_sparser_lidar_lies_farther_away():
