@@ -1,5 +1,6 @@
 """Rows of the tables of joined objects beside each detector's."""
 
+from pathlib import Path
 from statistics import mean
 from typing import Any
 
@@ -38,7 +39,8 @@ def joined(*records: Record) -> Rows:
                 states[f"{num_beams} beams, mean of {len(beams)} choices of rings"] = beams
         for title, chosen in states.items():
             cells = [_cell(record, chosen, *column) for column in _COLUMNS.values()]
-            rows.append([f"{record['sample_list']}, {record['frames']}", title, *cells])
+            listed = Path(record["sample_list"]).stem
+            rows.append([f"{listed}, {record['frames']}", title, *cells])
     return rows
 
 
