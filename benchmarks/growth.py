@@ -38,11 +38,11 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 MARKS: Final = {
     "shard": (1, 100, 1_000, 10_000),
     "evaluate": (100, 1_000, 10_000),
-    "predict": (1, 100, 300, 1_000),
-    "perceive": (1, 30, 100, 300),
+    "predict": (1, 100, 1_000, 10_000),
+    "perceive": (1, 100, 300, 1_000),
     "simulate": (1, 10, 30, 100),
     "perceive-full-size": (1, 4, 20),
-    "corrupt": (1, 100, 1_000, 3_000),
+    "corrupt": (1, 100, 1_000, 10_000),
 }
 """Numbers of frames at which figures are noted; the first one gives the cost of the start."""
 _REPEATS: Final = 2  # of `evaluate`
