@@ -149,7 +149,8 @@ def test_boxes_in_the_image_by_the_script_are_sightlines(tmp_path):
 
     larger = resize(open_dataset(PACKAGED_FRAMES)[0], 480, 1590)  # frames as large are shrunk
     expected = DetectionPredictor.load("detection2d-fast-cpu")(larger).detections
-    found = [each for each in detect(path, frame_of(larger)) if each[1] > 0.1]
+    # Surer ones alone: the pixels are rounded differently, so doubtful boxes swap in suppression.
+    found = [each for each in detect(path, frame_of(larger)) if each[1] > 0.3]
     assert found
     assert [name for name, _, _ in found] == list(expected.class_names[: len(found)])
     boxes = expected.boxes.tensor[: len(found)].numpy()
