@@ -228,11 +228,12 @@ def memory_mib_of(process: int) -> float:
 
 
 def _num_bytes(folder: Path) -> int:
-    """Size of all files of a folder; temporary ones may vanish meanwhile."""
+    """Sum up the sizes of all files of a folder; temporary ones and their folders may vanish."""
     total = 0
-    for path in folder.rglob("*"):
-        with suppress(FileNotFoundError):
-            total += path.stat().st_size if path.is_file() else 0
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            with suppress(FileNotFoundError):
+                total += Path(parent, name).stat().st_size
     return total
 
 
