@@ -70,24 +70,26 @@ def run(words: Sequence[object]) -> None:
 
 
 def measure(job: Job, marks: Sequence[int]) -> list[Figures]:
-    """Run a command, and note its figures when it has finished so many frames.
+    """Run a command, note its figures when it has finished so many frames, then end it.
 
     Raises:
-        ValueError: The command fails, or ends before all marks were seen.
+        ValueError: The command ends before all marks were seen.
     """
     noted: list[Figures] = []
     watch = Watch(job.words)
-    while watch.process.poll() is None:
+    while len(noted) < len(marks) and watch.process.poll() is None:
         done = sum(1 for _ in job.out.glob(job.pattern)) * job.per_file
         is_new = not noted or done > noted[-1].frames
-        if len(noted) < len(marks) and done >= marks[len(noted)] and is_new:
+        if done >= marks[len(noted)] and is_new:
             noted.append(watch.figures(done, job.out))
         time.sleep(_POLL_S)
-    if watch.process.returncode or len(noted) < len(marks):
+    if len(noted) < len(marks):
         raise ValueError(
             f"{' '.join(map(str, job.words))} ended with status {watch.process.returncode} after "
             f"{len(noted)} of {len(marks)} marks"
         )
+    watch.process.terminate()
+    watch.process.wait()
     return noted
 
 
