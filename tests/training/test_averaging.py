@@ -25,7 +25,8 @@ def pair(tmp_path):
     ("share", "expected"), [(0.0, [1, -2]), (0.25, [1.5, -1]), (0.5, [2, 0]), (1.0, [3, 2])]
 )
 def test_the_average_lies_between_both_by_its_share(tmp_path, pair, share, expected):
-    average_weights(*pair, tmp_path / "mean.safetensors", share=share)
+    left_out = average_weights(*pair, tmp_path / "mean.safetensors", share=share)
+    assert left_out == ("head",)
     found = read_weights(tmp_path / "mean.safetensors")
     assert sorted(found.tensors) == ["a", "steps"]  # without the head of the training
     assert found.tensors["a"].dtype == torch.float32
@@ -40,6 +41,7 @@ def test_the_command_stores_half_precision_and_never_over_its_inputs(tmp_path, p
     out = tmp_path / "mean.safetensors"
     assert main(["average", *map(str, pair), str(out), "--half"]) == 0
     assert read_weights(out).tensors["a"].dtype == torch.float16
+    assert "left out" in capsys.readouterr().err
     before = pair[0].read_bytes()
     assert main(["average", *map(str, pair), str(pair[0])]) == 2
     assert pair[0].read_bytes() == before
@@ -65,3 +67,11 @@ def test_networks_of_other_designs_are_refused(tmp_path, pair, tensors, task, na
 def test_shares_beyond_0_and_1_are_refused(tmp_path, pair, share):
     with pytest.raises(ValueError, match="share must be between 0 and 1"):
         average_weights(*pair, tmp_path / "mean.safetensors", share=share)
+
+
+def test_weights_beyond_half_precision_are_refused(tmp_path, pair):
+    large = {"a": torch.tensor([1e6, 0.0]), "steps": torch.tensor(0)}
+    other = write(tmp_path / "large.safetensors", large)
+    with pytest.raises(ValueError, match="a is too large for half precision"):
+        average_weights(pair[0], other, tmp_path / "mean.safetensors", half=True)
+    assert not (tmp_path / "mean.safetensors").exists()

@@ -1,4 +1,4 @@
-"""`sightline adapt`: fine-tune the shipped networks for a recording's rig, by simulation."""
+"""`sightline adapt` and `average`: networks fine-tuned for a rig, and means of weights."""
 
 from pathlib import Path
 
@@ -64,3 +64,25 @@ def adapt(
             "" if report.is_better(task) else " (no better on these frames: keep the shipped one)"
         )
         say(f"{task}: {weights}{advice}")
+
+
+def average(first: str, second: str, out: Path, *, share: float = 0.5, half: bool = False) -> None:
+    """Average the weights of two networks of one design, such as before and after fine-tuning.
+
+    Where the fine-tuned network lost what the first one knew, the average often keeps both.
+
+    Args:
+        first: Name of weights in Sightline (`sightline tasks` lists them) or a file.
+        second: Weights of the same design.
+        out: File to write, .safetensors.
+        share: Share of the second, from 0 to 1.
+        half: Store half precision, in half of the bytes.
+    """
+    check_places({"OUT": out}, data=[named_file(first), named_file(second)])
+    from sightline.training.averaging import average_weights
+
+    left_out = average_weights(first, second, out, share=share, half=half)
+    if left_out:
+        names = f"{len(left_out)} tensors ({left_out[0]}, ..)"
+        warn(f"{second}: left out, as {first} lacks them: {names}")
+    say(f"{out}: {1 - share:g} of {first} and {share:g} of {second}")

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import jsonargparse
 
-from sightline.cli.adapt import adapt
-from sightline.cli.average import average
+from sightline.cli.adapt import adapt, average
 from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.check import check
 from sightline.cli.corrupt import corrupt

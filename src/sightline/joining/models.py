@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -158,6 +159,7 @@ def read_models(path: Path = SHIPPED) -> JoinModels:
         ) from error
 
 
+@cache
 def fitted_models(sha256_2d: str, sha256_3d: str) -> JoinModels | None:
     """Read the included models that were fitted with these weights of the two detectors, if any.
 

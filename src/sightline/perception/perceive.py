@@ -262,7 +262,7 @@ class _FrameWork:
     out: Path
     around: bool | None
     keeps_time: bool = True
-    """Whether to write the time of each prediction, too."""
+    """Write the time of each prediction, too."""
 
     def __str__(self) -> str:
         return f"sample {self.name}"

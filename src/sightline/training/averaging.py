@@ -16,7 +16,7 @@ from sightline.files.weights_header import find_weights
 
 def average_weights(
     first: Path | str, second: Path | str, out: Path, *, share: float = 0.5, half: bool = False
-) -> None:
+) -> tuple[str, ...]:
     """Write (1 - share) times the first weights plus share times the second ones.
 
     Settings are those of the first, and heads that only the training of the second had are left
@@ -29,8 +29,12 @@ def average_weights(
         share: Share of the second, in [0, 1].
         half: Store half precision, in half of the bytes.
 
+    Returns:
+        Names of the second's tensors that are left out.
+
     Raises:
-        ValueError: The share is no share, weights cannot be read, or the designs differ.
+        ValueError: The share is no share, weights cannot be read, the designs differ, or a weight
+            is too large for half precision.
     """
     if not 0 <= share <= 1:
         raise ValueError(f"share must be between 0 and 1, got {share}")
@@ -55,7 +59,10 @@ def average_weights(
         if not tensor.is_floating_point():
             return after.tensors[name]
         mixed = tensor.double().lerp(after.tensors[name].double(), share)
-        return mixed.to(torch.float16 if half else torch.float32)
+        mixed = mixed.to(torch.float16 if half else torch.float32)
+        if not mixed.isfinite().all():
+            raise ValueError(f"the tensor {name} is too large for half precision; leave half out")
+        return mixed
 
     parts = ((1 - share, first), (share, second))
     origin = " and ".join(
@@ -68,6 +75,7 @@ def average_weights(
         config=before.config,
         provenance={**after.provenance, "average": origin},
     )
+    return tuple(sorted(after.tensors.keys() - before.tensors.keys()))
 
 
 def _digest(weights: Path | str) -> str:
