@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 
 import pytest
 import torch
@@ -137,6 +138,22 @@ def test_workers_and_a_resumed_job_undo_the_same_rotation(packaged, opened, tmp_
         perceive("data", tmp_path / "parts", perceiver=perceiver(), num_shards=2, shard_index=1)
     lines = [(tmp_path / name / "perception.jsonl").read_bytes() for name in ("two", "parts")]
     assert lines[0] == lines[1]
+
+
+@pytest.mark.parametrize(("workers", "is_own"), [(1, True), (2, False)])
+def test_several_workers_are_forked_from_a_process_in_which_no_network_has_run(
+    packaged, opened, tmp_path, monkeypatch, workers, is_own
+):
+    def measured(self, _):
+        (tmp_path / "process").write_text(str(os.getpid()))
+        return MultiTaskPredictor(self.predictors, Alignment(turn=LidarTurn(yaw_deg=0.5)))
+
+    monkeypatch.setattr(MultiTaskPredictor, "aligned", measured)
+    opened(packaged)
+    with pytest.warns(UserWarning, match=r"yaw 0.5"):
+        perceive("data", tmp_path / "out", perceiver=perceiver(), workers=workers)
+    assert (int((tmp_path / "process").read_text()) == os.getpid()) == is_own
+    assert lines_of(tmp_path / "out")[0]["undone_turn"]["yaw_deg"] == 0.5
 
 
 def test_an_aligned_perceiver_is_not_measured_again(packaged, opened, tmp_path):

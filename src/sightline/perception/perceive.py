@@ -1,16 +1,17 @@
 """All tasks on a whole data set, resumable and in parallel, with one line per frame."""
 
+import json
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 from sightline.data.kitti_trees import Velodyne, describe_absent
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
-from sightline.files.atomic import atomic_write_text
+from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.inference.predict import (
@@ -155,7 +156,7 @@ def perceive(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
     if align and perceiver.alignment is None:
-        perceiver = _aligned(perceiver, dataset, out)
+        perceiver = _aligned(perceiver, dataset, out, workers, driver)
     if perceiver.alignment:
         warnings.warn(f"{perceiver.alignment}{_ON_ALIGNMENT}", stacklevel=2)
     indices = shard(range(len(dataset)), shard_index, num_shards)
@@ -286,8 +287,33 @@ class _FrameWork:
         atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
 
 
+@dataclass(frozen=True)
+class _MountWork:
+    """Measurement of the LiDAR's mount in a process of its own.
+
+    The networks may run for it, and OpenVINO cannot run in workers that are forked afterwards.
+    """
+
+    dataset: SampleDataset
+    perceiver: MultiTaskPredictor
+    into: Path
+
+    def __str__(self) -> str:
+        """Name in errors."""
+        return "the LiDAR's mount"
+
+    def run(self) -> None:
+        """Write the alignment as JSON."""
+        alignment = self.perceiver.aligned(self.dataset).alignment or Alignment()
+        atomic_write_text(self.into, json.dumps(asdict(alignment)))  # not rounded
+
+
 def _aligned(
-    perceiver: MultiTaskPredictor, dataset: SampleDataset, out: Path
+    perceiver: MultiTaskPredictor,
+    dataset: SampleDataset,
+    out: Path,
+    workers: int,
+    driver: Driver,
 ) -> MultiTaskPredictor:
     """Undo the LiDAR's rotation as the output folder says, else as the frames do."""
     held = (read_claim(out) or {}).get(ALIGNMENT)
@@ -296,7 +322,14 @@ def _aligned(
             return MultiTaskPredictor(perceiver.predictors, Alignment.from_json(held))
     if len(dataset) < MIN_FRAMES or not {"image", "points"} <= set(perceiver.parts):
         return perceiver
-    return perceiver.aligned(dataset)
+    if workers == 1 or driver != "local":  # other drivers fork no process
+        return perceiver.aligned(dataset)
+    with scratch_folder() as folder:
+        work = _MountWork(dataset, perceiver, folder / "alignment.json")
+        run_job([work], workers, description="measuring the LiDAR's mount")
+        measured = json.loads(work.into.read_text())
+    turn = LidarTurn(**measured.pop("turn"))
+    return MultiTaskPredictor(perceiver.predictors, Alignment(turn=turn, **measured))
 
 
 def _places(perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool) -> dict[str, Places]:
