@@ -143,3 +143,14 @@ def test_results_two_folders_below_are_found(tmp_path):
     (tmp_path / "epoch_80" / "pred" / "000001.txt").write_text("")
     assert refusal(tmp_path).endswith(f"are in {tmp_path}/epoch_80/pred; name that folder")
     assert describe_left_out(tmp_path) == "1 folder (the first is epoch_80) with 1 .txt files"
+
+
+def test_a_pipe_that_is_read_twice_gives_the_same_list(tmp_path):
+    reading, writing = os.pipe()
+    os.write(writing, b"000001\n000000\n")
+    os.close(writing)
+    try:
+        lists = [read_sample_list(f"/dev/fd/{reading}", tmp_path) for _ in range(2)]
+    finally:
+        os.close(reading)
+    assert lists == [("000001", "000000")] * 2

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -34,7 +35,7 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
     """
     if isinstance(sample_list, str | Path):
         path = _find(sample_list, data_path(root))
-        text = read_piped_text(path) if path.is_fifo() else read_text(path)
+        text = _piped_text(path, path.stat().st_ino) if path.is_fifo() else read_text(path)
         lines = (line.strip() for line in text.split("\n"))
         frames, source = tuple(line for line in lines if line), str(path)
     else:
@@ -56,6 +57,13 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
             f"{source} names frame '{shortened(repeated)}' twice; remove one of the lines"
         )
     return frames
+
+
+@cache
+def _piped_text(path: Path, inode: int) -> str:
+    """Read a pipe, which gives its text once, while a list is read several times."""
+    del inode
+    return read_piped_text(path)
 
 
 def _find(sample_list: str | Path, root: Path) -> Path:
