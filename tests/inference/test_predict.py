@@ -99,8 +99,15 @@ def test_the_number_of_workers_changes_nothing(data, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_several_workers_take_the_work_off_this_process(data, out):
+def test_several_workers_take_the_work_off_this_process(data, out, tmp_path):
+    started = tmp_path / "started"
+    started.mkdir()
+
     def process_id(sample):
+        (started / str(os.getpid())).touch()
+        give_up = time.monotonic() + 30  # the first worker waits here until both have a frame
+        while len(list(started.iterdir())) < 2 and time.monotonic() < give_up:
+            time.sleep(0.01)
         depth_m = torch.full(sample.image_size, os.getpid() % 50_000 / 256)
         return DepthMap(depth_m=depth_m, valid=depth_m > 0)
 
