@@ -1,8 +1,9 @@
 """Resident memory over many samples: `python -m benchmarks.flat_memory`.
 
-The embedded frames, again and again, through the health monitor along a drive and through the
-corruptions of a suite, one case after the other, in one process. Prints the resident memory after
-some samples and after many. Its last line is kept in benchmarks/results/flat_memory.json.
+The embedded frames, again and again, through the corruptions of a suite, one case after the other,
+through the health monitor along a drive, and through the joined detectors with the fast weights, in
+one process. Prints the resident memory after some samples and after many. Its last line is kept in
+benchmarks/results/flat_memory.json.
 """
 
 import gc
@@ -19,10 +20,13 @@ from benchmarks.record import print_record
 from sightline.corruptions.suites import find_suite
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.health.sequence import DriveMonitor
+from sightline.joining.predictor import JoinedPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
 
 _PAGE_BYTES = 4096
+_FAST_2D = "detection2d-fast-cpu"
+_FAST_3D = "detection3d-fast-cpu"
 
 
 def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int = 0) -> None:
@@ -46,9 +50,15 @@ def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int =
     def judge(sample: CameraLidarSample) -> None:
         monitor(sample)
 
+    joined = JoinedPredictor.load(detection2d=_FAST_2D, detection3d=_FAST_3D, engine="openvino")
+
+    def join(sample: CameraLidarSample) -> None:
+        joined(next(cases).corrupt(sample, seed).sample)
+
     works: dict[str, Callable[[CameraLidarSample], None]] = {
         "corruptions": corrupt,
         "health": judge,
+        "joined": join,
     }
     results = []
     for name, work in works.items():
@@ -62,7 +72,8 @@ def main(first: int = 200, samples: int = 2000, suite: str = "core", seed: int =
         sizes_text = ", ".join(f"{size:.0f} MiB after {number:,}" for number, size in sizes.items())
         print(f"{name:<12} {sizes_text}")
         results.append({"work": name, "resident_mib": sizes})
-    print_record({"suite": suite, "results": results}, seed=seed)
+    weights = (_FAST_2D, _FAST_3D)
+    print_record({"suite": suite, "results": results}, seed=seed, weights=weights)
 
 
 def _resident_mib() -> float:
