@@ -32,11 +32,13 @@ from sightline.export.names import EngineName
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
+from sightline.joining.config import JoinConfig
 from sightline.joining.files import kitti_from_objects
 from sightline.joining.fitting import FitFrame
-from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.join import join_detections
 from sightline.joining.models import SHIPPED, JoinModels
 from sightline.joining.recording import measure_recording
+from sightline.joining.refining import Refine
 from sightline.structures.level import level_calibration
 from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
@@ -104,7 +106,11 @@ def main(
             )
         aligned = _aligned(store, samples, case, frames, alignment)
         found = join_all(
-            frames, given.models, aligned, JoinConfig(sweep_in_image=not alignment.late)
+            frames,
+            given.models,
+            aligned,
+            JoinConfig(sweep_in_image=not alignment.late),
+            store.detector3d.refine_boxes,
         )
         told = {
             "by_boxes": alignment.by_boxes,
@@ -162,6 +168,7 @@ def join_all(
     models: JoinModels,
     aligned: Sequence[FitFrame] | None = None,
     config: JoinConfig | None = None,
+    refine: Refine | None = None,
 ) -> _Results:
     """Join the detections of all frames of one state, as result files.
 
@@ -172,7 +179,7 @@ def join_all(
     found = _Results([], [], [], [])
     for given, frame in zip(frames, aligned or frames, strict=True):
         sample = frame.sample
-        objects = join_detections(sample, frame.found2d, frame.found3d, models, config)
+        objects = join_detections(sample, frame.found2d, frame.found3d, models, config, refine)
         found.image.append(_columns(given, given.found2d))
         found.sweep.append(_columns(given, given.found3d))
         found.joined_image.append(kitti_from_objects(objects, sample))

@@ -81,7 +81,8 @@ def main(
     results: list[dict[str, Any]] = []
     diagrams = []
     for case in cases:
-        found = join_all(list(store.frames(samples, case, CASES[case])), given.models)
+        frames = list(store.frames(samples, case, CASES[case]))
+        found = join_all(frames, given.models, refine=store.detector3d.refine_boxes)
         for score in _SCORES:
             in_image = score.metric == "bbox"
             lists = {

@@ -66,14 +66,16 @@ def main(
 
 def _times(predictor: JoinedPredictor, sample: CameraLidarSample) -> dict[str, float]:
     """Processor time [ms] of each part for a sample."""
-    found3d = None
+    found3d, refine = None, predictor.detector3d.refine_boxes
     times = dict.fromkeys(_PARTS, 0.0)
     times["detection2d"], result = _timed(lambda: predictor.detector2d(sample))
     found2d = result.detections
     if sample.points is not None:
         times["detection3d"], found3d = _timed(lambda: predictor.detector3d(sample))
     times["join"], _ = _timed(
-        lambda: join_detections(sample, found2d, found3d, predictor.models, predictor.config)
+        lambda: join_detections(
+            sample, found2d, found3d, predictor.models, predictor.config, refine
+        )
     )
     times["joined"], _ = _timed(lambda: predictor(sample))
     return times

@@ -51,6 +51,15 @@ def detections3d(*boxes):
     )
 
 
+def select(found, indices):
+    """Some of the detections in a sweep."""
+    return Detections3D(
+        class_names=tuple(found.class_names[index] for index in indices),
+        boxes=Boxes3D(found.boxes.tensor[indices]),
+        scores=found.scores[indices],
+    )
+
+
 def flat_scene(sweep, image):
     """Scene of (class, score, corners) of both detectors, without returns."""
     return Scene(

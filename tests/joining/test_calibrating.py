@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.joining.calibrating import calibrate_models, fit_map
+from sightline.joining.config import JoinConfig
 from sightline.joining.fitting import FitFrame
-from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.join import join_detections
 from sightline.joining.models import ScoreMap, identity_maps, read_models
 from sightline.structures.labels import ObjectLabels
 from tests.joining.scenes import detections2d, detections3d, make_sample, own_score_models

@@ -20,6 +20,7 @@ from sightline.joining.models import COLUMNS, read_models
 from sightline.joining.predictor import JoinedPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.export.test_scripts import SCRIPTS, files_of
+from tests.joining.scenes import select
 
 SAMPLE = open_dataset(PACKAGED_FRAMES)[0]
 STATES = ("sound", "no returns", "black")
@@ -92,7 +93,10 @@ def test_without_any_box_there_is_no_object():
 
 
 def test_objects_by_the_script_from_the_exported_folder_are_sightlines(tmp_path):
+    from joined_objects import join
+    from kitti_frame import open_graph
     from onnx_joined import detect
+    from refine_lifted import SecondStage
 
     pytest.importorskip("onnxscript", reason="the extra `export` is not installed")
     weights = read_models().provenance["weights"]
@@ -102,7 +106,19 @@ def test_objects_by_the_script_from_the_exported_folder_are_sightlines(tmp_path)
             (tmp_path / f"{name}.onnx").write_bytes(onnx_file_of(graph))
     (tmp_path / "joined.json").write_text(json.dumps(joined_content()))
     frame, sample = in_state("sound")
-    check_objects(detect(str(tmp_path), frame), JoinedPredictor.load()(sample).objects)
+    predictor = JoinedPredictor.load()
+    check_objects(detect(str(tmp_path), frame), predictor(sample).objects)
+
+    found2d, found3d = predictor.detector2d(sample).detections, predictor.detector3d(sample)
+    lost = found3d.class_names.index("Car")  # its image box is proposed in its place
+    others = select(found3d, [index for index in range(len(found3d.scores)) if index != lost])
+    refine = predictor.detector3d.refine_boxes
+    expected = join_detections(sample, found2d, others, predictor.models, refine=refine)
+    assert "refined" in expected.origins
+    second = open_graph(str(tmp_path / "detection3d-refinement.onnx"), "detection3d", "points")
+    stage = SecondStage(frame, *second)
+    found = join(frame, listed(found2d), listed(others), joined_content(), stage)
+    check_objects(found, expected)
 
 
 def test_the_command_writes_a_folder_of_all_files(tmp_path, monkeypatch, capsys):

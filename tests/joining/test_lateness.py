@@ -8,7 +8,8 @@ import torch
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.joining.alignment import Alignment, AlignmentConfig
-from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.config import JoinConfig
+from sightline.joining.join import join_detections
 from sightline.joining.lateness import Advance, measure_advance
 from sightline.joining.models import read_models
 from sightline.joining.recording import measure_recording

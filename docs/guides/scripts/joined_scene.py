@@ -47,7 +47,7 @@ def make_scene(frame: Frame, image: Detections, sweep: Detections) -> Scene:
     in_image = in_image.clip(0, np.array([size[1] - 1, size[0] - 1] * 2))
     within = (pixels >= in_image[:, None, :2]) & (pixels <= in_image[:, None, 2:])
     seen = Boxes(*_names_scores(image), in_image, within.all(axis=2).sum(axis=1))
-    counts = np.array([_count(points, box) for box in boxes3d], int)
+    counts = np.array([count_returns(points, box) for box in boxes3d], int)
     projected = project_boxes(frame, boxes3d, size)
     measured = Boxes(*_names_scores(sweep), projected, counts)
     return Scene(frame, size, seen, measured, boxes3d, points, pixels)
@@ -57,7 +57,8 @@ def _names_scores(found: Detections) -> tuple[Array, Array]:
     return np.array([name for name, _, _ in found], str), np.array([each[1] for each in found])
 
 
-def _count(points: Array, box: Array) -> int:
+def count_returns(points: Array, box: Array) -> int:
+    """Count the returns in a 3D box, which is enlarged a little."""
     x, y, z = (points - box[:3]).T
     cos, sin = np.cos(box[6]), np.sin(box[6])
     own = np.stack((cos * x + sin * y, cos * y - sin * x, z), axis=1)

@@ -12,31 +12,36 @@ from pillars import Proposals, propose
 from regions import cut_regions, decode_regions, run_network, turn_regions
 from rotated_boxes import mean_of_two, suppress, wrap
 
-Answer = tuple[Array, Array, Array]
-"""Boxes, scores, and the log-odds that their fronts are right."""
+Session = Any  # onnxruntime's
+Detections = list[tuple[str, float, Array]]
+Answer = tuple[Array, Array, Array]  # boxes, scores, and the log-odds that their fronts are right
 
 
-def detect(first: str, second: str, frame: Frame) -> list[tuple[str, float, Array]]:
+def detect(first: str, second: str, frame: Frame) -> Detections:
     """Find class, score and x, y, z, length, width, height, yaw (LiDAR frame), the surest first."""
     session, steps = open_graph(first, "detection3d", "pillars")
     xyz = seen_points(frame, steps["sweep"])
     if not len(xyz):
         return []
     proposals = propose(session, steps, xyz)
-    session, steps = open_graph(second, "detection3d", "points")
-    if not len(proposals.boxes):
+    return refined(*open_graph(second, "detection3d", "points"), xyz, proposals)
+
+
+def refined(session: Session, steps: Steps, xyz: Array, given: Proposals) -> Detections:
+    """Refine proposals by the second file; without doubtful and overlapping ones."""
+    if not len(given.boxes):
         return []
-    boxes, scores = refine(session, steps, xyz, proposals)
+    boxes, scores = refine(session, steps, xyz, given)
     rule = steps["suppression"]
     sure = np.flatnonzero(scores >= np.float32(rule["min_score"]))
     limit = np.nextafter(rule["iou"], 0)  # an equal overlap drops a box
-    kept = sure[suppress(boxes[sure], proposals.classes[sure], scores[sure], limit)]
+    kept = sure[suppress(boxes[sure], given.classes[sure], scores[sure], limit)]
     boxes[:, 2] -= steps["sweep"]["height_offset_m"]
-    names = steps["classes"]
-    return [(names[proposals.classes[each]], float(scores[each]), boxes[each]) for each in kept]
+    names = np.array(steps["classes"])[given.classes]
+    return [(str(names[each]), float(scores[each]), boxes[each]) for each in kept]
 
 
-def refine(session: Any, steps: Steps, xyz: Array, given: Proposals) -> tuple[Array, Array]:  # noqa: ANN401
+def refine(session: Session, steps: Steps, xyz: Array, given: Proposals) -> tuple[Array, Array]:
     """Apply the network pass after pass; give boxes and scores."""
     axes, results = steps["axes"], []
     if axes is not None:  # from several axes first, of which the surest goes on
@@ -70,11 +75,7 @@ def turn_to_axes(given: Proposals, axes: Steps, names: list[str]) -> tuple[Propo
 
 
 def run_passes(
-    session: Any,  # noqa: ANN401 - onnxruntime's
-    steps: Steps,
-    xyz: Array,
-    given: Proposals,
-    number: int,
+    session: Session, steps: Steps, xyz: Array, given: Proposals, number: int
 ) -> list[Answer]:
     """Change the boxes so many times, each time from the boxes before; scores from the first."""
     boxes, share, results = given.boxes, steps["decoding"]["quality_share"], []

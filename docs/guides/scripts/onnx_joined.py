@@ -11,7 +11,8 @@ import numpy as np
 import onnx_detection2d
 import onnx_detection3d
 from joined_objects import Found, join
-from kitti_frame import Frame, arguments, read_frame
+from kitti_frame import Frame, arguments, open_graph, read_frame
+from refine_lifted import SecondStage
 
 
 def detect(folder: str, frame: Frame) -> list[Found]:
@@ -20,7 +21,8 @@ def detect(folder: str, frame: Frame) -> list[Found]:
     graphs = "detection2d", "detection3d-proposals", "detection3d-refinement"
     image, first, second = (str(Path(folder) / f"{name}.onnx") for name in graphs)
     in_image = onnx_detection2d.detect(image, frame)
-    return join(frame, in_image, onnx_detection3d.detect(first, second, frame), rule)
+    refine = SecondStage(frame, *open_graph(second, "detection3d", "points"))
+    return join(frame, in_image, onnx_detection3d.detect(first, second, frame), rule, refine)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,10 @@ from sightline.export.names import EngineChoice
 from sightline.files.problem import FileError
 from sightline.health.monitor import HealthMonitor, rgb_of
 from sightline.inference.predictor import Predictor, lacking_parts
-from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.config import JoinConfig
+from sightline.joining.join import join_detections
 from sightline.joining.models import JOINED, fitted_models, read_models
+from sightline.joining.refining import refiner_of
 from sightline.perception.perceiver import LEFT_OUT
 from sightline.structures.health import SampleHealth
 from sightline.structures.labels import ObjectLabels
@@ -152,7 +154,9 @@ class PartMaker:
             return Answer(content={"objects": None})
         models = fitted_models(digest2d, digest3d)
         config = JoinConfig(rescore=models is not None)
-        objects = join_detections(sample, found2d, found3d, models or read_models(), config)
+        weights = task.state.weights_for("detection3d")
+        refine = refiner_of(None if found3d is None else self._predictor("detection3d", weights))
+        objects = join_detections(sample, found2d, found3d, models or read_models(), config, refine)
         return Answer(content={"objects": objects.to_json(), "rescored": config.rescore})
 
 

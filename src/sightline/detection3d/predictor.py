@@ -25,6 +25,7 @@ from sightline.detection3d.sweeps import (
     cut_to_view,
     from_kitti_frame,
     network_sweep,
+    to_kitti_boxes,
     to_kitti_frame,
 )
 from sightline.export.names import EngineChoice, EngineName
@@ -176,6 +177,32 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
             ValueError: See `predict`.
         """
         return self._unrefined(self._stages.propose(self._sweep(sample)), sample)
+
+    def refine_boxes(self, sample: CameraLidarSample, boxes: Detections3D) -> Detections3D:
+        """Refine boxes of a sample by the second stage, as if the first one had proposed them.
+
+        Args:
+            sample: Sample with a sweep.
+            boxes: Boxes in the LiDAR's own frame, and their scores. Those of classes that the
+                network does not know are left out.
+
+        Returns:
+            Refined boxes, by descending score, without doubtful and overlapping ones; none if the
+            network has no second stage.
+
+        Raises:
+            ValueError: See `predict`.
+        """
+        detector, config = self._stages.detector, self._config
+        places = {name: place for place, name in enumerate(detector.class_names)}
+        known = [index for index, name in enumerate(boxes.class_names) if name in places]
+        if detector.second is None:
+            known = []
+        raised = to_kitti_boxes(boxes, sample).boxes.tensor[known].float()
+        raised[:, 2] += config.input.height_offset_m
+        classes = torch.tensor([places[boxes.class_names[index]] for index in known]).long()
+        proposed = Proposed(raised, classes, boxes.scores[known].float())
+        return self._align(self._stages.refine(self._sweep(sample), proposed), sample)
 
     def _sweep(self, sample: CameraLidarSample) -> Sweep:
         return network_sweep(to_kitti_frame(sample), self._config.input)

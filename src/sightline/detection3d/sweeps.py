@@ -16,7 +16,7 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.ranges import check_range
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.structures.labels import ObjectLabels
-from sightline.structures.level import level_sample, mounted_detections
+from sightline.structures.level import level_detections, level_sample, mounted_detections
 from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -108,6 +108,13 @@ def to_kitti_frame(sample: CameraLidarSample) -> CameraLidarSample:
         calibration=replace(sample.calibration, camera_from_lidar=camera_from_lidar),
         lidar_height_m=None,
     )
+
+
+def to_kitti_boxes(found: Detections3D, sample: CameraLidarSample) -> Detections3D:
+    """Transform detections from the sample's own LiDAR frame to that of `to_kitti_frame`."""
+    level = level_detections(found, sample)
+    up = level.boxes.tensor.new_tensor([0, 0, sample.higher_than_kitti_m, 0, 0, 0, 0])
+    return replace(level, boxes=Boxes3D(level.boxes.tensor + up))
 
 
 def from_kitti_frame(found: Detections3D, sample: CameraLidarSample) -> Detections3D:

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float64
 from scipy.optimize import minimize
 
+from sightline.joining.config import JoinConfig
 from sightline.joining.evidence import image_iou
 from sightline.joining.fitting import (
     GRADES_2D,
@@ -19,7 +20,7 @@ from sightline.joining.fitting import (
     is_hidden,
     label_masks,
 )
-from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.join import join_detections
 from sightline.joining.models import CALIBRATED, CLASSES, JoinModels, ScoreMap
 from sightline.joining.scene import make_scene
 from sightline.ops.rotated_iou import pairwise_iou_3d

@@ -12,7 +12,7 @@ from sightline.export.parity import ParityReport
 from sightline.export.write import export_graphs
 from sightline.files.atomic import atomic_write_text
 from sightline.inference.network import load_network
-from sightline.joining.join import JoinConfig
+from sightline.joining.config import JoinConfig
 from sightline.joining.models import SHIPPED, read_models
 
 MODELS_NAME: Final = "joined.json"

@@ -9,8 +9,9 @@ import torch
 from jaxtyping import Bool, Float64
 from scipy.optimize import minimize
 
+from sightline.joining.config import JoinConfig
 from sightline.joining.evidence import gather_evidence, image_iou
-from sightline.joining.join import JoinConfig, image_kind, liftable, match
+from sightline.joining.join import image_kind, liftable, match
 from sightline.joining.lifting import lift
 from sightline.joining.models import CLASSES, COLUMNS, JoinModels, LogisticModel, identity_maps
 from sightline.joining.scene import Scene, make_scene
@@ -135,9 +136,10 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
         )
     scene = make_scene(frame.sample, frame.found2d, frame.found3d)
     evidence = gather_evidence(scene)
-    kind, seen = image_kind(scene, evidence)
-    partner = match(evidence, scene.sweep.scores, scene.image.scores, JoinConfig())
-    alone = liftable(scene, partner, JoinConfig())
+    config = JoinConfig()
+    kind, seen = image_kind(scene, evidence, config)
+    partner = match(evidence, scene.sweep.scores, scene.image.scores, config)
+    alone = liftable(scene, partner, config)
     lifted = [lift(scene, index) for index in alone]
     boxes3d = np.array([each.box for each in lifted]).reshape(-1, 7)
     lifted_rows = np.array([each.evidence for each in lifted]).reshape(-1, len(COLUMNS["lifted"]))

@@ -1,62 +1,28 @@
 """One list of objects from the detections of both detectors, in stages that can be switched off."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.joining.config import JoinConfig
 from sightline.joining.evidence import ALONE_COLUMNS, Evidence, gather_evidence, image_iou
 from sightline.joining.lifting import Lifted, lift
 from sightline.joining.models import JoinModels, LogisticModel
+from sightline.joining.refining import Refine, add_refined
 from sightline.joining.scene import Scene, make_scene
 from sightline.structures.level import mounted_detections
 from sightline.structures.objects import Objects, Origin
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 
+_FROM_RETURNS: Final = ("measured", "refined")  # origins of 3D boxes
 _SHARE_IF_LATE: Final = 0.1  # of a score: projected boxes of late sweeps seldom fit
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class JoinConfig:
-    """Stages of joining; each can be switched off."""
-
-    associate: bool = True
-    """Whether boxes of both detectors become one object; off: each box is an object."""
-    rescore: bool = True
-    """Whether the models give scores; off: the detectors' own."""
-    calibrate: bool = True
-    """Calibration of the objects' scores, which keeps the order within a class."""
-    mix_boxes: bool = True
-    """Whether matched image boxes take the shape of the projected 3D box."""
-    sweep_in_image: bool = True
-    """Use of the 3D detector's boxes in the image. Off, for late sweeps: boxes and scores in the
-    image are the image detector's, and objects without its box have a tenth of their score."""
-    lift: bool = True
-    """Whether objects without a 3D box get one by geometry."""
-    min_iou: float = 0.5
-    """Minimum IoU of a projected box and an image box of one object. A further image box of its
-    class above it repeats the object."""
-    projected_share: float = 0.75
-    """Share of the projected box in the mean of both."""
-    own_share: float = 0.5
-    """Share of the detector's own score in the mean with the model's."""
-    min_lifted_score: float = 0.1
-    """Score of an image box from which it is lifted; each takes some 3 ms."""
-    max_iou: float = 0.6
-    """IoU above which an object with an image box alone repeats a surer one of its kind."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for name in ("min_iou", "projected_share", "own_share", "min_lifted_score", "max_iou"):
-            value = getattr(self, name)
-            if not 0 <= value <= 1:
-                raise ValueError(f"{name} must be from 0 to 1, got {value}")
 
 
 def join_detections(
@@ -64,7 +30,8 @@ def join_detections(
     found2d: Detections2D | None,
     found3d: Detections3D | None,
     models: JoinModels,
-    config: JoinConfig = JoinConfig(),
+    config: JoinConfig | None = None,
+    refine: Refine | None = None,
 ) -> Objects:
     """Join the detections of a frame to objects, by descending score.
 
@@ -76,30 +43,30 @@ def join_detections(
         found2d: Detections in the image; None: the detector did not run.
         found3d: Detections in the sweep, in the LiDAR's own frame; None likewise.
         models: Models fitted with the weights of both detectors.
-        config: The stages.
+        config: The stages. None: all.
+        refine: Second stage of the sweep detector; None: no boxes are proposed to it.
     """
-    scene = make_scene(sample, found2d, found3d)
-    evidence = gather_evidence(scene)
-    scores3d = _scores(scene.sweep.names, scene.sweep.scores, evidence.sweep, models.sweep, config)
-    kind, seen = image_kind(scene, evidence, config)
-    chosen = models.image if kind == "image" else models.alone
-    scores2d = _scores(scene.image.names, scene.image.scores, seen, chosen, config)
-    outside = np.isnan(scene.sweep.in_image).any(axis=1)
-    scores3d = np.where(outside, scene.sweep.scores, scores3d)
-    partner = match(evidence, scores3d, scene.image.scores, config)
-    rows = _measured(scene, scores3d, scores2d, partner, config)
+    config = config or JoinConfig()
+    pairs = _pair(make_scene(sample, found2d, found3d), models, config)
+    lifted = _lift_unmatched(pairs, config) if config.lift or config.propose else {}
+    is_proposed = np.zeros(len(pairs.scores3d), dtype=bool)
+    proposals = {index: lifted[index] for index in _proposed(pairs, lifted, config)}
+    if found3d is not None and refine is not None and proposals:
+        more = add_refined(sample, pairs.scene, proposals, pairs.scores2d, found3d, refine, config)
+        is_proposed = more.is_proposed
+        pairs = _pair(make_scene(sample, found2d, more.found), models, config)
+        lifted = _lift_unmatched(pairs, config, lifted)
+    scene, scores3d, scores2d, partner, kind = pairs
+    rows = _measured(scene, scores3d, scores2d, partner, is_proposed, config)
     alone = np.setdiff1d(np.arange(len(scores2d)), partner)
-    lifted = {}
-    if config.lift:
-        lifted = {index: lift(scene, index) for index in liftable(scene, partner, config)}
-    rows += _unmatched(scene, scores2d, alone, lifted, models)
+    rows += _unmatched(scene, scores2d, alone, lifted if config.lift else {}, models)
     if config.rescore and config.calibrate:
         rows = _calibrated(rows, kind, "image_3d" if scene.has_lidar else "alone_3d", models)
     return _as_objects(_without_repeats(rows, config), sample)
 
 
 def image_kind(
-    scene: Scene, evidence: Evidence, config: JoinConfig = JoinConfig()
+    scene: Scene, evidence: Evidence, config: JoinConfig
 ) -> tuple[Literal["image", "alone"], Float64[np.ndarray, "num_image columns"]]:
     """Kind of the image detector's boxes, and the evidence that its models take."""
     if scene.has_lidar and config.sweep_in_image:
@@ -140,6 +107,47 @@ def liftable(
     return [int(each) for each in alone if scene.image.scores[each] >= config.min_lifted_score]
 
 
+class _Pairs(NamedTuple):
+    """Rescored boxes of both detectors, and which are one object."""
+
+    scene: Scene
+    scores3d: Float64[np.ndarray, " num_sweep"]
+    scores2d: Float64[np.ndarray, " num_image"]
+    partner: Int64[np.ndarray, " num_sweep"]
+    """See `match`."""
+    kind: Literal["image", "alone"]
+    """See `image_kind`."""
+
+
+def _pair(scene: Scene, models: JoinModels, config: JoinConfig) -> _Pairs:
+    evidence = gather_evidence(scene)
+    scores3d = _scores(scene.sweep.names, scene.sweep.scores, evidence.sweep, models.sweep, config)
+    kind, seen = image_kind(scene, evidence, config)
+    chosen = models.image if kind == "image" else models.alone
+    scores2d = _scores(scene.image.names, scene.image.scores, seen, chosen, config)
+    outside = np.isnan(scene.sweep.in_image).any(axis=1)
+    scores3d = np.where(outside, scene.sweep.scores, scores3d)
+    partner = match(evidence, scores3d, scene.image.scores, config)
+    return _Pairs(scene, scores3d, scores2d, partner, kind)
+
+
+def _lift_unmatched(
+    pairs: _Pairs, config: JoinConfig, known: Mapping[int, Lifted] = MappingProxyType({})
+) -> dict[int, Lifted]:
+    """Lift the image boxes that need it; those that are known are not lifted again."""
+    return {
+        index: known.get(index) or lift(pairs.scene, index)
+        for index in liftable(pairs.scene, pairs.partner, config)
+    }
+
+
+def _proposed(pairs: _Pairs, lifted: Iterable[int], config: JoinConfig) -> list[int]:
+    """Indices of the lifted boxes that the second stage refines: sure ones, beside a sweep."""
+    if not config.propose or pairs.kind == "alone":
+        return []
+    return [index for index in lifted if pairs.scores2d[index] >= config.min_proposed_score]
+
+
 class _Row(NamedTuple):
     """One object before its columns are stacked."""
 
@@ -176,9 +184,13 @@ def _measured(
     scores3d: Float64[np.ndarray, " num_sweep"],
     scores2d: Float64[np.ndarray, " num_image"],
     partner: Int64[np.ndarray, " num_sweep"],
+    is_proposed: Bool[np.ndarray, " num_sweep"],
     config: JoinConfig,
 ) -> list[_Row]:
-    """Objects of the sweep's detector, with their image boxes."""
+    """Objects of the sweep's detector, with their image boxes.
+
+    The image box of a proposed object stays as it was, as its 3D box is made of it.
+    """
     rows = []
     for index, name in enumerate(scene.sweep.names):
         box, score, support = scene.sweep.in_image[index], scores3d[index], 0.0
@@ -187,7 +199,8 @@ def _measured(
         other = int(partner[index])
         if other >= 0:
             seen, support = scene.image.in_image[other], float(scene.image.scores[other])
-            share = config.projected_share if config.mix_boxes and config.sweep_in_image else 0.0
+            is_mixed = config.mix_boxes and config.sweep_in_image and not is_proposed[index]
+            share = config.projected_share if is_mixed else 0.0
             box = share * box + (1 - share) * seen
             score = 1 - (1 - score) * (1 - scores2d[other])
             if not config.sweep_in_image:
@@ -197,7 +210,7 @@ def _measured(
                 name=name,
                 box2d=box,
                 box3d=scene.boxes3d[index],
-                origin="measured",
+                origin="refined" if is_proposed[index] else "measured",
                 score=float(score),
                 score3d=float(scores3d[index]),
                 image_support=support,
@@ -263,13 +276,13 @@ def _without_repeats(rows: list[_Row], config: JoinConfig) -> list[_Row]:
         surer = [each for each in kept if rows[each].name == row.name]
         limits = [
             config.min_iou
-            if rows[each].origin == "measured" and config.sweep_in_image
+            if rows[each].origin in _FROM_RETURNS and config.sweep_in_image
             else config.max_iou
             for each in surer
         ]
         is_repeat = (
             config.associate
-            and row.origin != "measured"
+            and row.origin not in _FROM_RETURNS
             and bool((iou[index, surer] > limits).any())
         )
         if not is_repeat:

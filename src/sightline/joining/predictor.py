@@ -14,9 +14,11 @@ from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
-from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.config import JoinConfig
+from sightline.joining.join import join_detections
 from sightline.joining.models import JOINED, JoinModels, fitted_models, read_models
 from sightline.joining.recording import measure_recording
+from sightline.joining.refining import refiner_of
 from sightline.structures.lidar_turn import undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
@@ -149,7 +151,8 @@ class JoinedPredictor(SamplePredictor[Perception]):
             turn = turn_by_boxes(sample, found2d, found3d)
             sample = undo_turn(sample, turn)
         config = replace(self.config, sweep_in_image=not self.alignment.late)
-        objects = join_detections(sample, found2d, found3d, self.models, config)
+        refine = refiner_of(self.detector3d)
+        objects = join_detections(sample, found2d, found3d, self.models, config, refine)
         return Perception(
             objects=objects,
             detections2d=found2d,

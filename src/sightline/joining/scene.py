@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float64, Int64
+from torch import Tensor
 
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 from sightline.geometry.image_boxes import kitti_corners, project_boxes
@@ -68,14 +69,13 @@ def make_scene(
         found3d = level_detections(found3d, sample)
         boxes3d = Boxes3D(found3d.boxes.tensor.detach().cpu().double())
         names3d, scores3d = found3d.class_names, found3d.scores.detach().cpu()
-    inside = boxes3d.enlarge(_MARGIN_M).contain(points).sum(dim=1)
     return Scene(
         image=_image_boxes(found2d, sample.image_size, pixels.numpy()),
         sweep=Boxes(
             names=names3d,
             scores=scores3d.double().numpy(),
             in_image=project_upright(boxes3d, level),
-            num_points=inside.numpy(),
+            num_points=count_returns(boxes3d, points).numpy(),
         ),
         boxes3d=boxes3d.tensor.numpy(),
         image_size=sample.image_size,
@@ -91,6 +91,13 @@ def make_scene(
     )
 
 
+def count_returns(
+    boxes: Boxes3D, points: Float64[Tensor, "num_points 3"]
+) -> Int64[Tensor, " num_boxes"]:
+    """Count the returns in boxes of the same frame, which are enlarged a little."""
+    return boxes.enlarge(_MARGIN_M).contain(points).sum(dim=1)
+
+
 def project_upright(boxes: Boxes3D, level: CameraLidarSample) -> Float64[np.ndarray, "num_boxes 4"]:
     """Project boxes of a level frame to the image as result files do; NaN: outside."""
     calibration = level.calibration
@@ -103,7 +110,7 @@ def project_upright(boxes: Boxes3D, level: CameraLidarSample) -> Float64[np.ndar
 
 def _seen(
     level: CameraLidarSample,
-) -> tuple[Float64[torch.Tensor, "num_points 3"], Float64[torch.Tensor, "num_points 2"]]:
+) -> tuple[Float64[Tensor, "num_points 3"], Float64[Tensor, "num_points 2"]]:
     """Points in the image and their pixels."""
     if level.points is None:
         return torch.zeros(0, 3).double(), torch.zeros(0, 2).double()

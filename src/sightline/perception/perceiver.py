@@ -13,9 +13,11 @@ from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
-from sightline.joining.join import JoinConfig, join_detections
+from sightline.joining.config import JoinConfig
+from sightline.joining.join import join_detections
 from sightline.joining.models import JOINED, JoinModels, fitted_models
 from sightline.joining.recording import measure_recording
+from sightline.joining.refining import refiner_of
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.objects import Objects
 from sightline.structures.predictions import Detections2D, Detections3D, Perception
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
     from sightline.data.open import SampleDataset
 
-_JOINED_TASKS: Final = ("detection2d", "detection3d")
+_SWEEP_TASK: Final = "detection3d"
+_JOINED_TASKS: Final = ("detection2d", _SWEEP_TASK)
 LEFT_OUT: Final = "none"
 """Name of weights that disables a task."""
 
@@ -203,6 +206,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             found.detections3d,
             self.join_models,
             JoinConfig(sweep_in_image=not alignment.late),
+            refiner_of(self.predictors.get(_SWEEP_TASK)),
         )
         milliseconds[JOINED] = 1000 * (time.perf_counter() - start)
         return replace(predictions, objects=objects, undone_turn=turn or None)

@@ -13,8 +13,9 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
 
-Origin = Literal["measured", "lifted", "none"]
-"""Source of a 3D box: the sweep's detector, the image's box and the road, or no box."""
+Origin = Literal["measured", "refined", "lifted", "none"]
+"""Source of a 3D box: the sweep's detector, an image box refined by the sweep, an image box and the
+road, or no box."""
 
 _PX: Final = 2
 _M: Final = 3
@@ -55,7 +56,7 @@ class Objects:
     boxes3d: Boxes3D
     """Boxes in the LiDAR frame; zeros for objects without one."""
     origins: tuple[str, ...]
-    """Source of each 3D box: measured, lifted or none."""
+    """Source of each 3D box: measured, refined, lifted or none."""
     scores: Float64[Tensor, " num_objects"]
     """Probability that the object exists and its image box fits, in [0, 1]."""
     scores3d: Float64[Tensor, " num_objects"]
