@@ -131,3 +131,37 @@ def sim_or_real(record: Record) -> Rows:
         limits = f"[{row['low']:.2f}, {row['high']:.2f}]"
         rows.append([row["judge"], f"{row['balanced_accuracy']:.2f} {limits}"])
     return rows
+
+
+_CORE_COLUMNS = {
+    "detection2d-best, image": ("image", "bbox", 0.7),
+    "detection3d-best, 3D": ("sweep", "3d", 0.7),
+    "3D, IoU 0.5": ("sweep", "3d", 0.5),
+    "joined, image": ("joined", "bbox", 0.7),
+    "joined, 3D": ("joined", "3d", 0.7),
+    "joined, 3D, 0.5": ("joined", "3d", 0.5),
+}
+_SOUND_BESIDE = {"camera_": ("camera_blank",), "lidar_": ("lidar_blank",), "sun_": ()}
+"""States in which the image detector has the sound sensors of a kind alone; others have both."""
+
+
+def core(record: Record) -> Rows:
+    """Give a row for each fault: AP of cars, also less the better sound sensor's in the image."""
+    image, *others = _CORE_COLUMNS
+    rows: Rows = [["fault", image, "less the better sound sensor", *others]]
+    found = {
+        (row["case"], name, row["metric"], row["iou"]): row.get(name, 0.0)
+        for row in record["results"]
+        if row["class"] == "Car"
+        for name in ("image", "sweep", "joined")
+    }
+    cases = dict.fromkeys(row["case"] for row in record["results"])
+    for case in ("clean", *(case for case in cases if case.endswith("-3"))):
+        first, *rest = (found[case, *column] for column in _CORE_COLUMNS.values())
+        kind = next((kind for kind in _SOUND_BESIDE if case.startswith(kind)), None)
+        alone = ("camera_blank", "lidar_blank") if kind is None else _SOUND_BESIDE[kind]
+        sound = [found[state, *_CORE_COLUMNS[image]] for state in alone]
+        less = f"{first - max(sound):+.0f}" if sound else ""
+        title = case.removesuffix("-3").replace("_", " ")
+        rows.append([title, f"{first:.0f}", less, *(f"{score:.0f}" for score in rest)])
+    return rows
