@@ -273,6 +273,7 @@ def test_a_file_that_cannot_be_read_fails_its_shard_alone(tree, tmp_path, capsys
         (lambda row: row.__setitem__(2, 10**9), "is no index of a shard"),
         (lambda row: row.__setitem__(3, -1), "is no index of a shard"),
         (lambda row: row.__setitem__(4, "many"), "is no index of a shard"),
+        (lambda row: row.__setitem__(2, float("inf")), "is no index of a shard"),
         (lambda row: row.pop(), "is no index of a shard"),
     ],
 )
@@ -315,6 +316,75 @@ def test_a_damaged_manifest_is_refused(field, shards):
     (shards / "shards.json").write_text(json.dumps(manifest))
     with pytest.raises(ValueError, match=r"shards\.json: is no manifest of shards; copy it again"):
         open_dataset(shards)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (10**13, r"counts \d+ shards, expected at most 100000"),  # their names would fill memory
+        (float("inf"), "is no manifest of shards"),
+        (2, r"counts 1 shards, but there is 000001\.json"),  # frames that would be lost silently
+    ],
+)
+def test_a_manifest_that_lies_about_the_shards_is_refused(frames, message, shards, tmp_path):
+    manifest = json.loads((shards / "shards.json").read_text())
+    (shards / "shards.json").write_text(json.dumps({**manifest, "frames": frames}))
+    for use in (open_dataset, lambda folder: unpack_shards(folder, tmp_path / "back")):
+        with pytest.raises(ValueError, match=message):
+            use(shards)
+
+
+def test_more_shards_than_a_manifest_may_count_are_not_begun(tree, tmp_path, monkeypatch):
+    monkeypatch.setattr("sightline.data.sharding.MAX_SHARDS", 2)
+    with pytest.raises(ValueError, match="are more than 2 shards; raise --frames-per-shard"):
+        write_shards(tree, tmp_path / "out", frames_per_shard=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_two_entries_or_shards_name_is_refused(shards):
+    index = shards / "000000.json"
+    content = json.loads(index.read_text())
+    first, *others = content["files"]
+    index.write_text(json.dumps({**content, "files": [first, *others, first]}))
+    with pytest.raises(ValueError, match=r"000000\.json: names a file twice"):
+        open_dataset(shards)
+    index.write_text(json.dumps(content))
+    for suffix in (".tar", ".json"):
+        shutil.copy(shards / f"000000{suffix}", shards / f"000001{suffix}")
+    with pytest.raises(ValueError, match=r"000001\.json: names test.*, which another shard"):
+        open_dataset(shards)
+
+
+def exchange(files):
+    files[0][1:], files[1][1:] = files[1][1:], files[0][1:]
+
+
+@pytest.mark.parametrize("change", [lambda files: files.pop(), exchange])
+def test_an_index_that_lists_other_files_than_its_tar_is_not_unpacked(change, shards, tmp_path):
+    index = shards / "000000.json"
+    content = json.loads(index.read_text())
+    change(content["files"])
+    index.write_text(json.dumps(content))
+    (fault,) = unpack_shards(shards, tmp_path / "back").faults
+    assert "000000.json: lists other files than 000000.tar holds; copy both again" in fault
+
+
+def test_a_device_in_the_place_of_a_tar_is_not_read_without_end(shards, tmp_path):
+    (shards / "000000.tar").unlink()
+    (shards / "000000.tar").symlink_to("/dev/zero")
+    (fault,) = unpack_shards(shards, tmp_path / "back").faults
+    assert "000000.tar: is missing, or no regular file" in fault
+
+
+def test_check_lists_the_files_of_a_truncated_shard_and_goes_on(shards, capsys):
+    tar = shards / "000000.tar"
+    tar.write_bytes(tar.read_bytes()[:2000])
+    assert main(["check", str(shards)]) == 1
+    printed = capsys.readouterr()
+    assert "report this as a bug" not in printed.out
+    assert "ends at byte" in printed.out
+    assert printed.out.splitlines()[-1].endswith("problems")
+    assert "Errno" not in printed.err
 
 
 def test_an_absent_shard_is_named_before_the_work(shards):

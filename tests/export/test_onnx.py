@@ -1,9 +1,13 @@
+import os
+from pathlib import Path
+
 import jaxtyping
 import onnx
 import pytest
 import torch
 from torch import nn
 
+from sightline.export.engines import open_engine
 from sightline.export.metadata import ExportMetadata, parse_metadata
 from sightline.export.onnx import export_onnx, read_onnx_metadata
 from tests.export.networks import METADATA, toy_inputs, toy_network
@@ -41,6 +45,17 @@ def test_batch_norm_is_folded_into_the_convolution_before_it(onnx_file):
     operators = {node.op_type for node in onnx.load(onnx_file).graph.node}
     assert "Conv" in operators
     assert "BatchNormalization" not in operators
+
+
+def test_a_folder_whose_name_is_not_utf_8_takes_and_gives_files(tmp_path):
+    folder = Path(os.fsdecode(bytes(tmp_path) + b"/d\xe9"))
+    folder.mkdir()
+    path = folder / "toy.onnx"
+    export_onnx(toy_network(), toy_inputs(24, 40), path, metadata=METADATA)
+    given, expected = toy_inputs(16, 24), toy_network()(**toy_inputs(16, 24)).depth_m
+    for engine in ("onnxruntime", "openvino"):
+        answer = open_engine(path, engine)(given)["depth_m"]
+        torch.testing.assert_close(answer, expected, atol=1e-4, rtol=1e-4)
 
 
 def test_shape_checks_are_on_again_after_an_export(onnx_file):

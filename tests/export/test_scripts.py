@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import re
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -249,6 +250,43 @@ def test_wrong_arguments_of_a_script_are_one_line(tmp_path, monkeypatch):
                              (tmp_path / "odd.bin", calibration), (picture, picture)):  # fmt: skip
         with pytest.raises(SystemExit, match=r"give IMAGE.png VELODYNE.bin CALIB.txt of KITTI"):
             read_frame(picture, str(sweep), described)
+
+
+def test_points_that_are_not_finite_or_a_camera_without_focal_length_are_refused(tmp_path):
+    from kitti_frame import read_frame
+
+    picture, sweep, calibration = files_of(PACKAGED_FRAMES, "000000")
+    np.float32([[20, 0, -1, 0.3], [np.nan, 0, 0, 0]]).tofile(tmp_path / "odd.bin")
+    blind = tmp_path / "calib.txt"
+    text = Path(calibration).read_text()
+    blind.write_text(re.sub(r"^P2:.*", "P2:" + " 0" * 12, text, flags=re.MULTILINE))
+    for given in ((str(tmp_path / "odd.bin"), calibration), (sweep, str(blind))):
+        with pytest.raises(SystemExit, match="expected finite points, and in P2 a focal length"):
+            read_frame(picture, *given)
+
+
+def test_a_frame_of_several_views_is_refused_in_one_line(tmp_path):
+    from onnx_detection2d import detect
+
+    (path,) = export(DETECTION_2D, "detection2d-fast-cpu", tmp_path)
+    frame = frames()[0][0]
+    tall = frame._replace(rgb=np.zeros((1000, 750, 3), np.uint8))
+    with pytest.raises(SystemExit, match=r"^this script takes only up to \d+ rows, a focal length"):
+        detect(path, tall)
+    far = frame._replace(camera=frame.camera * [[4], [4], [1]])
+    with pytest.raises(SystemExit, match=r"^this script [^\n]* shrink or crop the frame"):
+        detect(path, far)
+
+
+def test_depth_is_written_under_the_name_given_or_refused_in_one_line(tmp_path):
+    from depth_maps import write_maps
+
+    write_maps(str(tmp_path / "out.depth"), {"depth_m": np.ones((2, 3))})
+    assert [path.name for path in tmp_path.iterdir()] == ["out.depth"]
+    assert np.load(tmp_path / "out.depth")["depth_m"].shape == (2, 3)
+    for place in (tmp_path, tmp_path / "none" / "out.npz"):
+        with pytest.raises(SystemExit, match=r"^[^\n]* cannot be written: [^\n]*; name a file"):
+            write_maps(str(place), {})
 
 
 def test_a_file_without_the_steps_is_refused_in_one_line(onnx_file, tmp_path):

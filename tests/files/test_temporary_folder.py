@@ -3,7 +3,7 @@ import sys
 from pathlib import Path
 from tempfile import mkdtemp
 
-from sightline.files.atomic import atomic_write_text
+from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.temporary_folder import _remove_leftovers, temporary_folder
 from tests.files.test_atomic import names
 
@@ -13,6 +13,15 @@ from pathlib import Path
 from sightline.files.atomic import atomic_path
 with atomic_path(Path(sys.argv[1])) as temporary:
     temporary.write_text("half")
+    print("ready", flush=True)
+    time.sleep(600)
+"""
+
+_CONVERSION = """
+import time
+from sightline.files.atomic import scratch_folder
+with scratch_folder() as folder:
+    (folder / "model.onnx").write_text("half")
     print("ready", flush=True)
     time.sleep(600)
 """
@@ -36,6 +45,24 @@ def test_what_a_killed_process_left_goes_and_what_a_living_one_writes_stays(tmp_
     _remove_leftovers.cache_clear()
     atomic_write_text(tmp_path / "1.txt", "whole")
     assert not alive.parent.exists()
+
+
+def test_intermediate_files_of_a_killed_process_go_with_the_next_that_needs_some(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    (tmp_path / "sightline-runs").mkdir()  # somebody's, whatever its name
+    with subprocess.Popen([sys.executable, "-c", _CONVERSION], stdout=subprocess.PIPE) as worker:
+        assert worker.stdout.readline() == b"ready\n"
+        (left,) = tmp_path.glob(".sightline-*")
+        with scratch_folder():
+            assert left.exists()
+        worker.kill()
+    _remove_leftovers.cache_clear()
+    with scratch_folder() as folder:
+        assert names(tmp_path) == sorted([folder.name, "sightline-runs"])
+    assert names(tmp_path) == ["sightline-runs"]
 
 
 def test_a_folder_that_another_process_has_locked_to_remove_it_is_left_to_it(tmp_path, monkeypatch):

@@ -120,6 +120,21 @@ def test_objects_by_the_script_from_the_exported_folder_are_sightlines(tmp_path)
     found = join(frame, listed(found2d), listed(others), joined_content(), stage)
     check_objects(found, expected)
 
+    (other,) = DETECTION_2D.graphs(load_network(DETECTION_2D, "detection2d-fast-cpu"))
+    (tmp_path / "detection2d.onnx").write_bytes(onnx_file_of(other))
+    with pytest.raises(SystemExit, match=r"^[^\n]*detection2d\.onnx is not of the weights of joi"):
+        detect(str(tmp_path), frame)
+
+
+@pytest.mark.parametrize("content", [None, "{", "{}", "[]", '{"provenance": 1}'])
+def test_a_folder_of_something_else_is_refused_by_the_script_in_one_line(tmp_path, content):
+    from onnx_joined import detect
+
+    if content is not None:
+        (tmp_path / "joined.json").write_text(content)
+    with pytest.raises(SystemExit, match=r"^[^\n]* is no folder of `sightline export FOLDER"):
+        detect(str(tmp_path), in_state("sound")[0])
+
 
 def test_the_command_writes_a_folder_of_all_files(tmp_path, monkeypatch, capsys):
     exported = []

@@ -52,7 +52,7 @@ def test_the_command_stores_half_precision_and_never_over_its_inputs(tmp_path, p
     ("tensors", "task", "named"),
     [
         ({"a": torch.zeros(3), "steps": torch.tensor(0)}, "depth-completion", r"a is \[2\] in"),
-        ({"a": torch.zeros(2)}, "depth-completion", r"steps is \[\] in .* and missing in"),
+        ({"a": torch.zeros(2)}, "depth-completion", r"steps is \[\] of .* and missing in"),
         ({"a": torch.zeros(2), "steps": torch.tensor(0)}, "detection2d", "of task depth-compl"),
     ],
 )
@@ -67,6 +67,27 @@ def test_networks_of_other_designs_are_refused(tmp_path, pair, tensors, task, na
 def test_shares_beyond_0_and_1_are_refused(tmp_path, pair, share):
     with pytest.raises(ValueError, match="share must be between 0 and 1"):
         average_weights(*pair, tmp_path / "mean.safetensors", share=share)
+
+
+def test_a_file_that_no_command_would_take_for_weights_is_not_written(tmp_path, pair):
+    with pytest.raises(ValueError, match=r"mean\.onnx: weights are written to a file \."):
+        average_weights(*pair, tmp_path / "mean.onnx")
+    assert not (tmp_path / "mean.onnx").exists()
+
+
+def test_whole_numbers_and_weights_have_no_mean(tmp_path, pair):
+    other = write(
+        tmp_path / "whole.safetensors", {"a": torch.tensor([1, 2]), "steps": torch.ones(())}
+    )
+    with pytest.raises(ValueError, match=r"a is \[2\] in .* and \[2\] of whole numbers in"):
+        average_weights(pair[0], other, tmp_path / "mean.safetensors")
+
+
+def test_weights_beyond_single_precision_are_called_so(tmp_path, pair):
+    large = {"a": torch.tensor([1e300, 0.0], dtype=torch.float64), "steps": torch.tensor(0)}
+    other = write(tmp_path / "large.safetensors", large)
+    with pytest.raises(ValueError, match="a is too large for single precision; name others"):
+        average_weights(pair[0], other, tmp_path / "mean.safetensors")
 
 
 def test_weights_beyond_half_precision_are_refused(tmp_path, pair):

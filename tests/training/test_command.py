@@ -12,6 +12,7 @@ import yaml
 from lightning.pytorch.callbacks import Callback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from sightline.cli.main import main
 from sightline.files.weights import read_weights
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
@@ -492,6 +493,23 @@ def test_a_run_folder_in_a_data_set_is_refused_before_anything_is_made(
     with pytest.raises(ValueError, match=r"would change the data set .*set, which is an input"):
         run_training(subcommand, [*run, *sources], recipes)
     assert [path.name for path in data.rglob("*")] == ["training"]
+
+
+def test_a_run_folder_that_tensorboard_cannot_name_is_refused_and_made_by_a_relative_path(
+    recipes, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr("sightline.cli.main.PACKAGE_RECIPES", recipes)
+    place = Path(os.fsdecode(bytes(tmp_path / "d") + b"\xe9"))
+    given = ["fit", "--config", "toy", "--data.validation=[]", "--run_folder"]
+    assert main([*given, str(place / "run")]) == 2
+    refusal = capsys.readouterr().err.splitlines()[-1]
+    assert "the name is not UTF-8" in refusal
+    assert "give a relative --run_folder" in refusal
+    assert not place.exists()
+    place.mkdir()
+    monkeypatch.chdir(place)
+    assert main([*given, "run"]) == 0
+    assert (place / "run" / "weights.safetensors").is_file()
 
 
 def test_a_run_folder_may_be_named_as_one_likes(recipes, capsys):

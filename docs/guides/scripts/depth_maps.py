@@ -1,6 +1,8 @@
 """Depth maps filled along columns and rows, and smoothed: steps around depth completion."""
 
+import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -76,3 +78,12 @@ def smooth_rows(depth_m: Array, reach: Array) -> Array:
     start, end = (column - reach).clip(0), (column + reach + 1).clip(max=width)
     sums = np.take_along_axis(total, end, axis=1) - np.take_along_axis(total, start, axis=1)
     return np.where(reach > 0, sums / (end - start), depth_m).astype(np.float32)
+
+
+def write_maps(path: str, maps: dict[str, Array]) -> None:
+    """Write arrays to a file that numpy.load opens, under exactly this name."""
+    try:
+        with Path(path).open("wb") as file:  # numpy would append .npz to another name
+            np.savez_compressed(file, **maps)
+    except OSError as error:
+        sys.exit(f"{path} cannot be written: {error.strerror}; name a file in a folder that exists")

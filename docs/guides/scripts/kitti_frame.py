@@ -41,10 +41,13 @@ def read_frame(image: str, sweep: str, calibration: str) -> Frame:
         rectification, mounting = np.eye(4), np.eye(4)
         rectification[:3, :3] = values["R0_rect"].reshape(3, 3)
         mounting[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
+        camera = values["P2"].reshape(3, 4)
         points = np.frombuffer(Path(sweep).read_bytes(), np.float32).reshape(-1, 4)
-        return Frame(bgr[..., ::-1], points, values["P2"].reshape(3, 4), rectification @ mounting)
+        if not (np.isfinite(points).all() and camera[0, 0] > 0 and camera[1, 1] > 0):
+            raise ValueError("expected finite points, and in P2 a focal length")
+        return Frame(bgr[..., ::-1], points, camera, rectification @ mounting)
     except (OSError, KeyError, ValueError) as error:
-        sys.exit(f"{error}: give IMAGE.png VELODYNE.bin CALIB.txt of KITTI, in this order")
+        sys.exit(f"{sweep}, {calibration}: {error}; give IMAGE.png VELODYNE.bin CALIB.txt of KITTI")
 
 
 def project(points: Array, camera: Array, mounting: Array) -> tuple[Array, Array, Array]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptive_fill import fill, inverted
+from depth_maps import write_maps
 from kitti_frame import Array, Frame, Steps, arguments, open_graph, pixels_of, project, read_frame
 from smooth_planes import smooth_planes
 
@@ -22,8 +23,7 @@ class DepthMap(NamedTuple):
 
 def complete(model: str, frame: Frame) -> DepthMap:
     """Fill the sparse map, run the network on it and on its mirror image, finish its map."""
-    named = "image", "sparse_depth_m", "filled_depth_m"
-    session, steps = open_graph(model, "depth-completion", *named)
+    net, steps = open_graph(model, "depth-completion", "image", "sparse_depth_m", "filled_depth_m")
     sparse = sparse_map(frame)
     if not sparse.any():
         return DepthMap(sparse, sparse > 0, np.full_like(sparse, np.inf))
@@ -39,10 +39,10 @@ def complete(model: str, frame: Frame) -> DepthMap:
     pad: Any = np.pad
     inputs = {name: pad(each, margins, mode=modes[name])[None] for name, each in planes.items()}
     names = ["depth_m", "uncertainty_m"]
-    depth, error = session.run(names, inputs)
+    depth, error = net.run(names, inputs)
     if steps["flip_test"]:
         mirrored = {name: np.ascontiguousarray(each[..., ::-1]) for name, each in inputs.items()}
-        depth_2, error_2 = session.run(names, mirrored)
+        depth_2, error_2 = net.run(names, mirrored)
         depth, error = (depth + depth_2[..., ::-1]) / 2, (error + error_2[..., ::-1]) / 2
     depth, error = (each[0, 0, -height % stride :, :width] for each in (depth, error))
     depth = drop_small_corrections(depth, filled, sparse > 0, steps["corrections"])
@@ -97,4 +97,4 @@ def drop_small_corrections(depth: Array, filled: Array, measured: Array, rule: S
 
 if __name__ == "__main__":
     model, *files, out = arguments(__doc__, 5)
-    np.savez_compressed(out, **complete(model, read_frame(*files))._asdict())
+    write_maps(out, complete(model, read_frame(*files))._asdict())

@@ -3,6 +3,8 @@
 python onnx_detection2d.py NAME.onnx IMAGE.png VELODYNE.bin CALIB.txt
 """
 
+import sys
+
 import numpy as np
 
 from kitti_frame import (
@@ -28,11 +30,12 @@ def detect(model: str, frame: Frame) -> Found:
     factor = rule["scale"] * min(rule["longest_focal_px"] / frame.camera[1, 1], 1)
     height, width = rule["size"] or [max(round(side * factor), 1) for side in size]
     if height > size[0] or width > size[1]:
-        raise ValueError(f"frames are only shrunk here, got {size}, wanted {height, width}")
+        sys.exit(f"this script only shrinks frames, got {size}, wanted {height, width}; enlarge it")
     rows = rule["scale"] * (rule["rows_above_horizon"] + rule["rows_below_horizon"])
     is_long = frame.camera[1, 1] >= rule["far_view_from_focal_px"]
     if rule["size"] is None and (height > rows or is_long):
-        raise ValueError(f"only frames of one view are taken here: up to {rows:g} rows, no tele")
+        limits = f"up to {rows:g} rows, a focal length below {rule['far_view_from_focal_px']:g} px"
+        sys.exit(f"this script takes only {limits}; shrink or crop the frame, or use Sightline")
     scale = np.array([width / size[1], height / size[0]])
     camera = frame.camera.copy()  # pixels are squares around their centres
     camera[:2] = scale[:, None] * camera[:2] + (scale[:, None] - 1) / 2 * camera[2]

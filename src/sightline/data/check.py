@@ -67,6 +67,10 @@ def _run(check: Check, *, folder: Path) -> list[Problem]:
     """
     try:
         return check.run()
+    except OSError as error:  # a broken disk, or a damaged shard
+        place = folder if error.filename is None else Path(os.fsdecode(error.filename))
+        problem = f"{check.subject} cannot be checked: {error.strerror or error}"
+        return [Problem(path=place, problem=problem, remedy="copy or extract the file again")]
     except Exception as error:  # noqa: BLE001 - any exception becomes a problem
         cause = f"{type(error).__name__}: {error}".rstrip(": ")
         problem = f"{check.subject} cannot be checked ({cause})"

@@ -24,6 +24,7 @@ from sightline.files.safe_names import relative_parts
 from sightline.files.shard_index import (
     FORMAT,
     MANIFEST,
+    MAX_SHARDS,
     PACKED_SUFFIX,
     SHARED,
     Member,
@@ -96,6 +97,11 @@ def write_shards(
     check_threads(workers)
     sources = _find_sources(data)
     count = len(sources.frames)
+    if count > MAX_SHARDS * frames_per_shard:
+        raise ValueError(
+            f"{count} frames in shards of {frames_per_shard} are more than {MAX_SHARDS} shards; "
+            "raise --frames-per-shard"
+        )
     settings = {
         "format": FORMAT,
         "data": data_name(sources.root),
@@ -297,12 +303,37 @@ def is_whole(tar: Path) -> bool:
 def _fault(index: ShardIndex) -> str | None:
     """Difference of a tar to its index; None: it is whole."""
     try:
-        digest, length = _digest(index.tar)
+        if not index.tar.is_file():  # a device, say, may have no end
+            return "is missing, or no regular file"
+        length = index.tar.stat().st_size
+        if length != index.num_bytes:
+            return f"is {length} bytes long, expected {index.num_bytes}"
+        digest, _ = _digest(index.tar)
     except OSError as error:
         return f"cannot be read: {(error.strerror or str(error)).lower()}"
-    if length != index.num_bytes:
-        return f"is {length} bytes long, expected {index.num_bytes}"
     return None if digest == index.sha256 else "is damaged: it has another checksum"
+
+
+def _check_members(index: ShardIndex) -> None:
+    """Refuse an index that does not list exactly the files of its tar."""
+    listed = [(each.name, each.offset, each.stored) for each in index.files.values()]
+    try:
+        with tarfile.open(index.tar, "r:") as archive:
+            held = [(each.name, each.offset_data, each.size) for each in archive if each.isreg()]
+            is_plain = len(held) == len(archive.getmembers())
+    except tarfile.TarError:
+        held, is_plain = [], not listed
+    names_fit = all(
+        each.name.removesuffix(PACKED_SUFFIX) in (path, _member_name(path))
+        or each.name in (path, _member_name(path))
+        for path, each in index.files.items()
+    )
+    if not (is_plain and names_fit and sorted(held) == sorted(listed)):
+        raise FileError(
+            index_path(index.tar),
+            f"lists other files than {index.tar.name} holds",
+            "copy both again, or make them again by `sightline shard`",
+        )
 
 
 def _digest(tar: Path) -> tuple[str, int]:
@@ -320,6 +351,7 @@ def _unpack(tar: Path, out: Path) -> bool | None:
     fault = _fault(index)
     if fault is not None:
         raise FileError(tar, fault, remedy)
+    _check_members(index)
     is_written = False
     for path, member in index.files.items():
         target = out.joinpath(*relative_parts(path, index_path(tar), "a file's path"))

@@ -177,8 +177,8 @@ class OnnxRuntimeEngine:
         # otherwise its threads would occupy the cores between runs
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
-            self._session = onnxruntime.InferenceSession(
-                str(path), options, providers=["CPUExecutionProvider"]
+            self._session = onnxruntime.InferenceSession(  # not the name, which may be no UTF-8
+                path.read_bytes(), options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # its exceptions have no common base class
             raise ValueError(

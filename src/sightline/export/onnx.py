@@ -75,7 +75,7 @@ def export_onnx(
     model.metadata_props.update(metadata.to_properties())
     with atomic_path(path) as aside:
         program.save(str(aside), external_data=False)
-        onnx.checker.check_model(str(aside), full_check=True)
+        onnx.checker.check_model(aside.read_bytes(), full_check=True)  # a name may be no UTF-8
 
 
 def read_onnx_metadata(path: Path) -> ExportMetadata:

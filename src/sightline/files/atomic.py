@@ -9,7 +9,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sightline.files.shard_path import ShardPath
-from sightline.files.temporary_folder import final_path, temporary_folder
+from sightline.files.temporary_folder import (
+    final_path,
+    make_locked,
+    remove_locked,
+    temporary_folder,
+)
 
 _DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
@@ -58,24 +63,28 @@ class DiskError(ValueError):
 def scratch_folder() -> Iterator[Path]:
     """Create a folder in TMPDIR for intermediate files, and remove it at the end of the block.
 
+    A killed process leaves its folder behind; the next process that needs one removes it.
+
     Raises:
         DiskError: No folder can be created, or its disk is full or broken.
     """
     remedy = "make room, or name another temporary folder by the variable TMPDIR"
     try:
-        holder = tempfile.TemporaryDirectory(prefix="sightline-", ignore_cleanup_errors=True)
+        folder, lock = make_locked(Path(tempfile.gettempdir()))
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise DiskError(f"no temporary folder can be made: {reason}; {remedy}") from error
-    with holder as folder:
-        try:
-            yield Path(folder)
-        except OSError as error:
-            if error.errno not in _DISK_FAULTS:
-                raise
-            reason = os.strerror(error.errno).lower()
-            place = Path(folder).parent
-            raise DiskError(f"temporary folder {place} is unusable: {reason}; {remedy}") from error
+    try:
+        yield folder
+    except OSError as error:
+        if error.errno not in _DISK_FAULTS:
+            raise
+        reason = os.strerror(error.errno).lower()
+        raise DiskError(
+            f"temporary folder {folder.parent} is unusable: {reason}; {remedy}"
+        ) from error
+    finally:
+        remove_locked(folder, lock)
 
 
 @contextmanager

@@ -21,9 +21,18 @@ PACKED_SUFFIX: Final = ".gz"
 
 _MAX_INDEX_BYTES: Final = 2**28
 _MAX_MANIFEST_BYTES: Final = 2**26
+MAX_SHARDS: Final = 100_000
+"""Most shards of a folder: a manifest that is made up must not fill the memory with names."""
 _MARK: Final = b"sightline shard"
 _MARK_BYTES: Final = 64  # from the beginning of a manifest
 _REMEDY: Final = "copy it again, or make it again by `sightline shard`"
+_NO_FORMAT: Final = (
+    ValueError,
+    TypeError,
+    LookupError,
+    RecursionError,
+    OverflowError,  # of 1e999 as a whole number
+)
 _GZIP: Final = 31  # zlib's window bits for gzip's header
 
 
@@ -105,9 +114,12 @@ def read_index(tar: Path) -> ShardIndex | None:
         if data["format"] != FORMAT:
             raise ValueError
         num_bytes, sha256 = int(data["bytes"]), str(data["sha256"])
-        members = {str(row[0]): _member(tar, row, num_bytes) for row in data["files"]}
-    except (ValueError, TypeError, KeyError, IndexError, RecursionError) as error:
+        rows = [(str(row[0]), _member(tar, row, num_bytes)) for row in data["files"]]
+    except _NO_FORMAT as error:
         raise FileError(path, "is no index of a shard", _REMEDY) from error
+    members = dict(rows)
+    if len(members) != len(rows):
+        raise FileError(path, "names a file twice", _REMEDY)
     for name in members:
         relative_parts(name, path, "a file's path")
     return ShardIndex(tar=tar, sha256=sha256, num_bytes=num_bytes, files=members)
@@ -134,7 +146,7 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
     """Read the manifest of a folder of shards; None: it is no such folder.
 
     Raises:
-        FileError: The manifest is damaged.
+        FileError: The manifest is damaged, or does not count the shards beside it.
     """
     content = read_small(folder / MANIFEST, _MAX_MANIFEST_BYTES)
     if content is None or _MARK not in content[:_MARK_BYTES]:  # another file of this name
@@ -144,8 +156,16 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
         numbers = int(data["frames"]), int(data["frames_per_shard"])
         if data["format"] != FORMAT or min(numbers) < 1 or not isinstance(data["data"], str):
             raise ValueError
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except _NO_FORMAT as error:
         raise FileError(folder / MANIFEST, "is no manifest of shards", _REMEDY) from error
+    count = -(-numbers[0] // numbers[1])
+    if count > MAX_SHARDS:
+        problem = f"counts {count} shards, expected at most {MAX_SHARDS}"
+        raise FileError(folder / MANIFEST, problem, _REMEDY)
+    following = folder / f"{count:06d}.json"
+    if url_of(folder) is None and following.is_file():
+        problem = f"counts {count} shards, but there is {following.name}"
+        raise FileError(folder / MANIFEST, problem, _REMEDY)
     return dict(data)
 
 
@@ -206,7 +226,13 @@ def _read_tree(root: Path) -> ShardTree | None:
         tars = tars_of(root, int(manifest["frames"]), int(manifest["frames_per_shard"]))
         indexes = [_required(tar) for tar in tars]
     found = [each for each in indexes if each is not None]
-    files = {path: member for index in found for path, member in index.files.items()}
+    files: dict[str, Member] = {}
+    for index in found:
+        both = files.keys() & index.files.keys()
+        if both:
+            problem = f"names {min(both)}, which another shard holds, too"
+            raise FileError(index_path(index.tar), problem, _REMEDY)
+        files |= index.files
     return ShardTree(files=files, folders=_folders(files)) if found else None
 
 

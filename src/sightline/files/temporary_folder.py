@@ -29,8 +29,7 @@ def temporary_folder(target: Path) -> Iterator[Path]:
     """
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_leftovers(target.parent)
-        temporary, lock = _make_locked(target.parent)
+        temporary, lock = make_locked(target.parent)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise ValueError(
@@ -40,8 +39,27 @@ def temporary_folder(target: Path) -> Iterator[Path]:
     try:
         yield temporary
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        os.close(lock)
+        remove_locked(temporary, lock)
+
+
+def make_locked(folder: Path) -> tuple[Path, int]:
+    """Create a hidden folder in another, after the removal of what killed processes left there.
+
+    Returns:
+        The folder, and the descriptor of its lock: see `temporary_folder`.
+
+    Raises:
+        OSError: The folder cannot be written to.
+    """
+    with contextlib.suppress(PermissionError):  # it cannot be listed
+        _remove_leftovers(folder)
+    return _make_locked(folder)
+
+
+def remove_locked(folder: Path, lock: int) -> None:
+    """Remove a folder from `make_locked`, and release its lock."""
+    shutil.rmtree(folder, ignore_errors=True)
+    os.close(lock)
 
 
 def final_path(path: Path) -> Path:

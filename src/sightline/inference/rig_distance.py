@@ -147,7 +147,7 @@ def rig_distance(
                 data, sample_list=sample_list, velodyne=velodyne, parts=parts, needs=()
             )
             return _distance(dataset, ranges)
-    except ValueError:  # the command itself reports unreadable data
+    except (ValueError, OSError):  # the command itself reports unreadable data
         return None
 
 

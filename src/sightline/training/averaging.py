@@ -33,9 +33,11 @@ def average_weights(
         Names of the second's tensors that are left out.
 
     Raises:
-        ValueError: The share is no share, weights cannot be read, the designs differ, or a weight
-            is too large for half precision.
+        ValueError: `out` does not end in .safetensors, the share is no share, weights cannot be
+            read, the designs differ, or a weight is too large for the precision.
     """
+    if out.suffix != ".safetensors":  # by which weights are known
+        raise ValueError(f"{out}: weights are written to a file .safetensors; rename it")
     if not 0 <= share <= 1:
         raise ValueError(f"share must be between 0 and 1, got {share}")
     before, after = read_weights(first), read_weights(second)
@@ -46,7 +48,7 @@ def average_weights(
         )
     for name in sorted(before.tensors):
         shapes = [
-            str(list(each.tensors[name].shape)) if name in each.tensors else "missing"
+            _form(each.tensors[name]) if name in each.tensors else "missing"
             for each in (before, after)
         ]
         if shapes[0] != shapes[1]:
@@ -61,7 +63,8 @@ def average_weights(
         mixed = tensor.double().lerp(after.tensors[name].double(), share)
         mixed = mixed.to(torch.float16 if half else torch.float32)
         if not mixed.isfinite().all():
-            raise ValueError(f"the tensor {name} is too large for half precision; leave half out")
+            reason = "half precision; leave half out" if half else "single precision; name others"
+            raise ValueError(f"the tensor {name} is too large for {reason}")
         return mixed
 
     parts = ((1 - share, first), (share, second))
@@ -76,6 +79,12 @@ def average_weights(
         provenance={**after.provenance, "average": origin},
     )
     return tuple(sorted(after.tensors.keys() - before.tensors.keys()))
+
+
+def _form(tensor: Tensor) -> str:
+    """Describe the shape, and the type where it takes no part in a mean."""
+    numbers = "" if tensor.is_floating_point() else " of whole numbers"
+    return f"{list(tensor.shape)}{numbers}"
 
 
 def _digest(weights: Path | str) -> str:

@@ -44,8 +44,10 @@ from sightline.training.nulls import check_nulls
 from sightline.training.progress import RunProgress
 from sightline.training.quiet import quiet_lightning
 from sightline.training.resumed_settings import resumed_settings_note
-from sightline.training.run_folder import claimed
+from sightline.training.run_folder import check_name, claimed
 
+_TENSORBOARD = (None, True)
+"""Values of `trainer.logger` that stand for TensorBoard's."""
 _CONFIG_NAMES = {
     "fit": "config.yaml",
     "validate": "config_validate.yaml",
@@ -246,6 +248,8 @@ class _TrainingCLI(LightningCLI):
         folder: Path = config["run_folder"]
         self._run.folder = folder
         _check_outside_data(config["data"]["init_args"], folder)
+        if config["trainer"]["logger"] in _TENSORBOARD:
+            check_name(folder)
         self._initial_weights = config["model"]["init_args"].get("initial_weights")
         given: str | None = config["ckpt_path"]
         if self.subcommand == "fit":
@@ -292,7 +296,7 @@ class _TrainingCLI(LightningCLI):
             "initial_weights": self._initial_weights,
         }
         settings = self.config_init[self.subcommand]["trainer"]
-        if settings["logger"] in (None, True):
+        if settings["logger"] in _TENSORBOARD:
             kwargs["logger"] = TensorBoardLogger(folder, name="", version="")
         if settings["default_root_dir"] is None:
             kwargs["default_root_dir"] = folder

@@ -11,6 +11,21 @@ from sightline.files.atomic import check_links
 _CLAIM = ".claim"
 
 
+def check_name(folder: Path) -> None:
+    """Refuse a folder whose name TensorBoard's library cannot write to: one that is not UTF-8.
+
+    Raises:
+        ValueError: The path holds bytes of another encoding.
+    """
+    try:
+        str(folder).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(
+            f"{folder}: the name is not UTF-8, and TensorBoard's files cannot be written there; "
+            "rename the folder, or change into it and give a relative --run_folder"
+        ) from error
+
+
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
     """Lock a folder against other trainings until the block or the process ends.
