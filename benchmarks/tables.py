@@ -93,6 +93,8 @@ TABLES: Final = {
         ("joined_best_fast", "joined_fast_best", "joined_fast"), table_joined.pairs
     ),
     "joined-faults": Table(("joined_faults",), table_joined.faults),
+    "joined-simulated": Table(("joined_simulated",), table_joined.faults),
+    "core": Table(("joined_simulated",), table_sensors.core),
     "joined-calibration": Table(
         (
             "joined_calibration",
