@@ -3,6 +3,7 @@
 import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ def smooth_rows(depth_m: Array, reach: Array) -> Array:
     return np.where(reach > 0, sums / (end - start), depth_m).astype(np.float32)
 
 
-def write_maps(path: str, maps: dict[str, Array]) -> None:
+def write_maps(path: str, maps: dict[str, Any]) -> None:
     """Write arrays to a file that numpy.load opens, under exactly this name."""
     try:
         with Path(path).open("wb") as file:  # numpy would append .npz to another name
