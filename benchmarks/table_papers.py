@@ -76,6 +76,12 @@ def gate_means(record: Record) -> Rows:
     return rows
 
 
+def stage_name(row: str) -> str:
+    """Name a row of the course's table: its own by their text, others by their folder."""
+    own = {str(key): name for key, name in STAGES.items()}
+    return own.get(row, row.replace("_", " "))
+
+
 def two_stage(record: Record) -> Rows:
     """Give the rows of the course's table: AP of cars at both IoUs, easy / moderate / hard."""
     scores = record["rows"]
@@ -88,7 +94,7 @@ def two_stage(record: Record) -> Rows:
         published += [_levels(record["published"]["ap_r11"], 2) if is_published else "", "", ""]
     rows.append(published)
     for row, by_iou in scores.items():
-        cells = [STAGES[row]]
+        cells = [stage_name(row)]
         for iou in ious:
             each = by_iou[iou]
             ends = each["ap_all_points_95"]
@@ -107,7 +113,7 @@ def two_stage_differences(record: Record) -> Rows:
     rows[0] += [f"{name}, IoU {iou}" for iou in ious for name in measures.values()]
     cells: dict[tuple[str, str], list[str]] = {}
     for each in record["differences"]:  # by IoU within each pair of rows
-        name = f"{STAGES[each['row']]} less {STAGES[each['less']]}"
+        name = f"{stage_name(each['row'])} less {stage_name(each['less'])}"
         cells.setdefault((name, each["difficulty"]), []).extend(
             _with_interval(each[key]["difference"], each[key]["difference_95"]) for key in measures
         )

@@ -78,6 +78,10 @@ TABLES: Final = {
     "gated-fusion-gates": Table(("gated_fusion_table_1",), table_papers.gate_means),
     "two-stage": Table(("two_stage",), table_papers.two_stage),
     "two-stage-differences": Table(("two_stage",), table_papers.two_stage_differences),
+    "two-stage-small": Table(("two_stage_small",), table_papers.two_stage),
+    "two-stage-small-differences": Table(
+        ("two_stage_small",), table_papers.two_stage_differences
+    ),
     "time-depth": Table(("depth_completion",), table_speed.depth),
     "time-detection2d": Table(("detection2d",), table_speed.detection2d),
     "time-detection3d": Table(("detection3d",), table_speed.detection3d),

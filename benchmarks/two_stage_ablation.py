@@ -2,9 +2,10 @@
 
 `python -m benchmarks.two_stage_ablation RESULTS LABELS --sample_list LIST`. RESULTS has a folder of
 result files for each row, as `sightline reproduce two-stage --out RESULTS` writes them: first,
-baseline, improved. Cars in 3D at the course's IoU of 0.5 and at 0.7. The frames are resampled, the
-same for all rows, which gives the interval of each difference. Its last line is kept in
-benchmarks/results/two_stage.json.
+baseline, improved; further ones, such as baseline_with_AdamW, are named by `--rows`. Cars in 3D at
+the course's IoU of 0.5 and at 0.7. The frames are resampled, the same for all rows, which gives the
+interval of each difference. Its last line is kept in benchmarks/results: two_stage.json, and
+two_stage_small.json of a smaller training.
 """
 
 import itertools
@@ -16,11 +17,12 @@ from typing import Any, Final
 import jsonargparse
 
 from benchmarks.record import print_record
+from benchmarks.table_papers import stage_name
 from sightline.evaluation.kitti_object import compare_objects, evaluate_objects, frame_names
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Metric
 from sightline.papers.rows import class_scores, levels_text, select_entries
 from sightline.papers.two_stage import car_overlaps
-from sightline.papers.two_stage_rows import IOUS, NAMES, PUBLISHED, Row
+from sightline.papers.two_stage_rows import IOUS, NAMES, PUBLISHED
 
 _CLASS: Final[ClassName] = "Car"
 _METRIC: Final[Metric] = "3d"
@@ -30,7 +32,7 @@ def main(
     results: Path,
     labels: Path,
     sample_list: Path | None = None,
-    rows: Sequence[Row] = ("first", "baseline", "improved"),
+    rows: Sequence[str] = tuple(NAMES),
     resamples: int = 1000,
 ) -> None:
     """Print a table, then one line of JSON.
@@ -39,7 +41,7 @@ def main(
         results: Folder of the rows' result files.
         labels: Folder of KITTI's label files.
         sample_list: Text file with one frame's name a line. None: all with labels.
-        rows: The rows; each is compared with all before it.
+        rows: The rows, by their folders; each is compared with all before it.
         resamples: Number of resamples of the frames.
 
     Raises:
@@ -49,7 +51,7 @@ def main(
     if missing:
         raise ValueError(
             f"{results} has no folder {', '.join(missing)}; write it by `sightline reproduce "
-            f"two-stage --{missing[0]} WEIGHTS --out {results}`, or leave it out of --rows"
+            f"two-stage --out {results}` with the row's weights, or leave it out of --rows"
         )
     frames = frame_names(labels, sample_list)
     scores = {row: _scores(results / row, labels, frames, resamples) for row in rows}
@@ -63,7 +65,7 @@ def main(
     for row, by_iou in scores.items():
         for iou, each in by_iou.items():
             texts = (levels_text(each[key]) for key in ("ap_r11", "ap_r40", "ap_all_points"))
-            print(f"{NAMES[row]:<22} IoU {iou}  {'   '.join(texts)}")
+            print(f"{stage_name(row):<22} IoU {iou}  {'   '.join(texts)}")
     for each in differences:
         low, high = each["r40"]["difference_95"] or (float("nan"),) * 2
         print(
@@ -103,8 +105,8 @@ def _scores(
 
 def _differences(
     results: Path,
-    row: Row,
-    other: Row,
+    row: str,
+    other: str,
     labels: Path,
     frames: Sequence[str],
     resamples: int,

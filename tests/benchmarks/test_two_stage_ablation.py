@@ -95,3 +95,14 @@ def test_a_single_row_needs_no_others_and_a_missing_one_is_named(folders, capsys
     (folders[0] / "improved").rename(folders[0] / "other")
     with pytest.raises(ValueError, match="has no folder improved; write it by `sightline reprod"):
         main(*folders, resamples=20)
+
+
+def test_a_further_row_is_named_by_its_folder(folders, capsys):
+    (folders[0] / "improved").rename(folders[0] / "baseline_with_AdamW")
+    main(*folders, rows=["baseline", "baseline_with_AdamW"], resamples=20)
+    record = record_of(capsys)
+    assert [row[0] for row in two_stage(record)[2:]] == [
+        "baseline (problem 1)",
+        "baseline with AdamW",
+    ]
+    assert two_stage_differences(record)[1][0] == "baseline with AdamW less baseline (problem 1)"

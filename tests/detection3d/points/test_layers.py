@@ -14,6 +14,7 @@ from sightline.detection3d.points.config import (
 from sightline.detection3d.points.layers import (
     FeaturePropagation,
     Neighbourhood,
+    NormAndRelu,
     PointBackbone,
     PointFeatures,
     SetAbstraction,
@@ -158,3 +159,35 @@ def test_settings_out_of_range_are_refused():
         PointBackboneConfig(propagation_widths=((8,),))
     with pytest.raises(ValueError, match="in_channels must be at least 0, got -1"):
         PointBackboneConfig(in_channels=-1)
+
+
+def test_the_gradient_of_a_normalised_layer_copies_no_view():
+    layer, values = NormAndRelu(4, batch_norm=True), torch.randn(2, 3, 5, 4, requires_grad=True)
+    out = layer(values)
+    rows = values.detach().reshape(-1, 4)
+    expected = ((rows - rows.mean(dim=0)) / (rows.var(dim=0, unbiased=False) + 1e-5).sqrt()).relu()
+    torch.testing.assert_close(out.detach().reshape(-1, 4), expected)
+    names, open_nodes = set(), [out.grad_fn]
+    while open_nodes:
+        node = open_nodes.pop()
+        names.add(node.name())
+        open_nodes += [parent for parent, _ in node.next_functions if parent is not None]
+    assert "NativeBatchNormBackward0" in names
+    assert "CopySlices" not in names
+
+
+def test_learning_from_a_batch_gives_a_maximum_its_whole_gradient():
+    torch.manual_seed(0)
+    cloud, features = street(3, 80), torch.randn(1, 80, 3)
+    layer = Neighbourhood(3, SCALE, batch_norm=True).train()
+    near = layer.find(cloud, cloud[:, :9])
+    out = layer(cloud, features, cloud[:, :9], near)
+    out.sum().backward()
+    found = [each.grad.clone() for each in layer.parameters()]
+    layer.zero_grad()
+    offsets = cloud[0][near[0]] - cloud[0, :9, None]
+    rows = torch.cat((offsets, features[0][near[0]]), dim=2)
+    plain = layer.rest(layer.activate(linear(rows, layer.first.weight)))
+    plain.amax(dim=1).sum().backward()  # shares it among equal rows
+    for gradient, each in zip(found, layer.parameters(), strict=True):
+        torch.testing.assert_close(gradient, each.grad, atol=1e-5, rtol=1e-4)

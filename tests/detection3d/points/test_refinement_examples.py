@@ -1,5 +1,8 @@
-"""Which proposals of a sweep the second stage is trained on."""
+"""Which proposals of a sweep the second stage is trained on, and towards which yaws."""
 
+import math
+
+import pytest
 import torch
 
 from sightline.detection3d.config import Detection3DLossConfig
@@ -8,7 +11,7 @@ from sightline.detection3d.points.config import (
     RefinementConfig,
     RoiPoolingConfig,
 )
-from sightline.detection3d.points.refinement import PointRefinement
+from sightline.detection3d.points.refinement import PointRefinement, RefinementOutput
 from sightline.detection3d.stages import Proposed
 from sightline.detection3d.sweeps import SweepTruth
 from tests.detection3d.boxes import car, rows
@@ -70,3 +73,14 @@ def test_samples_are_drawn_among_the_proposals_with_points_so_that_none_is_lost(
 def test_a_sweep_without_proposals_has_no_examples():
     regions, samples = examples([], [car(10)])
     assert len(regions.places) == len(samples.iou) == 0
+
+
+@pytest.mark.parametrize("yaw", [-math.pi, -3.13, 3.13, 0.01, -1.5, 1.5])
+def test_yaws_are_compared_in_a_range_without_an_end_at_oncoming_cars(yaw):
+    regions, samples = examples([car(10.25)], [car(10, yaw=yaw)])
+    expected = yaw - 2 * math.pi if yaw > 3 else yaw  # oncoming cars lie together, near -pi
+    boxes = samples.boxes.clone().float()
+    boxes[:, 6] = expected
+    output = RefinementOutput(boxes, torch.zeros(len(boxes)))
+    stage = PointRefinement(PLAIN, RoiPoolingConfig(num_points=8, margin_m=0.0))
+    assert stage.losses(output, regions, samples, CONFIG).boxes.item() == pytest.approx(0, abs=1e-9)

@@ -253,9 +253,10 @@ class RefinementConfig:
     """Hidden layers of each head."""
     batch_norm: bool = False
     """Whether layers have batch normalisation."""
-    first_box: tuple[float, ...] = (25.0, 0.0, -1.0, *CAR.mean_size_m, 0.0)
+    first_box: tuple[float, ...] = (25.0, 0.0, -1.0, *CAR.mean_size_m, -math.pi / 2)
     """Output of an untrained network, about the mean of the boxes to learn: x, y, z, length, width,
-    height, yaw in the frame of the points [m, rad]."""
+    height, yaw in the frame of the points [m, rad]. The yaw is between those of cars that drive
+    away (0) and of oncoming ones (-pi)."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""

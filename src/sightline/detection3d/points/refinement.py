@@ -1,5 +1,6 @@
 """Plain second stage: a box and its confidence from the points around each proposal."""
 
+import math
 from typing import NamedTuple, cast
 
 import torch
@@ -204,11 +205,22 @@ class PointRefinement(SecondStage):
         targets: ProposalSamples,
         config: Detection3DLossConfig,
     ) -> RefinementLosses:
-        """Compute `box_loss` and `confidence_loss`."""
+        """Compute `box_loss`, with yaws in the handout's range, and `confidence_loss`."""
         del regions
-        boxes = box_loss(output.boxes.float(), targets.boxes, targets.iou, config.refinement).total
+        truths = _with_handout_yaws(targets.boxes)
+        boxes = box_loss(output.boxes.float(), truths, targets.iou, config.refinement).total
         confidence = confidence_loss(output.logits.float(), targets.iou, config.refinement)
         return RefinementLosses(boxes + confidence, boxes, confidence)
+
+
+def _with_handout_yaws(boxes: Float[Tensor, "n 7"]) -> Float[Tensor, "n 7"]:
+    """Boxes with yaws in [-3/2 pi, pi/2), where the handout's camera rotation is in (-pi, pi].
+
+    The loss compares numbers. In [-pi, pi) oncoming cars lie at both ends, some 2 pi apart; here
+    these are cars across the road, which are fewer.
+    """
+    yaws = wrap_angle(boxes[:, 6:] + math.pi / 2) - math.pi / 2
+    return torch.cat((boxes[:, :6], yaws), dim=1)
 
 
 def _is_on_ignored(
