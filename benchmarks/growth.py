@@ -40,7 +40,7 @@ MARKS: Final = {
     "evaluate": (100, 1_000, 10_000),
     "predict": (1, 100, 1_000, 10_000),
     "perceive": (1, 100, 300, 1_000),
-    "simulate": (1, 10, 30, 100),
+    "simulate": (1, 10, 100, 1_000),
     "perceive-full-size": (1, 4, 20),
     "corrupt": (1, 100, 1_000, 10_000),
 }
