@@ -5,9 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import sightline
 from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.detection3d.sweeps import from_kitti_frame, to_kitti_boxes
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.transforms import transform_points
 from sightline.joining.config import JoinConfig
@@ -75,6 +79,7 @@ def test_an_image_box_without_a_3d_box_gets_a_refined_one_and_keeps_its_place():
     ("found2d", "points", "settings", "origins"),
     [
         (SEEN, None, {"propose": False}, ("lifted",)),
+        (SEEN, None, {"associate": False}, ("lifted",)),
         (SEEN, None, {"propose": False, "lift": False}, ("none",)),
         (detections2d(("Car", 0.15, CAR_IN_IMAGE)), None, {}, ("lifted",)),
         (SEEN, None, {"sweep_in_image": False}, ("lifted",)),
@@ -148,10 +153,32 @@ def test_boxes_are_refined_in_the_frame_of_a_turned_lidar(detector, sample):
     )
 
 
-def test_boxes_of_unknown_classes_are_left_out(detector, sample):
-    boxes = Boxes3D(torch.tensor([REFINED]))
-    unknown = Detections3D(class_names=("Tram",), boxes=boxes, scores=torch.tensor([0.9]))
-    assert len(detector.refine_boxes(sample, unknown).scores) == 0
+@pytest.mark.parametrize(("name", "x"), [("Tram", 20.0), ("Car", 75.0), ("Car", -5.0)])
+def test_boxes_of_unknown_classes_or_out_of_range_are_left_out(
+    detector, sample, monkeypatch, name, x
+):
+    boxes = Boxes3D(torch.tensor([[x, *REFINED[1:]]]))
+    found = Detections3D(class_names=(name,), boxes=boxes, scores=torch.tensor([0.9]))
+    refine, taken = detector._stages.refine, []
+
+    def note(sweep, proposed):
+        taken.append(len(proposed.boxes))
+        return refine(sweep, proposed)
+
+    monkeypatch.setattr(detector._stages, "refine", note)
+    assert len(detector.refine_boxes(sample, found).scores) == 0
+    assert taken == [0]
+
+
+@given(height_m=st.floats(0.5, 4), roll=st.floats(-0.3, 0.3), yaw=st.floats(-3, 3))
+def test_boxes_go_to_kittis_frame_and_back(sample, height_m, roll, yaw):
+    turn = torch.eye(4, dtype=torch.float64)
+    turn[:3, :3] = torch.from_numpy(Rotation.from_euler("zx", (yaw, roll)).as_matrix())
+    tilted = dataclasses.replace(sample, lidar_height_m=height_m, level_from_lidar=turn)
+    boxes = Boxes3D(torch.tensor([REFINED], dtype=torch.float64))
+    kitti = Detections3D(class_names=("Car",), boxes=boxes, scores=torch.tensor([0.9]))
+    again = to_kitti_boxes(from_kitti_frame(kitti, tilted), tilted)
+    torch.testing.assert_close(again.boxes.tensor, boxes.tensor, rtol=0, atol=1e-6)
 
 
 def test_a_car_that_the_first_stage_lost_is_found_by_its_image_box(detector, sample):

@@ -19,11 +19,18 @@ class SecondStage(NamedTuple):
     steps: Steps
 
     def __call__(self, boxes: Detections) -> Detections:
-        """Refine boxes of the LiDAR's frame."""
-        xyz, names = seen_points(self.frame, self.steps["sweep"]), list(self.steps["classes"])
-        raised = single([box for _, _, box in boxes])
-        raised[:, 2] += single(self.steps["sweep"]["height_offset_m"])
-        classes = np.array([names.index(name) for name, _, _ in boxes])
+        """Refine boxes of the LiDAR's frame that lie in the network's range."""
+        rule, names = self.steps["sweep"], list(self.steps["classes"])
+        low, high = np.array(rule["lowest_m"])[:2], np.array(rule["highest_m"])[:2]
+        boxes = [
+            each for each in boxes if (low <= each[2][:2]).all() and (each[2][:2] <= high).all()
+        ]
+        xyz, raised = (
+            seen_points(self.frame, rule),
+            single([box for _, _, box in boxes]).reshape(-1, 7),
+        )
+        raised[:, 2] += single(rule["height_offset_m"])
+        classes = np.array([names.index(name) for name, _, _ in boxes], int)
         scores = single([score for _, score, _ in boxes])
         return refined(self.session, self.steps, xyz, Proposals(raised, classes, scores))
 

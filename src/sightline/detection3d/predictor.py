@@ -183,8 +183,8 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
 
         Args:
             sample: Sample with a sweep.
-            boxes: Boxes in the LiDAR's own frame, and their scores. Those of classes that the
-                network does not know are left out.
+            boxes: Boxes in the LiDAR's own frame, and their scores. Those of unknown classes, or
+                with centres outside the network's range, are left out.
 
         Returns:
             Refined boxes, by descending score, without doubtful and overlapping ones; none if the
@@ -194,14 +194,16 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
             ValueError: See `predict`.
         """
         detector, config = self._stages.detector, self._config
-        places = {name: place for place, name in enumerate(detector.class_names)}
-        known = [index for index, name in enumerate(boxes.class_names) if name in places]
-        if detector.second is None:
-            known = []
-        raised = to_kitti_boxes(boxes, sample).boxes.tensor[known].float()
+        raised = to_kitti_boxes(boxes, sample).boxes.tensor.float()
         raised[:, 2] += config.input.height_offset_m
-        classes = torch.tensor([places[boxes.class_names[index]] for index in known]).long()
-        proposed = Proposed(raised, classes, boxes.scores[known].float())
+        low, high = (
+            raised.new_tensor(each[:2]) for each in (config.input.lowest_m, config.input.highest_m)
+        )
+        is_near = ((raised[:, :2] >= low) & (raised[:, :2] <= high)).all(dim=1)
+        places = {name: place for place, name in enumerate(detector.class_names)}
+        classes = torch.tensor([places.get(name, -1) for name in boxes.class_names]).long()
+        taken = is_near & (classes >= 0) & (detector.second is not None)
+        proposed = Proposed(raised[taken], classes[taken], boxes.scores[taken].float())
         return self._align(self._stages.refine(self._sweep(sample), proposed), sample)
 
     def _sweep(self, sample: CameraLidarSample) -> Sweep:

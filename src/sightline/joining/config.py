@@ -14,20 +14,20 @@ class JoinConfig:
     """Stages of joining; each can be switched off."""
 
     associate: bool = True
-    """Whether boxes of both detectors become one object; off: each box is an object."""
+    """Match boxes of both detectors to one object; off: each box is an object."""
     rescore: bool = True
-    """Whether the models give scores; off: the detectors' own."""
+    """Score boxes by the fitted models; off: by the detectors alone."""
     calibrate: bool = True
     """Calibration of the objects' scores, which keeps the order within a class."""
     mix_boxes: bool = True
-    """Whether matched image boxes take the shape of the projected 3D box."""
+    """Average matched image boxes with their projected 3D boxes."""
     sweep_in_image: bool = True
     """Use of the 3D detector's boxes in the image. Off, for late sweeps: boxes and scores in the
     image are the image detector's, and objects without its box have a tenth of their score."""
     propose: bool = True
-    """Whether the 3D detector's second stage refines lifted boxes that no 3D box explains."""
+    """Refine lifted boxes of unmatched image boxes by the second stage of 3D detection."""
     lift: bool = True
-    """Whether objects without a 3D box get one by geometry."""
+    """Give objects without a 3D box one by geometry."""
     min_iou: Share = 0.5
     """Minimum IoU of a projected box and an image box of one object. A further image box of its
     class above it repeats the object."""

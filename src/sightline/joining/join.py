@@ -143,7 +143,7 @@ def _lift_unmatched(
 
 def _proposed(pairs: _Pairs, lifted: Iterable[int], config: JoinConfig) -> list[int]:
     """Indices of the lifted boxes that the second stage refines: sure ones, beside a sweep."""
-    if not config.propose or pairs.kind == "alone":
+    if not (config.propose and config.associate) or pairs.kind == "alone":
         return []
     return [index for index in lifted if pairs.scores2d[index] >= config.min_proposed_score]
 

@@ -10,7 +10,7 @@ from torch import library
 class Operator:
     """A function of tensors that is a PyTorch operator: `torch.ops.sightline.<name>`.
 
-    Like `torch.library.custom_op`, whose operators import the compiler at their first call: two
+    Like PyTorch's `custom_op`, whose operators import the compiler at their first call: two
     seconds of processor time before a predictor's first result.
     """
 
@@ -38,7 +38,7 @@ class Operator:
     def register_autograd(
         self, backward: Callable[..., Any], *, setup_context: Callable[..., None]
     ) -> None:
-        """Register the gradient, as for `torch.library.register_autograd`."""
+        """Register the gradient, as for PyTorch's `register_autograd`."""
         library.register_autograd(self._name, backward, setup_context=setup_context)
 
 
