@@ -140,6 +140,31 @@ def test_a_newer_request_cancels_the_older_and_the_last_state_is_shown(show):
     assert "turned" in shown.page.locator("#health").inner_text()
 
 
+def test_an_older_answer_that_comes_all_the_same_does_not_end_the_newer_request(show):
+    shown = show()
+    shown.page.evaluate("""() => {
+      AbortController.prototype.abort = () => {};
+      window.numEnds = 0;
+      const count = () => { if (document.body.dataset.busy === "false") window.numEnds += 1; };
+      new MutationObserver(count).observe(document.body, { attributeFilter: ["data-busy"] });
+    }""")
+
+    def is_newest(request):
+        return "api/answers" in request.url and "yaw=2" in request.url
+
+    with shown.page.expect_event("requestfinished", is_newest):
+        shown.page.evaluate("""() => {
+          const slider = document.getElementById("yaw");
+          for (const value of ["0.5", "2"]) {
+            slider.value = value;
+            slider.dispatchEvent(new Event("input", { bubbles: true }));
+          }
+        }""")
+    shown.settle()
+    assert shown.page.locator("#status").inner_text().startswith("all results")
+    assert shown.page.evaluate("window.numEnds") == 1
+
+
 def test_the_drive_is_played_and_judged(show):
     shown = show()
     shown.page.get_by_role("button", name="Play").click()

@@ -73,8 +73,10 @@ async function askSide(name, query) {
     at("status").textContent = "computing ... (the networks are loaded first: seconds, once minutes)";
     showCommands(query, mine.abort.signal);
   }
+  const isNewest = () => running[name] === mine;  // an answer may come while it is cancelled
   try {
     const picture = source.scene(query, mine.abort.signal).then((scene) => {
+      if (!isNewest()) return;
       side.scene = scene;
       cloud.load(name, scene);
       if (name === "broken") status(mine, "picture");
@@ -82,9 +84,9 @@ async function askSide(name, query) {
     });
     await Promise.all([picture, source.answers(query, name, mine.abort.signal,
       (event, content) => hear(name, mine, event, content))]);
-    if (name === "broken") settle(mine);
+    if (name === "broken" && isNewest()) settle(mine);
   } catch (error) {
-    if (mine.abort.signal.aborted) return;
+    if (mine.abort.signal.aborted || !isNewest()) return;
     running[name] = undefined;
     mine.abort.abort();
     warn(error.message);
