@@ -20,6 +20,7 @@ from sightline.export.names import EngineName
 from sightline.files.weights_header import find_weights
 from sightline.joining.calibrating import calibrate_models
 from sightline.joining.fitting import FitFrame, fit_models
+from sightline.joining.refining import refiner_of
 
 
 def main(
@@ -69,7 +70,8 @@ def main(
             "sightline": version("sightline"),
         },
     )
-    calibrate_models(models, frames()).write(out)
+    refine = refiner_of(store.detector3d)
+    calibrate_models(models, frames(), refine).write(out)
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ def test_matched_boxes_are_one_object_with_a_mixed_box_and_both_supports():
     found = join(detections2d(("Car", 0.25, CAR_IN_IMAGE)), detections3d(CAR))
     assert len(found) == len(alone) == 1
     assert found.origins == ("measured",)
-    assert found.scores[0].item() == pytest.approx(1 - 0.5 * 0.75)
+    assert found.scores[0].item() == pytest.approx(1 - (1 - 0.5 * 0.5) * 0.75)
     assert found.scores3d[0].item() == pytest.approx(0.5)
     assert found.image_support[0].item() == pytest.approx(0.25)
     assert found.lidar_support[0].item() == pytest.approx(0.5)
@@ -74,6 +74,22 @@ def test_with_all_stages_off_each_detection_is_an_object_with_its_own_score():
     found = join(detections2d(seen, seen), detections3d(CAR, BEHIND), ALL_OFF)
     assert found.origins == ("measured", "measured", "none", "none")
     assert found.scores.tolist() == [pytest.approx(score) for score in (0.5, 0.4, 0.25, 0.25)]
+
+
+def test_an_object_without_an_image_box_counts_half_where_the_image_detector_ran():
+    for found2d, expected in ((detections2d(), 0.25), (None, 0.5)):
+        found = join(found2d, detections3d(CAR))
+        assert found.scores[0].item() == pytest.approx(expected)
+        assert found.scores3d[0].item() == pytest.approx(0.5)
+
+
+def test_an_object_outside_the_image_has_the_score_of_its_3d_box():
+    calibrated = dataclasses.replace(MODELS, calibrators=read_models().calibrators)
+    sample, found3d = make_sample(points=[(20.0, 1.0, -1.0, 0.0)]), detections3d(BEHIND)
+    found = join_detections(sample, detections2d(), found3d, calibrated)
+    (expected,) = read_models().calibrators["image_3d"]["Car"](np.array([0.4]))
+    assert found.scores[0] == found.scores3d[0]
+    assert found.scores[0].item() == pytest.approx(expected)
 
 
 def test_an_object_outside_the_image_keeps_its_score_and_has_no_image_box():

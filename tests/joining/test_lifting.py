@@ -23,7 +23,7 @@ def lifted(name, box, points=None, score=0.5):
     """Lift the projection of a box."""
     sample = make_sample(points)
     (corners,) = project_upright(box, sample).tolist()
-    return lift(make_scene(sample, detections2d((name, score, corners)), None), 0)
+    return lift(make_scene(sample, detections2d((name, score, corners)), None), [0])[0]
 
 
 @settings(max_examples=30)

@@ -71,7 +71,7 @@ def test_an_image_box_without_a_3d_box_gets_a_refined_one_and_keeps_its_place():
     torch.testing.assert_close(found.boxes3d.tensor[0], torch.tensor(REFINED).double())
     torch.testing.assert_close(found.boxes2d.tensor[0], torch.tensor(CAR_IN_IMAGE).double())
     assert found.scores3d[0].item() == pytest.approx(0.6)
-    assert found.scores[0].item() == pytest.approx(1 - 0.4 * 0.5)
+    assert found.scores[0].item() == pytest.approx(1 - (1 - 0.5 * 0.6) * 0.5)
     assert found.num_points[0].item() == 20
 
 

@@ -46,7 +46,7 @@ def join(
         scene = make_scene(frame, in_image, in_sweep)
         pairs = pair(scene, rule)
         lifted = lift_unmatched(scene, pairs, rule)
-    found = measured(scene, pairs, is_refined, settings["projected_share"])
+    found = measured(scene, pairs, is_refined, settings)
     for index in pairs.unmatched:
         name, box = str(scene.image.names[index]), scene.image.in_image[index]
         origin, score3d, box3d = "none", 0.0, np.zeros(7)
@@ -62,21 +62,24 @@ def calibrated(found: Found, kind: str, maps: Steps) -> Found:
     """Calibrate both scores, without a change of their order."""
     in_image = beta(maps[kind][found.name], found.score)
     in_space = beta(maps[f"{kind}_3d"][found.name], found.score3d)
-    return found._replace(score=in_image, score3d=0.0 if found.origin == "none" else in_space)
+    in_space = 0.0 if found.origin == "none" else in_space
+    is_outside = np.isnan(found.box).any()
+    return found._replace(score=in_space if is_outside else in_image, score3d=in_space)
 
 
-def measured(scene: Scene, pairs: Pairs, is_refined: Array, share: float) -> list[Found]:
+def measured(scene: Scene, pairs: Pairs, is_refined: Array, settings: Steps) -> list[Found]:
     """Objects of the sweep's boxes; with a partner, both sensors confirm them."""
     found = []
     for index, partner in enumerate(pairs.partners.tolist()):
-        box, sure = scene.sweep.in_image[index], pairs.sweep[index]
-        if partner >= 0:
-            of_sweep = 0.0 if is_refined[index] else share  # a refined box stems from the image's
+        box, score3d = scene.sweep.in_image[index], float(pairs.sweep[index])
+        sure = score3d * (1.0 if np.isnan(box).any() else settings["sweep_share"])
+        if partner >= 0:  # a refined box stems from the image's
+            of_sweep = 0.0 if is_refined[index] else settings["projected_share"]
             box = of_sweep * box + (1 - of_sweep) * scene.image.in_image[partner]
             sure = 1 - (1 - sure) * (1 - pairs.image[partner])
         name, box3d = str(scene.sweep.names[index]), scene.boxes3d[index]
         origin = "refined" if is_refined[index] else "measured"
-        found.append(Found(name, float(sure), box, origin, float(pairs.sweep[index]), box3d))
+        found.append(Found(name, float(sure), box, origin, score3d, box3d))
     return found
 
 

@@ -22,6 +22,7 @@ from sightline.joining.fitting import (
 )
 from sightline.joining.join import join_detections
 from sightline.joining.models import CALIBRATED, CLASSES, JoinModels, ScoreMap
+from sightline.joining.refining import Refine
 from sightline.joining.scene import make_scene
 from sightline.ops.rotated_iou import pairwise_iou_3d
 from sightline.structures.labels import ObjectLabels
@@ -41,15 +42,22 @@ class _Rows(NamedTuple):
     target: Float64[np.ndarray, " num_objects"]
 
 
-def calibrate_models(models: JoinModels, frames: Iterable[FitFrame]) -> JoinModels:
+def calibrate_models(
+    models: JoinModels, frames: Iterable[FitFrame], refine: Refine | None = None
+) -> JoinModels:
     """Fit the calibrators to joined objects of labelled frames.
 
     The target is the share of fit as in `fit_models`, but each label counts once, for the surest
     object that fits it: repeated objects are wrong. Deterministic.
+
+    Args:
+        models: The models of scores.
+        frames: Labelled frames with their detections.
+        refine: Second stage of the sweep detector; see `join_detections`.
     """
     rows: dict[tuple[str, str], list[_Rows]] = {}
     for frame in frames:
-        for key, each in _rows_of(frame, models).items():
+        for key, each in _rows_of(frame, models, refine).items():
             rows.setdefault(key, []).append(each)
     maps = {
         kind: {name: fit_map(*map(np.concatenate, zip(*rows[kind, name], strict=True)))
@@ -80,12 +88,14 @@ def fit_map(
     return ScoreMap(low=low, high=high, bias=bias)
 
 
-def _rows_of(frame: FitFrame, models: JoinModels) -> dict[tuple[str, str], _Rows]:
+def _rows_of(
+    frame: FitFrame, models: JoinModels, refine: Refine | None
+) -> dict[tuple[str, str], _Rows]:
     """Scores and targets of a frame's objects, by kind and class."""
     labels = level_sample(frame.sample).objects
     assert labels is not None, "the models were fitted to the frame"
     config = JoinConfig(calibrate=False)
-    objects = join_detections(frame.sample, frame.found2d, frame.found3d, models, config)
+    objects = join_detections(frame.sample, frame.found2d, frame.found3d, models, config, refine)
     kind = "image" if make_scene(frame.sample, None, None).has_lidar else "alone"
     boxes3d = objects.boxes3d
     if frame.sample.level_from_lidar is not None:

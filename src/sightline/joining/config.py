@@ -35,6 +35,9 @@ class JoinConfig:
     """Share of the projected box in the mean of both."""
     own_share: Share = 0.5
     """Share of the detector's own score in the mean with the model's."""
+    sweep_share: Share = 0.5
+    """Share of the 3D detector's score that counts in the image, beside the image detector; the
+    model of image boxes knows the 3D detector's already."""
     min_lifted_score: Share = 0.1
     """Score of an image box from which it is lifted; each takes some 3 ms."""
     min_proposed_score: Share = 0.2

@@ -140,7 +140,7 @@ def _rows_of(frame: FitFrame) -> dict[tuple[str, str], _Rows]:
     kind, seen = image_kind(scene, evidence, config)
     partner = match(evidence, scene.sweep.scores, scene.image.scores, config)
     alone = liftable(scene, partner, config)
-    lifted = [lift(scene, index) for index in alone]
+    lifted = list(lift(scene, alone).values())
     boxes3d = np.array([each.box for each in lifted]).reshape(-1, 7)
     lifted_rows = np.array([each.evidence for each in lifted]).reshape(-1, len(COLUMNS["lifted"]))
     rows: dict[tuple[str, str], _Rows] = {}

@@ -1,6 +1,7 @@
 """One list of objects from the detections of both detectors, in stages that can be switched off."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple
 
@@ -15,14 +16,14 @@ from sightline.joining.evidence import ALONE_COLUMNS, Evidence, gather_evidence,
 from sightline.joining.lifting import Lifted, lift
 from sightline.joining.models import JoinModels, LogisticModel
 from sightline.joining.refining import Refine, add_refined
-from sightline.joining.scene import Scene, make_scene
+from sightline.joining.scene import Scene, make_scene, with_sweep_boxes
 from sightline.structures.level import mounted_detections
 from sightline.structures.objects import Objects, Origin
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 
 _FROM_RETURNS: Final = ("measured", "refined")  # origins of 3D boxes
-_SHARE_IF_LATE: Final = 0.1  # of a score: projected boxes of late sweeps seldom fit
+_SHARE_IF_LATE: Final = 0.1  # of a sweep's score: its projected boxes seldom fit
 
 
 def join_detections(
@@ -35,8 +36,9 @@ def join_detections(
 ) -> Objects:
     """Join the detections of a frame to objects, by descending score.
 
-    Matched boxes have one class; a box matches at most one other. Scores of both combine as those
-    of independent observers (noisy or). Equal inputs give equal objects; nothing is random.
+    Matched boxes have one class; a box matches at most one other. In the image, the score of the
+    image box and a share of the 3D box's combine as those of independent observers (noisy or), as
+    the model of image boxes knows the 3D detector's already. Equal inputs give equal objects.
 
     Args:
         sample: The frame, for its calibration, returns and which sensors there are.
@@ -47,6 +49,8 @@ def join_detections(
         refine: Second stage of the sweep detector; None: no boxes are proposed to it.
     """
     config = config or JoinConfig()
+    if found2d is None or not config.rescore:
+        config = replace(config, sweep_share=1.0)
     pairs = _pair(make_scene(sample, found2d, found3d), models, config)
     lifted = _lift_unmatched(pairs, config) if config.lift or config.propose else {}
     is_proposed = np.zeros(len(pairs.scores3d), dtype=bool)
@@ -54,7 +58,7 @@ def join_detections(
     if found3d is not None and refine is not None and proposals:
         more = add_refined(sample, pairs.scene, proposals, pairs.scores2d, found3d, refine, config)
         is_proposed = more.is_proposed
-        pairs = _pair(make_scene(sample, found2d, more.found), models, config)
+        pairs = _pair(with_sweep_boxes(pairs.scene, sample, more.found), models, config)
         lifted = _lift_unmatched(pairs, config, lifted)
     scene, scores3d, scores2d, partner, kind = pairs
     rows = _measured(scene, scores3d, scores2d, partner, is_proposed, config)
@@ -135,10 +139,9 @@ def _lift_unmatched(
     pairs: _Pairs, config: JoinConfig, known: Mapping[int, Lifted] = MappingProxyType({})
 ) -> dict[int, Lifted]:
     """Lift the image boxes that need it; those that are known are not lifted again."""
-    return {
-        index: known.get(index) or lift(pairs.scene, index)
-        for index in liftable(pairs.scene, pairs.partner, config)
-    }
+    indices = liftable(pairs.scene, pairs.partner, config)
+    found = lift(pairs.scene, [index for index in indices if index not in known])
+    return {index: found[index] if index in found else known[index] for index in indices}
 
 
 def _proposed(pairs: _Pairs, lifted: Iterable[int], config: JoinConfig) -> list[int]:
@@ -193,15 +196,15 @@ def _measured(
     """
     rows = []
     for index, name in enumerate(scene.sweep.names):
-        box, score, support = scene.sweep.in_image[index], scores3d[index], 0.0
-        if not config.sweep_in_image:
-            score *= _SHARE_IF_LATE
+        box, support = scene.sweep.in_image[index], 0.0
+        share = config.sweep_share if config.sweep_in_image else _SHARE_IF_LATE
+        score = scores3d[index] * (1.0 if np.isnan(box).any() else share)
         other = int(partner[index])
         if other >= 0:
             seen, support = scene.image.in_image[other], float(scene.image.scores[other])
             is_mixed = config.mix_boxes and config.sweep_in_image and not is_proposed[index]
-            share = config.projected_share if is_mixed else 0.0
-            box = share * box + (1 - share) * seen
+            projected = config.projected_share if is_mixed else 0.0
+            box = projected * box + (1 - projected) * seen
             score = 1 - (1 - score) * (1 - scores2d[other])
             if not config.sweep_in_image:
                 score = scores2d[other]
@@ -252,17 +255,17 @@ def _unmatched(
 
 
 def _calibrated(rows: list[_Row], kind: str, kind_3d: str, models: JoinModels) -> list[_Row]:
-    """Calibrate both scores of each object; that of a missing 3D box stays 0."""
+    """Calibrate both scores of each object; that of a missing 3D box stays 0.
+
+    The score of an object outside the image is that of its 3D box.
+    """
     calibrated = []
     for row in rows:
         in_image, in_space = (models.calibrators[each][row.name] for each in (kind, kind_3d))
-        score, score3d = np.array([row.score]), np.array([row.score3d])
-        calibrated.append(
-            row._replace(
-                score=float(in_image(score)[0]),
-                score3d=float(in_space(score3d)[0]) if row.origin != "none" else 0.0,
-            )
-        )
+        score3d = float(in_space(np.array([row.score3d]))[0]) if row.origin != "none" else 0.0
+        score = float(in_image(np.array([row.score]))[0])
+        is_outside = bool(np.isnan(row.box2d).any())
+        calibrated.append(row._replace(score=score3d if is_outside else score, score3d=score3d))
     return calibrated
 
 

@@ -7,10 +7,11 @@ of their box does not say otherwise.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from sightline.joining.evidence import logit
 from sightline.joining.scene import Scene
@@ -63,72 +64,87 @@ class Lifted(NamedTuple):
 
 
 class _View(NamedTuple):
-    """Camera and the image box to explain."""
+    """Camera and the image boxes of one class to explain."""
 
     scene: Scene
-    box: Float64[np.ndarray, "4"]
+    boxes: Float64[np.ndarray, "num_boxes 4"]
     focal_px: float
-    at_left: bool
-    at_right: bool
-    at_bottom: bool
+    at_left: Bool[np.ndarray, " num_boxes"]
+    at_right: Bool[np.ndarray, " num_boxes"]
+    at_bottom: Bool[np.ndarray, " num_boxes"]
 
 
 class _Guesses(NamedTuple):
-    """Boxes of one size at several yaws, in the camera frame."""
+    """Boxes of one size at several yaws for each image box, in the camera frame."""
 
     yaws: Float64[np.ndarray, " yaws"]
     offsets: Float64[np.ndarray, "yaws 8 3"]
     """Corners [m], seen from the bottom's centre."""
-    bottoms: Float64[np.ndarray, "yaws 3"]
+    bottoms: Float64[np.ndarray, "num_boxes yaws 3"]
     """Centres of the bottoms [m]."""
 
 
-def lift(scene: Scene, index: int) -> Lifted:
-    """Lift one box of the image detector, at the yaw that explains its shape best."""
-    box, name = scene.image.in_image[index], scene.image.names[index]
+def lift(scene: Scene, indices: Sequence[int]) -> dict[int, Lifted]:
+    """Lift boxes of the image detector, each at the yaw that explains its shape best."""
+    lifted: dict[int, Lifted] = {}
+    for name in sorted({scene.image.names[index] for index in indices}):
+        of_class = [index for index in indices if scene.image.names[index] == name]
+        lifted |= zip(of_class, _lift_class(scene, of_class, name), strict=True)
+    return {index: lifted[index] for index in indices}
+
+
+def _lift_class(scene: Scene, indices: list[int], name: str) -> list[Lifted]:
+    boxes = scene.image.in_image[indices]
     height, width = scene.image_size
     view = _View(
         scene=scene,
-        box=box,
+        boxes=boxes,
         focal_px=float(scene.image_from_camera[0, 0]),
-        at_left=bool(box[0] <= _BORDER_PX),
-        at_right=bool(box[2] >= width - 1 - _BORDER_PX),
-        at_bottom=bool(box[3] >= height - 1 - _BORDER_PX),
+        at_left=boxes[:, 0] <= _BORDER_PX,
+        at_right=boxes[:, 2] >= width - 1 - _BORDER_PX,
+        at_bottom=boxes[:, 3] >= height - 1 - _BORDER_PX,
     )
     size = np.array(_SIZES_LWH[name])
     on_road = _depth_on_road(view, size)
     guesses = _by_height(view, _first_guesses(view, name, size))
-    if view.at_bottom and on_road is not None:  # the object ends below what is seen
-        nearer = np.minimum(on_road / guesses.bottoms[:, 2], 1.0)
-        guesses = guesses._replace(bottoms=guesses.bottoms * nearer[:, None])
-    depths = guesses.bottoms[:, 2].copy()
+    ends_below = view.at_bottom & np.isfinite(on_road)  # of what is seen
+    nearer = np.minimum(on_road[:, None] / guesses.bottoms[..., 2], 1.0)
+    nearer = np.where(ends_below[:, None], nearer, 1.0)
+    guesses = guesses._replace(bottoms=guesses.bottoms * nearer[..., None])
+    depths = guesses.bottoms[..., 2].copy()
     precision = (_HEIGHT_SPREAD * depths) ** -2.0
     total = precision * depths
-    if on_road is not None and not view.at_bottom:
-        error = max(_HORIZON_SPREAD * on_road**2 / scene.lidar_height_m, _MIN_GROUND_ERROR_M)
-        precision, total = precision + error**-2.0, total + on_road * error**-2.0
-    returns = _returns_of(view, float(depths.mean()), name)
-    if len(returns):
-        error = _RETURN_ERROR_M if len(returns) > _FEW_RETURNS else _FEW_RETURNS_ERROR_M
-        corners = np.sort(guesses.bottoms[:, None, 2] + guesses.offsets[..., 2], axis=1)
-        behind = depths - corners[:, :4].mean(axis=1)  # of the centre, behind what is seen
-        precision = precision + error**-2.0
-        total = total + (np.median(returns) + behind) * error**-2.0
+    error_m = np.maximum(_HORIZON_SPREAD * on_road**2 / scene.lidar_height_m, _MIN_GROUND_ERROR_M)
+    on_ground = np.where(np.isfinite(on_road) & ~view.at_bottom, error_m**-2.0, 0.0)[:, None]
+    precision = precision + on_ground
+    total = total + np.nan_to_num(on_road)[:, None] * on_ground
+    corners = np.sort(guesses.bottoms[:, :, None, 2] + guesses.offsets[..., 2], axis=2)
+    behind = depths - corners[..., :4].mean(axis=2)  # of the centre, behind what is seen
+    for row, depth in enumerate(depths.mean(axis=1)):
+        returns = _returns_of(scene, boxes[row], float(depth), name)
+        if len(returns):
+            error = _RETURN_ERROR_M if len(returns) > _FEW_RETURNS else _FEW_RETURNS_ERROR_M
+            precision[row] += error**-2.0
+            total[row] += (np.median(returns) + behind[row]) * error**-2.0
     fused = total / precision
-    moved = guesses.bottoms * (fused / depths)[:, None]
-    guesses = guesses._replace(bottoms=_match(view, guesses._replace(bottoms=moved)))
+    guesses = guesses._replace(bottoms=guesses.bottoms * (fused / depths)[..., None])
+    guesses = guesses._replace(bottoms=_match(view, guesses))
     misfit = _misfit(view, guesses, name)
-    best = int(misfit.argmin())
-    error_m = float(precision[best] ** -0.5)
-    evidence = (
-        float(logit(scene.image.scores[index])),
-        math.log(fused[best]),
-        math.log(error_m / fused[best]),
-        math.log1p(scene.image.num_points[index]),
-        math.log1p(float(misfit[best])),
-        float(view.at_left or view.at_right or view.at_bottom),
+    rows, best = np.arange(len(boxes)), misfit.argmin(axis=1)
+    error_m, range_m = precision[rows, best] ** -0.5, fused[rows, best]
+    evidence = np.stack(
+        (
+            logit(scene.image.scores[indices]),
+            np.log(range_m),
+            np.log(error_m / range_m),
+            np.log1p(scene.image.num_points[indices]),
+            np.log1p(misfit[rows, best]),
+            (view.at_left | view.at_right | view.at_bottom).astype(float),
+        ),
+        axis=1,
     )
-    return Lifted(_to_level(scene, guesses, best, size), error_m, np.array(evidence))
+    found = _to_level(scene, guesses.bottoms[rows, best], guesses.yaws[best], size)
+    return [Lifted(*each) for each in zip(found, error_m.tolist(), evidence, strict=True)]
 
 
 def _first_guesses(view: _View, name: str, size: Float64[np.ndarray, "3"]) -> _Guesses:
@@ -147,76 +163,88 @@ def _first_guesses(view: _View, name: str, size: Float64[np.ndarray, "3"]) -> _G
         axis=2,
     )
     rotation = view.scene.camera_from_level[:3, :3]
-    box, matrix = view.box, view.scene.image_from_camera
-    depth = view.focal_px * size[2] / max(box[3] - box[1], 2.0) + size[0] / 4
-    middle = np.array([(box[0] + box[2]) / 2, box[3], 1.0]) * depth
-    bottom = np.linalg.solve(matrix[:, :3], middle - matrix[:, 3])
-    return _Guesses(yaws, turned @ rotation.T, np.tile(bottom, (count, 1)))
+    matrix = view.scene.image_from_camera
+    depths = view.focal_px * size[2] / _heights(view) + size[0] / 4
+    middles = _bottom_middles(view) * depths[:, None]
+    bottoms = np.linalg.solve(matrix[:, :3], (middles - matrix[:, 3]).T).T
+    return _Guesses(yaws, turned @ rotation.T, np.repeat(bottoms[:, None], count, axis=1))
 
 
-def _project(view: _View, guesses: _Guesses) -> Float64[np.ndarray, "yaws 4"]:
+def _heights(view: _View) -> Float64[np.ndarray, " num_boxes"]:
+    """Heights of the image boxes [px]."""
+    return np.asarray(np.maximum(view.boxes[:, 3] - view.boxes[:, 1], 2.0))
+
+
+def _bottom_middles(view: _View) -> Float64[np.ndarray, "num_boxes 3"]:
+    """Homogeneous pixels of the middles of the lower edges."""
+    boxes = view.boxes
+    return np.stack(((boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3], np.ones(len(boxes))), axis=1)
+
+
+def _project(view: _View, guesses: _Guesses) -> Float64[np.ndarray, "num_boxes yaws 4"]:
     """Bounds of the boxes [px], not cut at the image's border."""
     matrix = view.scene.image_from_camera
-    homogeneous = (guesses.bottoms[:, None] + guesses.offsets) @ matrix[:, :3].T + matrix[:, 3]
+    corners = guesses.bottoms[:, :, None] + guesses.offsets
+    homogeneous = corners @ matrix[:, :3].T + matrix[:, 3]
     pixels = homogeneous[..., :2] / np.maximum(homogeneous[..., 2:], _NEAREST_DEPTH_M)
-    return np.concatenate((pixels.min(axis=1), pixels.max(axis=1)), axis=1)
+    return np.concatenate((pixels.min(axis=2), pixels.max(axis=2)), axis=2)
 
 
-def _match(view: _View, guesses: _Guesses) -> Float64[np.ndarray, "yaws 3"]:
+def _match(view: _View, guesses: _Guesses) -> Float64[np.ndarray, "num_boxes yaws 3"]:
     """Move boxes sideways and up until their middle and lower edge are those of the image box."""
-    box, moved = view.box, guesses.bottoms.copy()
+    moved = guesses.bottoms.copy()
+    x_min, y_min, x_max, y_max = view.boxes.T[:, :, None]
+    from_right = (view.at_left & ~view.at_right)[:, None]
+    from_left = (view.at_right & ~view.at_left)[:, None]
     for _ in range(3):
         seen = _project(view, guesses._replace(bottoms=moved))
-        scale = moved[:, 2] / view.focal_px
-        if view.at_left and not view.at_right:
-            shift = box[2] - seen[:, 2]
-        elif view.at_right and not view.at_left:
-            shift = box[0] - seen[:, 0]
-        else:
-            shift = (box[0] + box[2] - seen[:, 0] - seen[:, 2]) / 2
-        moved[:, 0] += shift * scale
-        if view.at_bottom:
-            moved[:, 1] += (box[1] - seen[:, 1]) * scale
-        else:
-            moved[:, 1] += (box[3] - seen[:, 3]) * scale
+        scale = moved[..., 2] / view.focal_px
+        middle = (x_min + x_max - seen[..., 0] - seen[..., 2]) / 2
+        shift = np.where(from_left, x_min - seen[..., 0], middle)
+        shift = np.where(from_right, x_max - seen[..., 2], shift)
+        rise = np.where(view.at_bottom[:, None], y_min - seen[..., 1], y_max - seen[..., 3])
+        moved[..., 0] += shift * scale
+        moved[..., 1] += rise * scale
     return moved
 
 
 def _by_height(view: _View, guesses: _Guesses) -> _Guesses:
     """Move boxes along their rays until they are as high as the image box."""
-    height = max(view.box[3] - view.box[1], 2.0)
     for _ in range(6):
         seen = _project(view, guesses)
-        factor = np.clip((seen[:, 3] - seen[:, 1]) / height, 0.5, 2.0)
-        depth = np.clip(guesses.bottoms[:, 2] * factor, _NEAREST_M, _FARTHEST_M)
-        moved = guesses.bottoms * (depth / guesses.bottoms[:, 2])[:, None]
+        factor = np.clip((seen[..., 3] - seen[..., 1]) / _heights(view)[:, None], 0.5, 2.0)
+        depths = np.clip(guesses.bottoms[..., 2] * factor, _NEAREST_M, _FARTHEST_M)
+        moved = guesses.bottoms * (depths / guesses.bottoms[..., 2])[..., None]
         guesses = guesses._replace(bottoms=moved)
         guesses = guesses._replace(bottoms=_match(view, guesses))
     return guesses
 
 
-def _depth_on_road(view: _View, size: Float64[np.ndarray, "3"]) -> float | None:
-    """Depth of the object's centre if the box's lower edge stands on the road; None: it cannot."""
-    scene = view.scene
-    pixel = np.array([(view.box[0] + view.box[2]) / 2, view.box[3], 1.0])
-    ray = np.linalg.solve(scene.image_from_camera[:, :3], pixel)
+def _depth_on_road(
+    view: _View, size: Float64[np.ndarray, "3"]
+) -> Float64[np.ndarray, " num_boxes"]:
+    """Depths of the objects' centres if their boxes stand on the road; NaN: they cannot."""
+    scene, matrix = view.scene, view.scene.image_from_camera
+    rays = np.linalg.solve(matrix[:, :3], _bottom_middles(view).T).T
     up = scene.camera_from_level[:3, 2]
     center = scene.camera_from_level[:3, 3]
-    origin = -np.linalg.solve(scene.image_from_camera[:, :3], scene.image_from_camera[:, 3])
-    falling = float(ray @ up)
+    origin = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
+    falling = rays @ up
+    falling = np.where(falling < -1e-3, falling, np.nan)
     height = float((origin - center) @ up) + scene.lidar_height_m
-    if falling >= -1e-3:
-        return None
-    depth = float(origin[2] + ray[2] * height / -falling) + _SEEN_TO_CENTER * size[0]
-    return float(np.clip(depth, _NEAREST_M, _FARTHEST_M))
+    depths = origin[2] + rays[:, 2] * height / -falling + _SEEN_TO_CENTER * size[0]
+    return np.asarray(np.clip(depths, _NEAREST_M, _FARTHEST_M))
 
 
-def _returns_of(view: _View, depth_m: float, name: str) -> Float64[np.ndarray, " returns"]:
+def _returns_of(
+    scene: Scene, box: Float64[np.ndarray, "4"], depth_m: float, name: str
+) -> Float64[np.ndarray, " returns"]:
     """Depths [m] of the returns of the object: the densest near layer inside the image box."""
-    scene, box = view.scene, view.box
     margin = np.array([0.12, 0.08]) * (box[2:] - box[:2])
-    is_inside = (scene.pixels > box[:2] + margin) & (scene.pixels < box[2:] - margin)
-    points = scene.points[is_inside.all(axis=1)]
+    (x_min, y_min), (x_max, y_max) = box[:2] + margin, box[2:] - margin
+    x, y = scene.pixels.T
+    near = np.flatnonzero((x > x_min) & (x < x_max))
+    points = scene.points[near[(y[near] > y_min) & (y[near] < y_max)]]
     depths = points @ scene.camera_from_level[2, :3] + scene.camera_from_level[2, 3]
     depths = np.sort(depths[np.abs(depths - depth_m) < 0.35 * depth_m + 2.0])
     if len(depths) == 0:
@@ -227,19 +255,18 @@ def _returns_of(view: _View, depth_m: float, name: str) -> Float64[np.ndarray, "
     return depths[first : first + int(count[first])]
 
 
-def _misfit(view: _View, guesses: _Guesses, name: str) -> Float64[np.ndarray, " yaws"]:
+def _misfit(view: _View, guesses: _Guesses, name: str) -> Float64[np.ndarray, "num_boxes yaws"]:
     """Negative log likelihood of each guess: shape of the box, road, and yaws along the street."""
-    box, scene = view.box, view.scene
+    boxes, scene = view.boxes, view.scene
     seen = _project(view, guesses)
-    spread = 0.08 * (box[3] - box[1]) + 2.0
-    cost = np.zeros(len(seen))
-    if not (view.at_left or view.at_right):
-        cost += ((seen[:, 2] - seen[:, 0] - box[2] + box[0]) / spread) ** 2 / 2
-    if not view.at_bottom:
-        cost += ((seen[:, 3] - seen[:, 1] - box[3] + box[1]) / spread) ** 2 / 2
+    sizes, given = seen[..., 2:] - seen[..., :2], (boxes[:, 2:] - boxes[:, :2])[:, None]
+    spread = 0.08 * given[..., 1] + 2.0
+    width, height = np.moveaxis(((sizes - given) / spread[..., None]) ** 2 / 2, 2, 0)
+    cost = np.where((view.at_left | view.at_right)[:, None], 0.0, width)
+    cost += np.where(view.at_bottom[:, None], 0.0, height)
     above = (guesses.bottoms - scene.camera_from_level[:3, 3]) @ scene.camera_from_level[:3, 2]
     above = above + scene.lidar_height_m
-    cost += _ROAD_WEIGHT * (above / (_HORIZON_SPREAD * guesses.bottoms[:, 2] + 0.15)) ** 2 / 2
+    cost += _ROAD_WEIGHT * (above / (_HORIZON_SPREAD * guesses.bottoms[..., 2] + 0.15)) ** 2 / 2
     if name != "Pedestrian":
         away = np.abs((guesses.yaws + math.pi / 2) % math.pi - math.pi / 2)
         cost -= np.log(0.8 * np.exp(-((away / math.radians(8)) ** 2) / 2) + 0.06)
@@ -247,10 +274,12 @@ def _misfit(view: _View, guesses: _Guesses, name: str) -> Float64[np.ndarray, " 
 
 
 def _to_level(
-    scene: Scene, guesses: _Guesses, best: int, size: Float64[np.ndarray, "3"]
-) -> Float64[np.ndarray, "7"]:
-    """Box of a guess in the level LiDAR frame."""
+    scene: Scene,
+    bottoms: Float64[np.ndarray, "num_boxes 3"],
+    yaws: Float64[np.ndarray, " num_boxes"],
+    size: Float64[np.ndarray, "3"],
+) -> Float64[np.ndarray, "num_boxes 7"]:
+    """Boxes in the level LiDAR frame, by their bottoms' centres in the camera frame."""
     rotation, shift = scene.camera_from_level[:3, :3], scene.camera_from_level[:3, 3]
-    bottom = rotation.T @ (guesses.bottoms[best] - shift)
-    center = bottom + np.array([0.0, 0.0, size[2] / 2])
-    return np.concatenate((center, size, guesses.yaws[best : best + 1]))
+    centers = (bottoms - shift) @ rotation + np.array([0.0, 0.0, size[2] / 2])
+    return np.column_stack((centers, np.tile(size, (len(bottoms), 1)), yaws))

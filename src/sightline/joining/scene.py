@@ -1,6 +1,6 @@
 """A frame's detections and returns in the level frame and in the image, for joining."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -11,6 +11,7 @@ from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 from sightline.geometry.image_boxes import kitti_corners, project_boxes
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.projection import project_points
+from sightline.ops.roi_points import roi_points
 from sightline.structures.level import level_detections, level_sample
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -62,22 +63,11 @@ def make_scene(
     """Project and count for joining; a detector that did not run has no boxes."""
     level = level_sample(sample)
     points, pixels = _seen(level)
-    boxes3d = Boxes3D(torch.zeros(0, 7, dtype=torch.float64))
-    names3d: tuple[str, ...] = ()
-    scores3d = torch.zeros(0)
-    if found3d is not None:
-        found3d = level_detections(found3d, sample)
-        boxes3d = Boxes3D(found3d.boxes.tensor.detach().cpu().double())
-        names3d, scores3d = found3d.class_names, found3d.scores.detach().cpu()
+    boxes3d, sweep = _sweep_boxes(sample, level, found3d, points)
     return Scene(
         image=_image_boxes(found2d, sample.image_size, pixels.numpy()),
-        sweep=Boxes(
-            names=names3d,
-            scores=scores3d.double().numpy(),
-            in_image=project_upright(boxes3d, level),
-            num_points=count_returns(boxes3d, points).numpy(),
-        ),
-        boxes3d=boxes3d.tensor.numpy(),
+        sweep=sweep,
+        boxes3d=boxes3d,
         image_size=sample.image_size,
         image_from_camera=level.calibration.image_from_camera.numpy(),
         camera_from_level=level.calibration.camera_from_lidar.numpy(),
@@ -91,11 +81,19 @@ def make_scene(
     )
 
 
+def with_sweep_boxes(scene: Scene, sample: CameraLidarSample, found3d: Detections3D) -> Scene:
+    """Exchange the sweep detector's boxes of a frame's scene."""
+    level = level_sample(sample)
+    boxes3d, sweep = _sweep_boxes(sample, level, found3d, torch.from_numpy(scene.points))
+    return replace(scene, sweep=sweep, boxes3d=boxes3d)
+
+
 def count_returns(
     boxes: Boxes3D, points: Float64[Tensor, "num_points 3"]
 ) -> Int64[Tensor, " num_boxes"]:
     """Count the returns in boxes of the same frame, which are enlarged a little."""
-    return boxes.enlarge(_MARGIN_M).contain(points).sum(dim=1)
+    counts = roi_points(points[None], boxes.tensor[None], margin_m=_MARGIN_M, count=1, seed=0)
+    return counts.num_inside[0]
 
 
 def project_upright(boxes: Boxes3D, level: CameraLidarSample) -> Float64[np.ndarray, "num_boxes 4"]:
@@ -120,6 +118,29 @@ def _seen(
     return points[is_seen], projected.pixels[is_seen]
 
 
+def _sweep_boxes(
+    sample: CameraLidarSample,
+    level: CameraLidarSample,
+    found: Detections3D | None,
+    points: Float64[Tensor, "num_points 3"],
+) -> tuple[Float64[np.ndarray, "num_boxes 7"], Boxes]:
+    """Level boxes, and the same in the image with their returns."""
+    boxes = Boxes3D(torch.zeros(0, 7, dtype=torch.float64))
+    names: tuple[str, ...] = ()
+    scores = torch.zeros(0)
+    if found is not None:
+        found = level_detections(found, sample)
+        boxes = Boxes3D(found.boxes.tensor.detach().cpu().double())
+        names, scores = found.class_names, found.scores.detach().cpu()
+    projected = Boxes(
+        names=names,
+        scores=scores.double().numpy(),
+        in_image=project_upright(boxes, level),
+        num_points=count_returns(boxes, points).numpy(),
+    )
+    return boxes.tensor.numpy(), projected
+
+
 def _image_boxes(
     found: Detections2D | None,
     image_size: tuple[int, int],
@@ -137,11 +158,15 @@ def _image_boxes(
     boxes = found.boxes.to("cpu").clip(image_size)
     kept = (boxes.area() > 0).nonzero()[:, 0]
     corners = boxes.tensor[kept].detach().double().numpy()
-    (x, y), (x_min, y_min, x_max, y_max) = pixels.T, corners.T[:, :, None]
-    inside = (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
+    x, y = pixels[np.argsort(pixels[:, 0])].T
+    first, last = np.searchsorted(x, corners[:, 0]), np.searchsorted(x, corners[:, 2], "right")
+    counts = [
+        np.count_nonzero((y[start:end] >= y_min) & (y[start:end] <= y_max))
+        for start, end, (_, y_min, _, y_max) in zip(first, last, corners, strict=True)
+    ]
     return Boxes(
         names=tuple(found.class_names[index] for index in kept.tolist()),
         scores=found.scores.detach().cpu()[kept].double().numpy(),
         in_image=corners,
-        num_points=inside.sum(axis=1),
+        num_points=np.array(counts, dtype=np.int64),
     )
