@@ -100,7 +100,7 @@ export function isBroken(state) {
 
 // The faults of a state in words.
 export function brokenBy({ faults, yaw }) {
-  const words = faults.map(({ kind, severity }) => `${kind.replaceAll("_", " ")} ${severity}`);
+  const words = faults.map(({ kind, severity }) => `${kind.replaceAll("_", " ")} (severity ${severity})`);
   return [...words, ...(yaw ? [`LiDAR turned by ${yaw}\u00b0`] : [])].join(", ");
 }
 
