@@ -224,6 +224,7 @@ def test_what_is_seen_is_saved_as_png_and_as_a_line_of_json(show, tmp_path):
     picture = cv2.imread(str(tmp_path / "sightline-000000.png"))
     captions = picture[:26].max(axis=2)
     assert 20 < (captions > 200).sum() < captions.size / 4  # words, white on black
+    assert captions[:, -300:].max() == 0  # black beside them
     line = json.loads((tmp_path / "sightline-000000.json").read_text())
     assert line["faults"] == [{"kind": "lidar_blank", "severity": 5, "seed": 0}]
     assert line["num_points"] == 0
