@@ -4,12 +4,24 @@ import json
 import shutil
 from urllib.parse import urlsplit
 
+import cv2
 import pytest
 
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.browsing import Shown, serious_findings, serving
 
 DARK_OF_256 = 12
+NAMED = """() => {  // number of objects with their score in the image
+  const own = CanvasRenderingContext2D.prototype.fillText;
+  let count = 0;
+  CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+    if (this.canvas.id === "image-broken" && /[0-9][.][0-9]{2}$/.test(text)) count += 1;
+    own.call(this, text, ...rest);
+  };
+  dispatchEvent(new Event("resize"));
+  CanvasRenderingContext2D.prototype.fillText = own;
+  return count;
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +51,9 @@ def test_a_blank_camera_is_seen_noticed_and_kept_in_the_link(show):
     shown.page.wait_for_selector(".alarm")
     assert shown.link["fault"] == ["camera_blank.5.0"]
     assert shown.mean_level("image-broken") < DARK_OF_256 < shown.mean_level("image-clean")
-    assert "covered" in shown.page.locator("#health").inner_text()
+    assert "covered: black areas without texture" in shown.page.locator("#health").inner_text()
+    pressed = shown.page.locator("#presets button[aria-pressed=true]")
+    assert pressed.all_inner_texts() == ["Camera blank"]
     assert shown.page.locator("#objects td.kept").count() >= 1
     again = show(urlsplit(shown.page.url).query)
     assert again.link == shown.link
@@ -58,7 +72,7 @@ def test_each_control_changes_the_link_and_each_is_restored_from_it(show):
     shown.slide("beams", 4)
     shown.slide("yaw", -1.5)
     shown.slide("score", 0.5)
-    page.get_by_label("own", exact=True).check()
+    page.get_by_label("choose", exact=True).check()
     page.locator("#weights-depth-completion").select_option("nearest")
     for name in ("2D boxes", "3D boxes in the image", "labels of the data", "view follows"):
         page.get_by_label(name).click()
@@ -93,6 +107,23 @@ def test_each_control_changes_the_link_and_each_is_restored_from_it(show):
     assert again.link["fault"] == ["lidar_beams.4.0"]
 
 
+def test_what_a_link_names_in_vain_is_told_and_the_rest_is_shown(show):
+    shown = show("frame=77&fault=lidar_fog.2.0&fault=lidar_mist.3.0&yaw=2.0&detection2d=mine")
+    expected = "frame 77, fault lidar_mist.3.0, detection2d mine"
+    assert shown.page.locator("#notice").inner_text().endswith(f": {expected}")
+    assert shown.link == {"frame": ["000000"], "fault": ["lidar_fog.2.0"], "yaw": ["2"]}
+
+
+def test_while_networks_are_used_for_the_first_time_the_page_says_so(browser, address):
+    context = browser.new_context()
+    page = context.new_page()
+    page.route("**/api/answers*", lambda _: None)  # never answered
+    page.goto(address)
+    page.locator("#status", has_text="picture came after").wait_for()
+    assert "networks used for the first time" in page.locator("#status").inner_text()
+    context.close()
+
+
 def test_everything_can_be_done_by_keys(show):
     shown = show()
     page = shown.page
@@ -117,6 +148,14 @@ def test_everything_can_be_done_by_keys(show):
     for key in ("ArrowLeft", "Shift+ArrowUp", "+"):
         page.keyboard.press(key)
     assert len(shown.link["camera"][0].split(",")) == 6
+
+
+def test_only_the_selected_object_is_named_in_the_image(show):
+    shown = show()
+    named = shown.page.evaluate(NAMED)
+    shown.page.locator("#objects button").first.click()
+    assert named >= 3
+    assert shown.page.evaluate(NAMED) == 1
 
 
 def test_a_selected_object_is_selected_in_all_views(show):
@@ -171,7 +210,7 @@ def test_the_drive_is_played_and_judged(show):
     shown.page.wait_for_url("**frame=000001*")
     shown.settle()
     before = shown.num_colors("timeline")
-    shown.page.get_by_role("button", name="Judge all frames").click()
+    shown.page.get_by_role("button", name="Health of all frames").click()
     shown.page.wait_for_timeout(3000)
     assert shown.num_colors("timeline") >= before > 2
 
@@ -182,7 +221,10 @@ def test_what_is_seen_is_saved_as_png_and_as_a_line_of_json(show, tmp_path):
         with shown.page.expect_download() as saved:
             shown.page.get_by_role("button", name=f"Save {name}").click()
         saved.value.save_as(tmp_path / saved.value.suggested_filename)
-    assert (tmp_path / "sightline-000000.png").read_bytes()[:4] == b"\x89PNG"
+    picture = cv2.imread(str(tmp_path / "sightline-000000.png"))
+    captions = picture[:26].max(axis=2)
+    assert 20 < (captions > 200).sum() < captions.size / 4  # words, white on black
+    assert captions[:, -300:].max() == 0  # black beside them
     line = json.loads((tmp_path / "sightline-000000.json").read_text())
     assert line["faults"] == [{"kind": "lidar_blank", "severity": 5, "seed": 0}]
     assert line["num_points"] == 0

@@ -96,7 +96,7 @@ def test_sliders_go_through_what_was_computed(show):
 def test_what_was_not_computed_is_switched_off_and_says_why(show):
     shown = show("fault=lidar_fog.2.0")
     page = shown.page
-    for each in ("Seed", "best", "own"):
+    for each in ("Seed", "best", "choose"):
         control = page.get_by_label(each, exact=True)
         assert control.is_disabled()
         assert control.get_attribute("title") == WHY
@@ -124,7 +124,7 @@ def test_frames_are_played_and_judged(show):
     shown.page.get_by_role("button", name="Play").click()
     shown.page.wait_for_url("**frame=000001*")
     shown.settle()
-    shown.page.get_by_role("button", name="Judge all frames").click()
+    shown.page.get_by_role("button", name="Health of all frames").click()
     shown.page.wait_for_timeout(500)
     assert shown.num_colors("timeline") > 2
 

@@ -16,6 +16,7 @@ from sightline.app.state import (
 )
 from sightline.app.timeline import frames_shown
 from sightline.corruptions.kinds import KINDS, SEVERITIES
+from sightline.health.meanings import CHECK_MEANINGS
 from sightline.structures.sample import SENSOR_FIELDS
 from sightline.tasks import find_task, task_names
 from sightline.visualization.colors import DEPTH_SCALE, UNCERTAINTY_SCALE, ColorScale, class_color
@@ -48,6 +49,7 @@ def page_setup(title: str, frames: Sequence[str]) -> dict[str, Any]:
         "best": {name: find_task(name).default_weights for name in task_names()},
         "limits": {"faults": MAX_FAULTS, "seed": MAX_SEED, "yaw_deg": MAX_YAW_DEG},
         "sensors": list(SENSOR_FIELDS),
+        "checks": CHECK_MEANINGS,
         "colors": {name: class_color(name) for name in _CLASSES},
         "scales": {"depth": _scale(DEPTH_SCALE), "uncertainty": _scale(UNCERTAINTY_SCALE)},
     }

@@ -1,6 +1,6 @@
 // The form: shows the state and changes it.
 
-import { BEAMS, firstOf, has } from "./state.js";
+import { BEAMS, asked, firstOf, has } from "./state.js";
 
 const BEAMS_KIND = "lidar_beams";
 const SEVERITIES = [1, 2, 3, 4, 5];
@@ -63,8 +63,11 @@ export function connect(state, setup, changed) {
 export function show(state, setup, changed) {
   const view = state.view;
   at("frame").value = state.frame;
-  setup.presets.forEach(({ faults, yaw }, index) =>
-    enable(at("presets").children[index], has({ ...state, faults, yaw }, setup)));
+  setup.presets.forEach(({ faults, yaw }, index) => {
+    const preset = { ...state, faults, yaw };
+    enable(at("presets").children[index], has(preset, setup));
+    at("presets").children[index].setAttribute("aria-pressed", String(asked(preset, setup) === asked(state, setup)));
+  });
   showBeams(beams(state, setup));
   showYaw(state, yaws(state, setup));
   at("score").value = view.score;
@@ -198,7 +201,6 @@ function showFaults(state, setup, changed) {
     severity.value = 1 + offered.findIndex((each) => each.severity === fault.severity);
     enable(severity, offered.length > 1);
     enable(seed, !setup.states);
-    seed.title ||= "seed";
     enable(line.querySelector("button"), has({ ...state, ...without(state, index) }, setup));
     showKinds(kind, state, setup, index);
     const described = setup.kinds.find((each) => each.name === fault.kind).levels[fault.severity - 1];
@@ -237,7 +239,9 @@ function faultLine(state, setup, index, changed) {
     apply(state, without(state, index), changed);
     at("add-fault").focus();
   }, "Remove this fault"));
-  below.append(severity, seed);
+  const named = document.createElement("label");
+  named.append("seed ", seed);
+  below.append(severity, named);
   line.append(top, below, document.createElement("small"));
   return line;
 }

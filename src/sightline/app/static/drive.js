@@ -66,7 +66,8 @@ export class Drive {
   }
 }
 
-export function healthLines(place, parts) {
+// The scores of a frame; `meanings` has the words for each check.
+export function healthLines(place, parts, meanings) {
   place.replaceChildren(...ROWS.map(([name, title]) => {
     const line = document.createElement("div");
     line.className = "health";
@@ -92,5 +93,14 @@ export function healthLines(place, parts) {
   note.textContent = yaw === null || yaw === undefined
     ? "Rotation between LiDAR and camera: not seen in this frame."
     : `Rotation between LiDAR and camera by their edges: ${yaw.toFixed(2)}\u00b0`;
-  place.append(note);
+  place.append(...badChecks(parts.health, meanings), note);
+}
+
+function badChecks(health, meanings) {
+  const bad = ROWS.map(([name]) => health?.[name]).filter((each) => each && each.score < 0.5);
+  return [...new Set(bad.map((each) => each.worst))].map((check) => {
+    const line = document.createElement("small");
+    line.textContent = `${check}: ${meanings[check]}`;
+    return line;
+  });
 }

@@ -1,21 +1,27 @@
 // Files of what is seen: a picture and a line of JSON.
 
-export function savePicture(name, canvases) {
-  const shown = canvases.filter((each) => (each.naturalWidth ?? each.width) && each.clientWidth);
-  const width = Math.max(...shown.map((each) => each.naturalWidth ?? each.width));
-  const heights = shown.map((each) => {
-    const [own, tall] = [each.naturalWidth ?? each.width, each.naturalHeight ?? each.height];
+const CAPTION = 26; // pixels of the line above each view
+
+// Saves the views that are shown, one below the other, each with its caption: pairs of both.
+export function savePicture(name, views) {
+  const shown = views.filter(([view]) => (view.naturalWidth ?? view.width) && view.clientWidth);
+  const width = Math.max(...shown.map(([view]) => view.naturalWidth ?? view.width));
+  const heights = shown.map(([view]) => {
+    const [own, tall] = [view.naturalWidth ?? view.width, view.naturalHeight ?? view.height];
     return Math.round((tall * width) / own);
   });
   const sheet = document.createElement("canvas");
-  Object.assign(sheet, { width, height: heights.reduce((sum, each) => sum + each + 6, 0) });
+  Object.assign(sheet, { width, height: heights.reduce((sum, each) => sum + each + CAPTION, 0) });
   const pen = sheet.getContext("2d");
   pen.fillStyle = "#000";
   pen.fillRect(0, 0, sheet.width, sheet.height);
-  let top = 0;
-  shown.forEach((each, index) => {
-    pen.drawImage(each, 0, top, width, heights[index]);
-    top += heights[index] + 6;
+  pen.font = "15px system-ui, 'DejaVu Sans', sans-serif";
+  let top = CAPTION;
+  shown.forEach(([view, caption], index) => {
+    pen.fillStyle = "#fff";
+    pen.fillText(caption, 4, top - 8, width - 8);
+    pen.drawImage(view, 0, top, width, heights[index]);
+    top += heights[index] + CAPTION;
   });
   sheet.toBlob((blob) => save(`${name}.png`, blob), "image/png");
 }

@@ -23,19 +23,25 @@ export function drawImage(canvas, scene, side) {
     pen.globalAlpha = isFaded ? 0.45 : 1;
     const box = boxOf(object);
     if (side.view.projected && box) wire(pen, scene, box, color, scale, isSelected ? 3 : 1.5);
-    if (side.view.boxes2d && object.box_px) frame(pen, object, color, scale, isSelected, taken);
+    const text = side.view.boxes2d && object.box_px && frame(pen, object, color, scale, isSelected);
     pen.globalAlpha = 1;
+    if (text && !isFaded) name(pen, text, isSelected, taken);
   }
 }
 
-// A 2D box; its text is left out where a surer object's stands.
-function frame(pen, object, color, scale, isSelected, taken) {
+// A 2D box; its text and place are returned.
+function frame(pen, object, color, scale, isSelected) {
   const [left, top, right, bottom] = object.box_px.map((each) => each * scale);
   outlined(pen, color, isSelected ? 4 : 2.5, () => pen.rect(left, top, right - left, bottom - top));
+  return { color, left, top, words: `${object.class} ${object.score.toFixed(2)}` };
+}
+
+// The text of a 2D box; left out where a surer object's stands.
+function name(pen, { color, left, top, words }, isSelected, taken) {
   const place = [left, top - 20, left + 110, top];
   if (!isSelected && taken.some((each) => iou(each, place) > 0)) return;
   taken.push(place);
-  write(pen, `${object.class} ${object.score.toFixed(2)}`, left, top - 5, color);
+  write(pen, words, left, top - 5, color);
 }
 
 function wire(pen, scene, box, color, scale, width) {

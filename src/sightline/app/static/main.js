@@ -9,13 +9,16 @@ import * as files from "./files.js";
 import { boxOf } from "./geometry.js";
 import { drawImage } from "./image.js";
 import { fillTable, found, pairUp } from "./objects.js";
-import { COLOURS, GATES, SIDES, asked, clean, has, isBroken, parse, permalink } from "./state.js";
+import {
+  COLOURS, GATES, SIDES, asked, brokenBy, clean, has, isBroken, parse, permalink, refused,
+} from "./state.js";
 
 const AGAIN_MS = 2000;
 const source = document.documentElement.dataset.source === "files" ? files : server;
 const at = (id) => document.getElementById(id);
 const sides = { clean: { parts: {} }, broken: { parts: {} } };
 const running = {};
+const used = new Set(); // weights that gave answers already
 let setup, state, cloud, drive;
 let rows = [];
 let isPlaying = false;
@@ -23,6 +26,7 @@ let isPlaying = false;
 async function start() {
   setup = await source.setup();
   state = parse(location.search, setup);
+  const wrong = refused(location.search, state, setup);
   const isKnown = has(state, setup);
   if (!isKnown) Object.assign(state, { faults: [], yaw: 0 });
   at("data-name").textContent = setup.data;
@@ -37,6 +41,7 @@ async function start() {
   connectButtons();
   changed(true);
   if (!isKnown) warn("the state of this link was not computed when the page was exported");
+  else if (wrong.length) warn(`left out of this link, as this page does not know it: ${wrong.join(", ")}`);
 }
 
 function changed(isAsked) {
@@ -70,7 +75,7 @@ async function askSide(name, query) {
   side.query = query;
   if (name === "broken") {
     document.body.dataset.busy = "true";
-    at("status").textContent = "computing ... (the networks are loaded first: seconds, once minutes)";
+    status(mine, null);
     showCommands(query, mine.abort.signal);
   }
   const isNewest = () => running[name] === mine;  // an answer may come while it is cancelled
@@ -114,14 +119,22 @@ function hear(name, mine, event, content) {
   else if (event === "notice") warn(content);
 }
 
+// Progress of the answers: the last part; null: none came yet.
 function status(mine, part) {
-  at("status").textContent = `${part}: ${Math.round(performance.now() - mine.since)} ms`;
+  const last = part ? `; ${part} came after ${Math.round(performance.now() - mine.since)} ms` : "";
+  const first = used.has(weightsKey()) ? "" : " (networks used for the first time: up to some minutes)";
+  at("status").textContent = `computing${first}${last}`;
+}
+
+function weightsKey() {
+  return JSON.stringify(state.weights);
 }
 
 function settle(mine) {
   if (mine) {
     document.body.dataset.ms = Math.round(performance.now() - mine.since);
     at("status").textContent = `all results: ${document.body.dataset.ms} ms`;
+    used.add(weightsKey());
   }
   document.body.dataset.busy = "false";
   if (isPlaying) setTimeout(playOn, 60);
@@ -156,7 +169,7 @@ function render() {
   const kept = rows.filter((each) => each.state === "kept").length;
   at("objects-note").textContent = sound && broken && isBroken(state)
     ? `${kept} of ${kept + lost} kept` : broken ? `${broken.length} found` : "...";
-  healthLines(at("health"), sides.broken.parts);
+  healthLines(at("health"), sides.broken.parts, setup.checks);
   renderDrive();
 }
 
@@ -334,13 +347,28 @@ function onKey(event) {
   if (colour) { view.colour = colour; changed(false); } else acts[event.key]?.();
 }
 
+// The views with their captions.
+function captioned() {
+  const broken = isBroken(state) ? `broken by ${brokenBy(state)}` : "clean";
+  const points = { both: `clean, ${broken}`, clean: "clean", broken }[document.body.dataset.compare];
+  return [
+    ["image-clean", `${state.frame}: clean`], ["image-broken", `${state.frame}: ${broken}`],
+    ["cloud", `Points: ${points}`], ["depth-clean", `${depthName()}: clean`],
+    ["depth-broken", `${depthName()}: ${broken}`],
+  ].map(([id, caption]) => [at(id), caption]);
+}
+
+function depthName() {
+  const marks = setup.scales[state.view.depth].marks;
+  const name = state.view.depth === "depth" ? "Depth" : "Expected error of depth";
+  return `${name}, ${marks[0][0]} to ${marks.at(-1)[0]} m`;
+}
+
 function connectButtons() {
   const name = () => `sightline-${state.frame.replaceAll(/[^\w-]/g, "_")}`;
   at("copy-link").addEventListener("click", () => copy(location.href, at("copy-link")));
   at("copy-commands").addEventListener("click", () => copy(at("commands").textContent, at("copy-commands")));
-  at("save-png").addEventListener("click", () => savePicture(name(), [
-    at("image-clean"), at("image-broken"), at("cloud"), at("depth-clean"), at("depth-broken"),
-  ]));
+  at("save-png").addEventListener("click", () => savePicture(name(), captioned()));
   at("save-json").addEventListener("click", () => {
     const { scene, parts } = sides.broken;
     if (scene) saveLine(name(), state, location.href, scene, parts);

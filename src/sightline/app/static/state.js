@@ -45,6 +45,16 @@ export function parse(search, setup) {
   return state;
 }
 
+// Names and values of a link, of those predictions depend on, that its state lacks.
+export function refused(search, state, setup) {
+  const known = new URLSearchParams(asked(state, setup));
+  const names = new Set(["frame", "fault", "yaw", ...Object.keys(setup.tasks)]);
+  return [...new URLSearchParams(search)].filter(([name, value]) => names.has(name)
+    && !known.getAll(name).includes(value)
+    && !(name === "yaw" && Number(value) === state.yaw) && state.weights[name] !== value)
+    .map((each) => each.join(" "));
+}
+
 // The query that the server understands: what predictions depend on.
 export function asked(state, setup) {
   const query = new URLSearchParams({ frame: state.frame });
@@ -86,6 +96,12 @@ export function firstOf(state, changes, setup) {
 
 export function isBroken(state) {
   return state.faults.length > 0 || state.yaw !== 0;
+}
+
+// The faults of a state in words.
+export function brokenBy({ faults, yaw }) {
+  const words = faults.map(({ kind, severity }) => `${kind.replaceAll("_", " ")} (severity ${severity})`);
+  return [...words, ...(yaw ? [`LiDAR turned by ${yaw}\u00b0`] : [])].join(", ");
 }
 
 function parseFault(text) {
