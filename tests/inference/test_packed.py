@@ -9,6 +9,7 @@ import pytest
 from sightline.cli.main import main
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.depth_completion.registration import TASK
+from sightline.evaluation.depth import evaluate_depth
 from sightline.files.shard_path import data_path
 from sightline.inference.predict import predict_shards
 from sightline.jobs.run import JobResult
@@ -138,6 +139,20 @@ def test_perceive_packs_all_tasks_and_their_shards_are_scored(tmp_path, monkeypa
         scores.append(capsys.readouterr().out.replace(name, ""))
     assert scores[0] == scores[1]
     assert "Car" in scores[0]
+
+
+def test_packed_depth_is_compared_with_other_depth(tmp_path):
+    write_shards(PACKAGED_FRAMES, tmp_path / "shards", frames_per_shard=1)
+    pack(tmp_path / "shards", tmp_path / "packed")
+    pack(tmp_path / "shards", tmp_path / "other", name="other")
+    unpack_shards(tmp_path / "other", tmp_path / "files")
+    truth = PACKAGED_FRAMES / "training" / "depth"
+    with pytest.warns(UserWarning, match="have the same scores in all 2 images"):
+        reports = [
+            evaluate_depth(tmp_path / "packed", truth, against=tmp_path / other, progress=False)
+            for other in ("other", "files")
+        ]
+    assert reports[0] == reports[1]
 
 
 def test_options_that_whole_shards_cannot_have_are_refused(tmp_path, capsys):

@@ -188,13 +188,15 @@ def evaluate_depth(
     Raises:
         ValueError: A file is missing, not a 16-bit depth PNG, of another size than its ground
             truth, or without any ground truth (the message contains its name); or bands do not
-            ascend.
+            ascend, or the seed is negative.
     """
     ends = (0.0, *band_ends_m)
     if any(not before < end < np.inf for before, end in pairwise(ends)):
         raise ValueError(
             f"bands must end at ascending distances above 0 m, got {', '.join(map(str, ends[1:]))}"
         )
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     predictions, truth = data_path(predictions), data_path(truth)
     score = partial(_score_files, truth=truth, workers=workers, progress=progress)
     images, unused = score(
@@ -208,7 +210,7 @@ def evaluate_depth(
     )
     if against is None:
         return report
-    others, _ = score(Path(against), sparse=None, ends=(0.0,))
+    others, _ = score(data_path(against), sparse=None, ends=(0.0,))
     if images == others:  # but for their sums, which are not compared
         warnings.warn(
             f"{predictions} and {against} have the same scores in all {len(images)} images, so "
