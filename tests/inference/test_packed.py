@@ -149,7 +149,9 @@ def test_packed_depth_is_compared_with_other_depth(tmp_path):
     truth = PACKAGED_FRAMES / "training" / "depth"
     with pytest.warns(UserWarning, match="have the same scores in all 2 images"):
         reports = [
-            evaluate_depth(tmp_path / "packed", truth, against=tmp_path / other, progress=False)
+            evaluate_depth(
+                tmp_path / "packed", truth, against=tmp_path / other, progress=False
+            ).to_json()
             for other in ("other", "files")
         ]
     assert reports[0] == reports[1]

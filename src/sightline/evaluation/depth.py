@@ -211,7 +211,7 @@ def evaluate_depth(
     if against is None:
         return report
     others, _ = score(data_path(against), sparse=None, ends=(0.0,))
-    if images == others:  # but for their sums, which are not compared
+    if _compared(images) == _compared(others):
         warnings.warn(
             f"{predictions} and {against} have the same scores in all {len(images)} images, so "
             "every difference is 0: name the predictions of another method",
@@ -239,6 +239,11 @@ def _score_files(
     if progress:
         images = track(images, description="scoring", total=len(pairs))
     return tuple(images), unused
+
+
+def _compared(images: Sequence[ImageReport]) -> list[dict[str, float | None]]:
+    """Scores by which methods are told apart; unlike NaN, None equals None."""
+    return [each.scores.to_json() for each in images]
 
 
 def _summed(images: Sequence[ImageReport]) -> ErrorSums:
