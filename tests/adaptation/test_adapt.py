@@ -115,3 +115,13 @@ def test_wrong_arguments_are_refused_before_the_work(
     assert main(["adapt", str(recording), str(out), *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_the_command_is_run_again_in_its_own_folder(recording, tmp_path, monkeypatch, capsys):
+    def goes_on(*_, **__):
+        raise ValueError("it goes on")
+
+    monkeypatch.setattr("sightline.adaptation.adapt.adapt", goes_on)
+    (tmp_path / "out" / "frames").mkdir(parents=True)
+    assert main(["adapt", str(recording), str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == "sightline: it goes on\n"

@@ -139,6 +139,18 @@ def test_a_damaged_frame_is_told_and_the_next_one_works(tmp_path):
         assert client.get("/api/scene?frame=000001").status_code == 200
 
 
+def test_a_frame_whose_file_is_replaced_is_read_anew(tmp_path):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    with client_of(tmp_path / "tree") as client:
+        before = client.get("/api/scene?frame=000001").content
+        assert client.get("/api/scene?frame=000001").content == before
+        training = tmp_path / "tree/training"
+        shutil.copy(training / "velodyne/000000.bin", training / "velodyne/000001.bin")
+        assert client.get("/api/scene?frame=000001").content != before
+        (training / "image_2/000001.png").write_bytes(b"\x89PNG cut")
+        assert client.get("/api/scene?frame=000001").status_code == 422
+
+
 def test_a_link_that_leads_out_of_the_data_is_refused(tmp_path):
     shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
     sweep = tmp_path / "tree/training/velodyne/000000.bin"

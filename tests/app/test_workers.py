@@ -1,6 +1,8 @@
 import asyncio
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -143,3 +145,27 @@ def test_the_cause_of_a_worker_s_end_is_told(workers, seed, cause):
         assert (await workers.run(task("detection2d"))).found == b"detection2d"
 
     asyncio.run(run())
+
+
+_WAITING = """
+import signal, threading, time
+from sightline.app import workers
+from sightline.cli.interrupts import keep_interrupts
+keep_interrupts()
+workers._STARTS.set_forkserver_preload(["slow"])
+threading.Timer(1, signal.pthread_kill, (threading.get_ident(), signal.SIGTERM)).start()
+started_s = time.monotonic()
+try:
+    workers.prepare_workers()
+except KeyboardInterrupt as error:
+    print(error.exit_status, time.monotonic() - started_s < 15)
+"""
+
+
+def test_a_signal_ends_the_wait_for_the_process_that_forks_workers(tmp_path):
+    (tmp_path / "slow.py").write_text("import time; time.sleep(20)")
+    paths = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    with (tmp_path / "printed").open("w") as printed:  # a pipe would wait for that process, too
+        program = [sys.executable, "-c", _WAITING]
+        subprocess.run(program, stdout=printed, check=True, env=os.environ | {"PYTHONPATH": paths})
+    assert (tmp_path / "printed").read_text() == f"{128 + signal.SIGTERM} True\n"

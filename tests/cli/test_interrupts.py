@@ -34,6 +34,14 @@ def test_a_signal_during_an_import_comes_when_the_import_is_done(tmp_path, numbe
     assert run(script).stdout.split() == ["imported", "interrupted", str(128 + number)]
 
 
+def test_a_server_that_takes_over_gets_the_signal_that_an_import_delays(tmp_path):
+    (tmp_path / "imported.py").write_text(_IMPORTED % signal.SIGTERM)
+    taking_over = "import imported, signal; signal.signal(15, lambda *_: sys.exit('by the server'))"
+    script = f"import sys; sys.path.append({str(tmp_path)!r}){_PROGRAM}"
+    done = run(script.replace("import imported", taking_over))
+    assert (done.stdout, done.stderr) == ("imported\n", "by the server\n")
+
+
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_elsewhere_comes_at_once(number):
     script = _PROGRAM.replace("import imported", f"import signal; signal.raise_signal({number})")

@@ -3,6 +3,7 @@
 import gzip
 import hashlib
 import json
+import os
 import shutil
 import tarfile
 import zlib
@@ -15,6 +16,7 @@ from sightline.cli.main import main
 from sightline.data.check import check_tree
 from sightline.data.open import list_sample_files, open_dataset
 from sightline.data.sharding import unpack_shards, write_shards
+from sightline.files.byte_source import read_small
 from sightline.files.shard_path import ShardPath, data_path
 from tests.data.recordings import write_recording
 from tests.data.trees import (
@@ -415,3 +417,38 @@ def test_a_split_keeps_its_name_and_the_lists(tree, tmp_path):
     assert [row[0].split("/")[0] for row in rows_of(tmp_path / "one" / "000000.tar")] == [
         "training"
     ] * 20
+
+
+@pytest.mark.parametrize("name", ["000000.tar", "000000.json", "shared.tar", "shards.json"])
+def test_a_pipe_in_the_place_of_a_file_of_shards_is_not_waited_for(name, shards):
+    (shards / name).unlink()
+    os.mkfifo(shards / name)
+    with pytest.raises(ValueError, match="is no regular file"):
+        read_small(shards / name, 1000)
+    assert any("no regular file" in str(each) for each in unpack_faults(shards, shards / "../back"))
+
+
+def unpack_faults(shards, out):
+    try:
+        return unpack_shards(shards, out).faults
+    except ValueError as error:
+        return (error,)
+
+
+def test_nothing_is_unpacked_through_a_link_or_beside_shards(shards, tree, tmp_path):
+    (tmp_path / "back").mkdir()
+    (tmp_path / "back" / "training").symlink_to(tree / "training")
+    with pytest.raises(ValueError, match=r"is a link to .*, outside"):
+        unpack_shards(shards, tmp_path / "back")
+    write_shards(tree, tmp_path / "others", frames_per_shard=3)
+    before = contents(tmp_path / "others")
+    with pytest.raises(ValueError, match="others holds shards"):
+        unpack_shards(shards, tmp_path / "others")
+    assert contents(tmp_path / "others") == before
+
+
+def test_a_truncated_first_picture_is_named_with_its_cause(shards):
+    tar = shards / "000000.tar"
+    tar.write_bytes(tar.read_bytes()[:2000])
+    with pytest.raises(ValueError, match=r"000000\.\w+: cannot be read: 000000\.tar ends at byte"):
+        open_dataset(shards / "000000.tar", parts=("image",))[0]

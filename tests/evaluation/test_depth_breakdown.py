@@ -147,3 +147,8 @@ def test_sweeps_in_place_of_sparse_maps_are_told_as_such(folders):
     (sweeps / "0.bin").write_bytes(b"")
     with pytest.raises(ValueError, match=r"holds 1 \.bin files, which are sweeps, .* depth PNGs"):
         evaluate_depth(folders / "near", folders / "truth", sparse=sweeps, progress=False)
+
+
+def test_a_negative_seed_is_refused_however_few_images_there_are(folders):
+    with pytest.raises(ValueError, match="seed must not be negative, got -1"):
+        evaluate_depth(folders / "near", folders / "truth", seed=-1, progress=False)

@@ -9,6 +9,7 @@ import pytest
 from sightline.cli.main import main
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.depth_completion.registration import TASK
+from sightline.evaluation.depth import evaluate_depth
 from sightline.files.shard_path import data_path
 from sightline.inference.predict import predict_shards
 from sightline.jobs.run import JobResult
@@ -140,7 +141,74 @@ def test_perceive_packs_all_tasks_and_their_shards_are_scored(tmp_path, monkeypa
     assert "Car" in scores[0]
 
 
+def test_packed_depth_is_compared_with_other_depth(tmp_path):
+    write_shards(PACKAGED_FRAMES, tmp_path / "shards", frames_per_shard=1)
+    pack(tmp_path / "shards", tmp_path / "packed")
+    pack(tmp_path / "shards", tmp_path / "other", name="other")
+    unpack_shards(tmp_path / "other", tmp_path / "files")
+    truth = PACKAGED_FRAMES / "training" / "depth"
+    with pytest.warns(UserWarning, match="have the same scores in all 2 images"):
+        reports = [
+            evaluate_depth(
+                tmp_path / "packed", truth, against=tmp_path / other, progress=False
+            ).to_json()
+            for other in ("other", "files")
+        ]
+    assert reports[0] == reports[1]
+
+
 def test_options_that_whole_shards_cannot_have_are_refused(tmp_path, capsys):
     command = ["predict", "depth-completion", str(PACKAGED_FRAMES), str(tmp_path / "out"), "--pack"]
     assert main([*command, "--method", "nearest", "--overwrite"]) == 2
     assert "leave --overwrite out, or --pack" in capsys.readouterr().err
+
+
+def test_a_truncated_tar_is_blamed_and_no_temporary_folder(shards, tmp_path):
+    tar = shards / "000001.tar"
+    tar.write_bytes(tar.read_bytes()[:3000])
+    message = r"^1 of 3 failed, the others are done: shard 000001\.tar: sample .* ends at byte"
+    with pytest.raises(ValueError, match=message):
+        pack(shards, tmp_path / "out")
+    assert (tmp_path / "out" / "000002.tar").exists()
+
+
+def test_an_absent_tar_is_named_with_its_cause(shards, tmp_path):
+    (shards / "000001.tar").unlink()
+    message = r"^1 of 3 failed, the others are done: .*000001\.tar: is missing, or no regular file"
+    with pytest.raises(ValueError, match=message):
+        pack(shards, tmp_path / "out")
+
+
+def test_results_in_shards_and_as_files_are_not_written_to_one_folder(shards, tmp_path):
+    pack(shards, tmp_path / "packed")
+    before = contents(tmp_path / "packed")
+    with pytest.raises(ValueError, match="packed holds shards, which would mix with this job"):
+        write(shards, tmp_path / "packed")
+    assert contents(tmp_path / "packed") == before
+    write(shards, tmp_path / "plain")
+    with pytest.raises(ValueError, match="plain holds files that are not in shards"):
+        pack(shards, tmp_path / "plain")
+
+
+def test_packed_results_are_read_by_every_command_that_reads_results(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_shards(PACKAGED_FRAMES, tmp_path / "shards", frames_per_shard=1)
+    labels = str(PACKAGED_FRAMES / "training" / "label_2")
+    for name in ("detection2d-best", "detection2d-fast-cpu"):
+        command = ["predict", "detection2d", "shards", name, "--weights", name, "--pack"]
+        assert main([*command, "--workers", "1"]) == 0
+    unpack_shards(tmp_path / "detection2d-best", tmp_path / "files")
+    commands = [
+        ["evaluate", "calibration", "RESULTS", labels],
+        ["evaluate", "proposals", "RESULTS", labels],
+        ["evaluate", "objects", "RESULTS", labels, "--against", "detection2d-fast-cpu"],
+        ["submission", "RESULTS", "out.zip"],
+    ]
+    for command in commands:
+        printed = []
+        for results in ("detection2d-best", "files"):
+            capsys.readouterr()
+            assert main([results if each == "RESULTS" else each for each in command]) == 0
+            printed.append(capsys.readouterr().out.replace(results, "").split())
+        assert printed[0] == printed[1]
+        assert "WARNING:" not in printed[0]  # of results that are the same to the byte

@@ -129,3 +129,12 @@ def test_empty_files_are_results_only_where_nothing_was_found(tmp_path):
     assert finished_names(tmp_path, ".txt") == {"none", "some"}
     assert finished_names(tmp_path, ".png") == {"whole"}
     assert finished_names(tmp_path / "missing", ".png") == set()
+
+
+@pytest.mark.parametrize("name", ["000000.tar", "000000.json", "shards.json"])
+def test_a_report_replaces_no_file_of_packed_results(tmp_path, name):
+    for each in ("000000.tar", "000000.json", "shards.json", "report.json"):
+        (tmp_path / each).write_text("")
+    with pytest.raises(ValueError, match="is among the input results"):
+        check_outputs({"--json": tmp_path / name}, data=[], results=[tmp_path])
+    check_outputs({"--json": tmp_path / "report.json"}, data=[], results=[tmp_path])

@@ -194,6 +194,10 @@ def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("")
 
+        def finished(self, folder):
+            del folder
+            return frozenset()
+
     dataset = open_dataset(PACKAGED_FRAMES)
     frame = dataset[0]
 

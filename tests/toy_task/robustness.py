@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sightline.jobs.output_dirs import finished_names
 from sightline.robustness.scoring import BenchFrame, BenchMetric, Panel
 from sightline.visualization.canvas import scaled_to_width
 from tests.toy_task.cells import read_cells, write_cells
@@ -28,6 +29,9 @@ class CellScoring:
 
     def store(self, path, prediction):
         write_cells(path, prediction.frame.sample, prediction.output)
+
+    def finished(self, folder):
+        return finished_names(folder, self.suffix)
 
     def read(self, path, sample):
         del sample

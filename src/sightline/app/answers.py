@@ -20,14 +20,19 @@ class Answers:
     """Parts of answers by state, the last used of them kept."""
 
     def __init__(
-        self, compute: Callable[[Task], Awaitable[Answer]], max_bytes: int = MAX_KEPT_BYTES
+        self,
+        compute: Callable[[Task], Awaitable[Answer]],
+        max_bytes: int = MAX_KEPT_BYTES,
+        stamp: Callable[[str], Hashable] | None = None,
     ) -> None:
         """Begin with none.
 
         Args:
             compute: Computes a part, such as `Workers.run`.
             max_bytes: Most memory of kept answers.
+            stamp: Stamp of a frame's files, such as `PartMaker.stamp`; None: they do not change.
         """
+        self._stamp = stamp
         self._compute = compute
         self._max_bytes = max_bytes
         self._kept: OrderedDict[Hashable, Answer] = OrderedDict()
@@ -40,7 +45,8 @@ class Answers:
         Raises:
             ValueError: From `compute`.
         """
-        key = _key(name, state)
+        stamp = None if self._stamp is None else self._stamp(state.broken.frame)
+        key = stamp, _key(name, state)
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]

@@ -71,6 +71,10 @@ class Task:
     """Pickled detections of image and sweep, for `joined`."""
 
 
+Stamp = tuple[tuple[int, int] | None, ...]
+"""Time of the last change and length of each file of a frame; None: the file is missing."""
+
+
 class PartMaker:
     """Maker of answers, with the samples and networks used last; one in each worker process."""
 
@@ -78,7 +82,7 @@ class PartMaker:
         """Store the data; networks are loaded when they are first needed."""
         self._dataset, self._data, self._engine = dataset, data, engine
         self._positions = {name: index for index, name in enumerate(dataset.sample_ids)}
-        self._samples: OrderedDict[Breakage, CameraLidarSample] = OrderedDict()
+        self._samples: OrderedDict[tuple[Breakage, Stamp], CameraLidarSample] = OrderedDict()
         self._predictors: OrderedDict[tuple[str, str], Predictor] = OrderedDict()
         self._monitor = HealthMonitor()
         self._files: list[dict[str, Path]] = []
@@ -99,17 +103,24 @@ class PartMaker:
             return self._joined(sample, task)
         return self._predicted(sample, task)
 
+    def stamp(self, frame: str) -> Stamp:
+        """Times and lengths of a frame's files: answers of other ones are out of date."""
+        return tuple(_file_stamp(path) for path in self._paths(frame).values())
+
+    def _paths(self, frame: str) -> dict[str, Path]:
+        self._files = self._files or list_sample_files(self._dataset)
+        return self._files[self._positions[frame]]
+
     def _broken(self, broken: Breakage) -> CameraLidarSample:
-        return _kept(self._samples, broken, _KEPT_SAMPLES, lambda: self._read(broken))
+        key = broken, self.stamp(broken.frame)
+        return _kept(self._samples, key, _KEPT_SAMPLES, lambda: self._read(broken))
 
     def _read(self, broken: Breakage) -> CameraLidarSample:
         sound = Breakage(frame=broken.frame)
         if broken != sound:
             return break_sample(self._broken(sound), broken)
-        index = self._positions[broken.frame]
-        self._files = self._files or list_sample_files(self._dataset)
-        check_inside(self._files[index].values(), self._data)
-        return self._dataset[index]
+        check_inside(self._paths(broken.frame).values(), self._data)
+        return self._dataset[self._positions[broken.frame]]
 
     def _predictor(self, task: str, weights: str) -> Predictor:
         def load() -> Predictor:
@@ -232,6 +243,14 @@ def _depth_files(depth: DepthMap) -> dict[str, bytes]:
 def _jpeg(rgb: UInt8[np.ndarray, "height width 3"]) -> bytes:
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), _JPEG)
     return encoded.tobytes()
+
+
+def _file_stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
 
 
 def _kept(

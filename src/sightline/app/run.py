@@ -15,6 +15,7 @@ from starlette.applications import Starlette
 from sightline.app.guard import LOOPBACK
 from sightline.app.parts import PartMaker
 from sightline.app.server import PageSettings, make_app
+from sightline.app.workers import prepare_workers
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.export.names import EngineChoice
@@ -77,6 +78,7 @@ def serve_page(
         announce(address)
         if browser:
             webbrowser.open(address)
+        prepare_workers()
         server.run(sockets=[listening])
 
 

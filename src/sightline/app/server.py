@@ -60,7 +60,7 @@ def make_app(settings: PageSettings, maker: PartMaker) -> Starlette:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         workers = Workers(maker, settings.workers)
-        app.state.page = _Page(settings, Answers(workers.run), workers)
+        app.state.page = _Page(settings, Answers(workers.run, stamp=maker.stamp), workers)
         try:
             yield
         finally:

@@ -167,6 +167,22 @@ class Workers:
         return _Worker(process, own_end)
 
 
+def prepare_workers() -> None:
+    """Wait until the process that forks workers is ready; signals end the wait at once.
+
+    It imports for seconds, on a busy machine for many. `Workers` would wait for it, too, but in a
+    loop of events that heeds no signal meanwhile.
+    """
+    _start_forkserver()
+    first = _STARTS.Process(target=_do_nothing, daemon=True)
+    first.start()
+    first.join()
+
+
+def _do_nothing() -> None:
+    """Return: the process that runs it shows that processes can be started."""
+
+
 def _start_forkserver() -> None:
     """Start the process that forks the workers, deaf to signals that a terminal sends to all.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from sightline.cli.output import say, warn
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
+from sightline.jobs.output_dirs import check_outputs
 
 
 def adapt(
@@ -45,7 +46,7 @@ def adapt(
     rig_file = named_file(rig)
     if rig is not None and rig_file is None:
         raise ValueError(f"there is no file {rig}; give the file of a rig, such as OUT/rig.yaml")
-    check_places({"OUT": out}, data=[data, rig_file])
+    check_outputs({"OUT": out}, data=[data, rig_file])
     settings = AdaptSettings(
         tasks=tuple(FINE_TUNINGS) if tasks is None else tasks,
         frames=frames,

@@ -74,15 +74,13 @@ def evaluate_calibration(
     from sightline.evaluation.calibration import evaluate_calibration as evaluate
     from sightline.evaluation.calibrators import CALIBRATORS
     from sightline.evaluation.kitti_object_rules import parse_overlaps
-    from sightline.files.shard_path import data_path
 
-    labels = data_path(labels)
     measured = ScoredFrames(results_dir=results, labels_dir=labels, sample_list=sample_list)
     fit_on = None
     if fit_results is not None:
         fit_on = ScoredFrames(
             results_dir=fit_results,
-            labels_dir=data_path(fit_labels or labels),
+            labels_dir=fit_labels or labels,
             sample_list=fit_list,
         )
     chosen = CALIBRATORS if calibrator == "all" else (calibrator,)

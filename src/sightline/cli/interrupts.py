@@ -77,8 +77,11 @@ class _Interrupter:
             self._repeat(getattr(dropped.exc_value, "number", signal.SIGINT))
 
     def _repeat(self, number: int) -> None:
-        """Schedule an interruption a moment later."""
-        signal.signal(signal.SIGALRM, lambda _, later: self(number, later))
+        """Schedule an interruption a moment later, by whatever then handles the signal.
+
+        That is this handler, or one of a library that has taken over, such as a server's.
+        """
+        signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
         signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
 
 

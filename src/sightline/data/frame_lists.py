@@ -7,12 +7,14 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
+from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import read_piped_text, read_text, shortened
 from sightline.files.safe_names import relative_parts
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import wrong_type
 
 _PACKAGED = Path(__file__).with_name("sample_lists")
+_MAX_BYTES, _REMEDY = 2**24, "give result files of KITTI's"
 _MAX_SEARCHED = 50  # largest number of searched folders and frames
 _SUFFIX = ".txt"
 _RECORD_SUFFIX = ".json"
@@ -116,7 +118,7 @@ def have_equal_files(first: Path, second: Path, names: Sequence[str]) -> bool:
 
 
 def _content(path: Path) -> bytes | None:
-    return path.read_bytes() if path.is_file() else None
+    return read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY) if path.is_file() else None
 
 
 def describe_left_out(folder: Path) -> str | None:

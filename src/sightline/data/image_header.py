@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sightline.files.plain_file import as_path, check_regular
+from sightline.files.plain_file import check_regular, read_start
 from sightline.files.problem import FileError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -79,8 +79,8 @@ def read_image_size(path: Path | str) -> tuple[int, int]:
             number of pixels.
     """
     file_bytes = check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
-    with as_path(path).open("rb") as file:
-        return parse_image_header(file.read(_MAX_HEADER_BYTES), path, file_bytes=file_bytes).size
+    start = read_start(path, _MAX_HEADER_BYTES, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
+    return parse_image_header(start, path, file_bytes=file_bytes).size
 
 
 def read_orientation(path: Path | str) -> int:
@@ -89,15 +89,15 @@ def read_orientation(path: Path | str) -> int:
     Readers use pixels as stored; OpenCV's own functions and viewers follow the tag.
 
     Raises:
-        FileError: The file is no regular file.
+        FileError: The file cannot be read, or is no regular file.
     """
-    check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
-    with as_path(path).open("rb") as file:
-        if file.read(len(_JPEG_START)) != _JPEG_START:
-            return 1
-        content = _JPEG_START + file.read(_MAX_HEADER_BYTES)
+    mark = read_start(path, len(_JPEG_START), max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
+    if mark != _JPEG_START:
+        return 1
     try:
-        return _orientation(content)
+        return _orientation(
+            read_start(path, _MAX_HEADER_BYTES, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
+        )
     except (struct.error, IndexError):
         return 1  # damage is reported where pixels are read
 

@@ -16,7 +16,12 @@ from urllib.parse import quote
 
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.files.atomic import atomic_path, atomic_write_bytes, atomic_write_text
+from sightline.files.atomic import (
+    atomic_path,
+    atomic_write_bytes,
+    atomic_write_text,
+    check_links,
+)
 from sightline.files.byte_source import url_of
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
@@ -34,7 +39,12 @@ from sightline.files.shard_index import (
     read_manifest,
     tars_of,
 )
-from sightline.jobs.output_dirs import KITTI_SPLITS, acquire_output_dir, data_name
+from sightline.jobs.output_dirs import (
+    KITTI_SPLITS,
+    acquire_output_dir,
+    check_no_shards,
+    data_name,
+)
 from sightline.jobs.progress import track
 from sightline.jobs.read_ahead import check_threads, map_ahead
 
@@ -133,9 +143,11 @@ def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
         workers: Number of threads.
 
     Raises:
-        ValueError: `shards` is no such folder.
+        ValueError: `shards` is no such folder, or `out` holds shards or a link that leads outside.
     """
     check_threads(workers)
+    check_links(out)
+    check_no_shards(out)
     manifest = None if url_of(shards) is not None else read_manifest(shards)
     if manifest is None:
         raise FileError(

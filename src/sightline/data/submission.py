@@ -17,6 +17,7 @@ from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of a zip file
@@ -50,6 +51,7 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
     """
     if out.suffix.lower() != ".zip":
         raise ValueError(f"{out} does not end in .zip, which the benchmark requires; rename it")
+    results = data_path(results)
     names = _frame_names(results, sample_list)
     contents, frames = [], []
     for name in names:

@@ -18,6 +18,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError
 from sightline.geometry.projection import sparse_depth_map
+from sightline.jobs.output_dirs import finished_names
 from sightline.robustness.record import number_or_none
 from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 from sightline.structures.sample import CameraLidarSample
@@ -64,6 +65,10 @@ class HeldOutScoring:
         place = f"sample {frame.sample.sample_id}"
         errors = held_out_errors(frame, prediction.output, place, zero_where_nothing=True)
         atomic_write_text(path, json.dumps(asdict(errors)) + "\n")
+
+    def finished(self, folder: Path) -> frozenset[str]:
+        """List the frames with a file; see `ResultWriter.finished`."""
+        return finished_names(folder, self.suffix)
 
     def read(self, path: Path, sample: CameraLidarSample) -> Never:
         """Not supported: the files hold errors, not outputs; see `Scoring.read`."""

@@ -45,6 +45,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 
 Target = Literal["precision", "overlap"]
 
@@ -167,9 +168,10 @@ def write_calibrated(
     }
     if len(fitted) < len(report.entries):
         raise ValueError(f"no calibrator {calibrator} was fitted: name one that was")
-    names = frame_names(data.labels_dir, data.sample_list)
+    names = frame_names(data_path(data.labels_dir), data.sample_list)
+    results = data_path(data.results_dir)
     for name in names:
-        objects = read_results(data.results_dir / f"{name}.txt")
+        objects = read_results(results / f"{name}.txt")
         assert objects.scores is not None, "result files have scores"
         scores = objects.scores.copy()
         classes = np.array([each.lower() for each in objects.class_names])
@@ -207,18 +209,19 @@ class _Measured:
 
 
 def _read(data: ScoredFrames, settings: CalibrationSettings, *, progress: bool) -> _Measured:
-    names = frame_names(data.labels_dir, data.sample_list)
+    results_dir, labels_dir = data_path(data.results_dir), data_path(data.labels_dir)
+    names = frame_names(labels_dir, data.sample_list)
     tally = ObjectTally()
-    frames = read_frames(data.results_dir, data.labels_dir, names, progress=progress)
+    frames = read_frames(results_dir, labels_dir, names, progress=progress)
     counted = tallied(frames, tally)
-    found, labels = zip(*_checked(counted, names, data.results_dir), strict=True)
+    found, labels = zip(*_checked(counted, names, results_dir), strict=True)
     strict = find_pairs(found, labels, settings.overlaps.as_array())
     loose = find_pairs(found, labels, _ANY.as_array())
     # A region excuses a detection independently of its overlap with an object.
     loose = replace(loose, detection_forgiven=strict.detection_forgiven)
     unread: tuple[str, ...] = ()
     if data.sample_list is None:
-        unread = unread_files(data.results_dir, data.labels_dir, names)
+        unread = unread_files(results_dir, labels_dir, names)
     return _Measured(
         strict=strict,
         loose=loose,

@@ -188,13 +188,15 @@ def evaluate_depth(
     Raises:
         ValueError: A file is missing, not a 16-bit depth PNG, of another size than its ground
             truth, or without any ground truth (the message contains its name); or bands do not
-            ascend.
+            ascend, or the seed is negative.
     """
     ends = (0.0, *band_ends_m)
     if any(not before < end < np.inf for before, end in pairwise(ends)):
         raise ValueError(
             f"bands must end at ascending distances above 0 m, got {', '.join(map(str, ends[1:]))}"
         )
+    if seed < 0:
+        raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     predictions, truth = data_path(predictions), data_path(truth)
     score = partial(_score_files, truth=truth, workers=workers, progress=progress)
     images, unused = score(
@@ -208,8 +210,8 @@ def evaluate_depth(
     )
     if against is None:
         return report
-    others, _ = score(Path(against), sparse=None, ends=(0.0,))
-    if images == others:  # but for their sums, which are not compared
+    others, _ = score(data_path(against), sparse=None, ends=(0.0,))
+    if _compared(images) == _compared(others):
         warnings.warn(
             f"{predictions} and {against} have the same scores in all {len(images)} images, so "
             "every difference is 0: name the predictions of another method",
@@ -237,6 +239,11 @@ def _score_files(
     if progress:
         images = track(images, description="scoring", total=len(pairs))
     return tuple(images), unused
+
+
+def _compared(images: Sequence[ImageReport]) -> list[dict[str, float | None]]:
+    """Scores by which methods are told apart; unlike NaN, None equals None."""
+    return [each.scores.to_json() for each in images]
 
 
 def _summed(images: Sequence[ImageReport]) -> ErrorSums:

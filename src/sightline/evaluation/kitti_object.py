@@ -127,6 +127,7 @@ def compare_objects(
     if bootstrap == 0:
         raise ValueError("bootstrap must be positive to compare, got 0: give e.g. 1000")
     check_resampling(bootstrap, seed)
+    folders = data_path(results_dir), data_path(against_dir)
     first, second = (
         _read_submission(
             folder,
@@ -136,10 +137,10 @@ def compare_objects(
             missing_as_empty=missing_as_empty,
             progress=progress,
         )
-        for folder in (results_dir, against_dir)
+        for folder in folders
     )
     remarks = []
-    if have_equal_files(Path(results_dir), Path(against_dir), first.names):
+    if have_equal_files(*folders, first.names):
         remarks.append(
             f"WARNING: {results_dir} and {against_dir} hold the same results to the byte: name "
             "another folder to compare with."

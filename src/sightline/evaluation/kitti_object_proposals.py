@@ -156,7 +156,7 @@ def evaluate_proposals(
         )
     is_evaluated = np.zeros((len(CLASSES), len(METRICS)), dtype=np.bool_)
     parts: list[_Truths] = []
-    results_dir, labels_dir = Path(results_dir), data_path(labels_dir)
+    results_dir, labels_dir = data_path(results_dir), data_path(labels_dir)
     names = frame_names(labels_dir, sample_list)
     tally, num_beyond = ObjectTally(), 0
     frames = read_frames(results_dir, labels_dir, names, progress=progress)

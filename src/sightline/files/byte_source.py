@@ -1,14 +1,17 @@
 """Reading of byte ranges from local files, and from any file system that fsspec opens."""
 
 import re
+import sys
 from pathlib import Path
 from typing import Any, Final
 
 from sightline.files.extras import import_library
+from sightline.files.plain_file import check_regular
 from sightline.files.problem import FileError
 
 _URL: Final = re.compile(r"([a-z][a-z0-9+.-]+):/+(.+)", re.DOTALL)  # pathlib joins the slashes
 _REMEDY: Final = "check the address, the network and your rights"
+_LOCAL_REMEDY: Final = "copy it again, or make it again by the same command"
 
 
 def url_of(path: Path) -> str | None:
@@ -26,6 +29,7 @@ def read_range(path: Path, start: int, length: int) -> bytes:
     url = url_of(path)
     try:
         if url is None:
+            check_regular(path, max_bytes=sys.maxsize, remedy=_LOCAL_REMEDY)
             with path.open("rb") as file:
                 file.seek(start)
                 content = file.read(length)
@@ -40,7 +44,7 @@ def read_range(path: Path, start: int, length: int) -> bytes:
         raise FileError(
             path,
             f"ends at byte {start + len(content)}, expected {length} bytes from {start}",
-            "copy it again, or make it again by the same command",
+            _LOCAL_REMEDY,
         )
     return content
 
@@ -85,4 +89,5 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 def _unreadable(path: Path, error: Exception) -> FileError:
     reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return FileError(path, f"cannot be read: {reason}", _REMEDY)
+    remedy = _LOCAL_REMEDY if url_of(path) is None else _REMEDY
+    return FileError(path, f"cannot be read: {reason}", remedy)

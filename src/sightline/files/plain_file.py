@@ -21,11 +21,13 @@ def as_path(path: Path | str) -> Path:
 def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
     """Read the bytes of a regular file; arguments and errors as in `check_regular`."""
     size = check_regular(path, max_bytes=max_bytes, remedy=remedy)
-    try:
-        with as_path(path).open("rb") as file:
-            return file.read(min(size + _GROWN_BYTES, max_bytes))  # allocated at once
-    except OSError as error:
-        raise _unreadable(path, error, remedy) from error
+    return _read(path, min(size + _GROWN_BYTES, max_bytes), remedy)  # allocated at once
+
+
+def read_start(path: Path | str, num_bytes: int, *, max_bytes: int, remedy: str) -> bytes:
+    """Read the first bytes of a regular file; arguments and errors as in `check_regular`."""
+    check_regular(path, max_bytes=max_bytes, remedy=remedy)
+    return _read(path, num_bytes, remedy)
 
 
 def read_pipe(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
@@ -75,6 +77,14 @@ def check_regular(path: Path | str, *, max_bytes: int, remedy: str) -> int:
         problem = f"is {status.st_size} bytes long, expected up to {max_bytes}"
         raise FileError(path, problem, remedy)
     return status.st_size
+
+
+def _read(path: Path | str, num_bytes: int, remedy: str) -> bytes:
+    try:
+        with as_path(path).open("rb") as file:
+            return file.read(num_bytes)
+    except OSError as error:
+        raise _unreadable(path, error, remedy) from error
 
 
 def _unreadable(path: Path | str, error: OSError, remedy: str) -> FileError:

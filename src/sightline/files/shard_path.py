@@ -154,10 +154,13 @@ class ShardPath(PosixPath):
         return io.BytesIO(content) if "b" in mode else io.StringIO(content.decode())
 
     def read_bytes(self) -> bytes:
-        """Read a file; one that is damaged cannot be read, as on a broken disk."""
+        """Read a file; one that is damaged cannot be read, as on a disk with checksums.
+
+        The error's number is not that of a broken disk, which is blamed on the folder of a write.
+        """
         member = self._file()
         try:
             return member.read()
         except FileError as error:
             reason = f"{member.tar.name} {error.problem.problem}"
-            raise OSError(errno.EIO, reason, str(self)) from error
+            raise OSError(errno.EBADMSG, reason, str(self)) from error

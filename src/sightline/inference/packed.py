@@ -10,6 +10,7 @@ from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.open import SampleDataset
 from sightline.data.sharding import files_below, is_whole, pack_files
 from sightline.files.atomic import DiskError, scratch_folder
+from sightline.files.byte_source import url_of
 from sightline.files.problem import FileError
 from sightline.files.shard_index import FORMAT, MANIFEST, read_manifest, tars_of
 from sightline.files.shard_path import data_path
@@ -182,6 +183,9 @@ def _default_split(tars: Sequence[Path]) -> str:
 
 def _open(writer: ShardWriter, tar: Path, place: str) -> SampleDataset | None:
     """Open the frames of a shard in a place; None: it has none there."""
+    if url_of(tar) is None and not tar.is_file():
+        remedy = "copy it again, or make it again by `sightline shard`"
+        raise FileError(tar, "is missing, or no regular file", remedy)
     path = data_path(tar) / place
     if place and path.parent.is_dir() and not path.is_dir():
         return None

@@ -12,7 +12,7 @@ from sightline.files.atomic import atomic_create_text, check_links
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import escaped
-from sightline.files.shard_index import read_manifest
+from sightline.files.shard_index import MANIFEST, read_manifest
 
 KITTI_SPLITS: Final = ("training", "testing")
 """Folders of KITTI's object data set; an output in one lies inside the data set, too."""
@@ -94,6 +94,10 @@ def _is_claimed(
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is no folder; name another output folder")
     check_links(folder)
+    if manifest_name != MANIFEST:
+        check_no_shards(folder)
+    elif (folder / MANIFEST_NAME).exists():  # readers of shards would not see its files
+        raise ValueError(_refusal(folder, "files that are not in shards", MANIFEST_NAME))
     path = folder / manifest_name
     # In this order: a job writes its manifest before its first result.
     has_results = any(next(folder.glob(pattern), None) is not None for pattern in results)
@@ -105,6 +109,16 @@ def _is_claimed(
     if existing != _manifest(settings):
         raise ValueError(_refusal(folder, _difference(existing, settings), manifest_name))
     return True
+
+
+def check_no_shards(folder: Path) -> None:
+    """Refuse files beside shards, whose readers would not see them.
+
+    Raises:
+        ValueError: The folder is one of shards.
+    """
+    if read_manifest(folder) is not None:
+        raise ValueError(_refusal(folder, "shards", MANIFEST))
 
 
 def _manifest_text(path: Path) -> str:
@@ -147,13 +161,18 @@ def check_outputs(
     for folder in filter(None, results):
         for option, path in places.items():
             place = path.resolve()
-            is_result = place.suffix in RESULT_SUFFIXES or place.name == MANIFEST_NAME
-            is_input = place == folder.resolve() or is_result
+            is_input = place == folder.resolve() or _is_result(place)
             if is_input and place.exists() and place.is_relative_to(folder.resolve()):
                 raise ValueError(
                     f"{option} {path} is among the input results, which it would replace; "
                     "give another path"
                 )
+
+
+def _is_result(file: Path) -> bool:
+    is_in_shard = file.with_suffix(".tar").exists()  # the tar, or its index
+    is_named_so = file.suffix in RESULT_SUFFIXES or file.name in (MANIFEST_NAME, MANIFEST)
+    return is_named_so or is_in_shard
 
 
 def _check_not_within(file: Path, places: Mapping[str, Path]) -> None:

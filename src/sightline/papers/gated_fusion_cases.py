@@ -25,7 +25,7 @@ from sightline.evaluation.kitti_object_rules import (
 from sightline.export.names import EngineChoice
 from sightline.files.atomic import check_links
 from sightline.inference.network import load_network
-from sightline.jobs.output_dirs import acquire_output_dir
+from sightline.jobs.output_dirs import acquire_output_dir, finished_names
 from sightline.jobs.progress import track
 from sightline.jobs.run import JobResult
 from sightline.papers.gated_fusion import GatedFusionReport, SystemScores
@@ -147,6 +147,10 @@ class _ResultsAndGates:
             record = measure_gates(result, sample, prediction.corrupted)
             write_gate_record(_gates_file(path.parent, path.stem), record)
         write_results(path, sample, result)
+
+    def finished(self, folder: Path) -> frozenset[str]:
+        """List the frames with a file; see `ResultWriter.finished`."""
+        return finished_names(folder, self.suffix)
 
 
 SIMILARITY_FRAMES: Final = 50

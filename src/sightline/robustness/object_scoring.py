@@ -15,6 +15,7 @@ from sightline.evaluation.kitti_object_rules import (
     Metric,
     MinimumOverlaps,
 )
+from sightline.jobs.output_dirs import finished_names
 from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 
 if TYPE_CHECKING:
@@ -119,6 +120,12 @@ class ObjectScoring:
             in_space.parent.mkdir(parents=True, exist_ok=True)
             self.write_in_space(in_space, sample, output)
         self.write(path, sample, output)
+
+    def finished(self, folder: Path) -> frozenset[str]:
+        """List the frames with all their result files; see `ResultWriter.finished`."""
+        names = finished_names(folder, self.suffix)
+        is_pair = self.write_in_space is not None
+        return names & finished_names(folder / _IN_SPACE, self.suffix) if is_pair else names
 
     def read(self, path: Path, sample: "CameraLidarSample") -> object:
         """Read a result file; see `Scoring.read`."""

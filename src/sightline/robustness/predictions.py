@@ -8,7 +8,6 @@ from sightline.corruptions.suites import Case
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
 from sightline.jobs.crew import Driver
-from sightline.jobs.output_dirs import finished_names
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
@@ -61,7 +60,7 @@ def predict_in_cases(
     """
     check_numbers(seed, workers, driver)
     present = {
-        (each.folder, case.name): finished_names(each.folder / case.name, writer.suffix)
+        (each.folder, case.name): writer.finished(each.folder / case.name)
         for each in runs
         for case in each.cases
     }

@@ -14,6 +14,7 @@ from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.problem import plain_line
+from sightline.files.shard_path import data_path
 from sightline.jobs.output_dirs import MANIFEST_NAME, acquire_output_dir, data_name
 from sightline.jobs.run import check_workers
 from sightline.robustness.bench import (
@@ -73,6 +74,7 @@ def score_results(
                 f"{cases} was written with {name} {made_with[name]}, not {value}; leave --{name} "
                 "out, or name other data"
             )
+    results = data_path(results)
     requested = settings.chosen_cases(suite)
     unknown = _no_cases(results, suite)
     chosen = _present_cases(results, requested, unknown) if settings.cases is None else requested
@@ -143,7 +145,7 @@ def _draw(
     for case in chosen:
         corrupted = read_corrupted(cases / case.name, drawer.frame, case.corruption, velodyne)
         if corrupted is not None:
-            path = results / case.name / f"{drawer.frame}{drawer.scoring.suffix}"
+            path = data_path(results / case.name) / f"{drawer.frame}{drawer.scoring.suffix}"
             output = drawer.scoring.read(path, corrupted.sample)
             drawer(case, BenchPrediction(BenchFrame(corrupted.sample, None), corrupted, output))
 
@@ -229,7 +231,7 @@ def _check_complete(
 ) -> None:
     """Check that all results exist, before any is scored."""
     for case in cases:
-        folder = results / case.name
+        folder = data_path(results / case.name)
         if not folder.is_dir():
             raise ValueError(
                 f"{results} has no folder {case.name} for the results of that case; add it, or "

@@ -10,6 +10,7 @@ from sightline.data.open import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import run_job
 from sightline.robustness.record import number_or_none
@@ -46,7 +47,7 @@ def score_cases(
     """
     files = {case: out / _SCORES / f"{case}.json" for case in cases}
     works = [
-        _CaseWork(scoring, dataset, case, predictions / case, path)
+        _CaseWork(scoring, dataset, case, data_path(predictions / case), path)
         for case, path in files.items()
         if anew or _stored_scores(path, scoring) is None
     ]

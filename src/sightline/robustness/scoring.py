@@ -89,6 +89,10 @@ class ResultWriter(Protocol):
         """Write the file of a prediction atomically."""
         ...
 
+    def finished(self, folder: Path) -> frozenset[str]:
+        """List the frames of which a folder has all that `store` writes."""
+        ...
+
 
 @runtime_checkable
 class Scoring(ResultWriter, Protocol):
