@@ -12,6 +12,7 @@ benchmarks/results/page_latency.json.
 
 import argparse
 import os
+import re
 import shutil
 import statistics
 import subprocess
@@ -168,8 +169,9 @@ def slider(page: Page, pid: int, num_states: int) -> tuple[dict[str, list[float]
             continue
         processor.append(processor_ms(pid) - before)
         for arrived, text in page.evaluate("() => window.told"):
-            name = text.split(":")[0].replace("all results", "whole")
-            if name in ("picture", "whole", *_PARTS):
+            part = re.search(r"(\S+) came after", text)
+            if part or text.startswith("all results"):
+                name = part[1] if part else "whole"
                 wall.setdefault(name, []).append(arrived - since)
     return wall, processor
 
