@@ -62,4 +62,4 @@ def lift_unmatched(scene: Scene, pairs: Pairs, rule: Steps) -> dict[int, tuple[A
     """Lift the image boxes without a partner that are sure enough; their boxes and evidence."""
     least = rule["settings"]["min_lifted_score"]
     chosen = [each for each in pairs.unmatched if scene.image.scores[each] >= least]
-    return {each: lift(scene, each) for each in chosen}
+    return {each: lift(scene, each, rule["ranges"]) for each in chosen}

@@ -1,18 +1,19 @@
-"""3D boxes of image boxes by geometry: size of the class, height of the box, road, returns."""
+"""3D boxes of image boxes: size of the class, height of the box, road, regression, returns."""
 
 import numpy as np
 
 from box_guesses import Guesses, bounds, guess, match
+from box_ranges import fitted_range
 from joined_evidence import logit
 from joined_scene import Scene
-from kitti_frame import Array
+from kitti_frame import Array, Steps
 from road_depth import LIDAR_HEIGHT_M, depth_on_road, depths_of_returns
 
 HORIZON = 0.015  # spread of the road's slope [rad]
 THICKNESS_M = {"Car": 1.5, "Pedestrian": 0.6, "Cyclist": 0.6}
 
 
-def lift(scene: Scene, index: int) -> tuple[Array, Array]:
+def lift(scene: Scene, index: int, ranges: Steps) -> tuple[Array, Array]:
     """Lift an image box at the yaw that explains its shape best; the box and its evidence."""
     name = str(scene.image.names[index])
     guesses, bottoms = guess(scene, index)
@@ -25,6 +26,7 @@ def lift(scene: Scene, index: int) -> tuple[Array, Array]:
     if road is not None and not guesses.at_bottom:
         weight = max(HORIZON * road**2 / LIDAR_HEIGHT_M, 0.3) ** -2.0
         precision, total = precision + weight, total + road * weight
+    total = np.sqrt(total * precision * fitted_range(scene, guesses.box, ranges[name]))
     returns = depths_of_returns(scene, guesses.box, float(depths.mean()), THICKNESS_M[name])
     if len(returns):
         weight = (0.35 if len(returns) > 2 else 0.6) ** -2.0

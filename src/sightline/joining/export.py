@@ -14,6 +14,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.inference.network import load_network
 from sightline.joining.config import JoinConfig
 from sightline.joining.models import SHIPPED, read_models
+from sightline.joining.ranges import read_ranges
 
 MODELS_NAME: Final = "joined.json"
 """File of the models and of the settings of joining, in the folder."""
@@ -51,4 +52,4 @@ def export_joined(
 def joined_content() -> dict[str, Any]:
     """Collect the content of joined.json: the models as they ship, and the settings of joining."""
     content: dict[str, Any] = json.loads(SHIPPED.read_text())
-    return {"settings": asdict(JoinConfig()), **content}
+    return {"settings": asdict(JoinConfig()), "ranges": read_ranges(), **content}

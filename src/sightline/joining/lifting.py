@@ -1,7 +1,8 @@
-"""3D boxes of image boxes by geometry alone: class size, road plane, and returns if there are any.
+"""3D boxes of image boxes: class size, road plane, a regression, and returns if there are any.
 
 The distance of an object follows from the height of its image box, as the class's height is known,
-and from the box's lower edge, which stands on the road. Returns within the image box decide where
+and from the box's lower edge, which stands on the road; the geometric mean of that and of a fitted
+regression (`ranges`) is taken. Returns within the image box decide where
 there are some. Roads are taken as flat, and objects as parallel to the camera's view if the shape
 of their box does not say otherwise.
 """
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from sightline.joining.evidence import logit
+from sightline.joining.ranges import predict_ranges, range_columns, read_ranges
 from sightline.joining.scene import Scene
 
 LIFTED_COLUMNS: Final = (
@@ -93,10 +95,14 @@ def lift(scene: Scene, indices: Sequence[int]) -> dict[int, Lifted]:
     return {index: lifted[index] for index in indices}
 
 
-def _lift_class(scene: Scene, indices: list[int], name: str) -> list[Lifted]:
-    boxes = scene.image.in_image[indices]
+def scene_columns(scene: Scene, indices: Sequence[int]) -> Float64[np.ndarray, "num_boxes 18"]:
+    """Compute `RANGE_COLUMNS` for image boxes of a scene."""
+    return _columns(_view(scene, scene.image.in_image[list(indices)]))
+
+
+def _view(scene: Scene, boxes: Float64[np.ndarray, "num_boxes 4"]) -> _View:
     height, width = scene.image_size
-    view = _View(
+    return _View(
         scene=scene,
         boxes=boxes,
         focal_px=float(scene.image_from_camera[0, 0]),
@@ -104,8 +110,18 @@ def _lift_class(scene: Scene, indices: list[int], name: str) -> list[Lifted]:
         at_right=boxes[:, 2] >= width - 1 - _BORDER_PX,
         at_bottom=boxes[:, 3] >= height - 1 - _BORDER_PX,
     )
+
+
+def _columns(view: _View) -> Float64[np.ndarray, "num_boxes 18"]:
+    scene, road_m = view.scene, _depth_on_road(view, 0.0)
+    return range_columns(view.boxes, scene.image_size, scene.image_from_camera, road_m)
+
+
+def _lift_class(scene: Scene, indices: list[int], name: str) -> list[Lifted]:
+    boxes = scene.image.in_image[indices]
+    view = _view(scene, boxes)
     size = np.array(_SIZES_LWH[name])
-    on_road = _depth_on_road(view, size)
+    on_road = _depth_on_road(view, _SEEN_TO_CENTER * size[0])
     guesses = _by_height(view, _first_guesses(view, name, size))
     ends_below = view.at_bottom & np.isfinite(on_road)  # of what is seen
     nearer = np.minimum(on_road[:, None] / guesses.bottoms[..., 2], 1.0)
@@ -118,6 +134,8 @@ def _lift_class(scene: Scene, indices: list[int], name: str) -> list[Lifted]:
     on_ground = np.where(np.isfinite(on_road) & ~view.at_bottom, error_m**-2.0, 0.0)[:, None]
     precision = precision + on_ground
     total = total + np.nan_to_num(on_road)[:, None] * on_ground
+    learned = predict_ranges(_columns(view), read_ranges()[name])
+    total = np.sqrt(total * precision * learned[:, None])  # the geometric mean of both distances
     corners = np.sort(guesses.bottoms[:, :, None, 2] + guesses.offsets[..., 2], axis=2)
     behind = depths - corners[..., :4].mean(axis=2)  # of the centre, behind what is seen
     for row, depth in enumerate(depths.mean(axis=1)):
@@ -220,10 +238,8 @@ def _by_height(view: _View, guesses: _Guesses) -> _Guesses:
     return guesses
 
 
-def _depth_on_road(
-    view: _View, size: Float64[np.ndarray, "3"]
-) -> Float64[np.ndarray, " num_boxes"]:
-    """Depths of the objects' centres if their boxes stand on the road; NaN: they cannot."""
+def _depth_on_road(view: _View, behind_m: float) -> Float64[np.ndarray, " num_boxes"]:
+    """Depths, so far behind where the boxes' lower edges stand on the road; NaN: they cannot."""
     scene, matrix = view.scene, view.scene.image_from_camera
     rays = np.linalg.solve(matrix[:, :3], _bottom_middles(view).T).T
     up = scene.camera_from_level[:3, 2]
@@ -232,7 +248,7 @@ def _depth_on_road(
     falling = rays @ up
     falling = np.where(falling < -1e-3, falling, np.nan)
     height = float((origin - center) @ up) + scene.lidar_height_m
-    depths = origin[2] + rays[:, 2] * height / -falling + _SEEN_TO_CENTER * size[0]
+    depths = origin[2] + rays[:, 2] * height / -falling + behind_m
     return np.asarray(np.clip(depths, _NEAREST_M, _FARTHEST_M))
 
 
