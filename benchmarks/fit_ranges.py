@@ -30,7 +30,10 @@ def main(out: Path, data: tuple[Path, ...], lists: tuple[str, ...]) -> None:
     ]
     ranges = fit_ranges(samples[index] for samples in datasets for index in range(len(samples)))
     content = {
-        "frames": {tree.name: len(each) for tree, each in zip(data, datasets, strict=True)},
+        "frames": {
+            tree.name: ",".join(samples.sample_ids)
+            for tree, samples in zip(data, datasets, strict=True)
+        },
         "sightline": version("sightline"),
         "columns": RANGE_COLUMNS,
         "ranges": ranges,
