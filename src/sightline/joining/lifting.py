@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from sightline.joining.evidence import logit
-from sightline.joining.ranges import predict_ranges, range_columns, read_ranges
+from sightline.joining.ranges import BORDER_PX, predict_ranges, range_columns, read_ranges
 from sightline.joining.scene import Scene
 
 LIFTED_COLUMNS: Final = (
@@ -47,7 +47,6 @@ _SEEN_TO_CENTER: Final = 0.3  # shares of the length between the seen edge and t
 _THICKNESS_M: Final = {"Car": 1.5}
 _THIN_M: Final = 0.6
 _ROAD_WEIGHT: Final = 0.3  # of the road in the choice of the yaw
-_BORDER_PX: Final = 1.5
 _CORNER_SIGNS: Final = np.array(
     [(x, y, z) for x in (0.5, -0.5) for y in (0.5, -0.5) for z in (0.0, 1.0)]
 )
@@ -106,9 +105,9 @@ def _view(scene: Scene, boxes: Float64[np.ndarray, "num_boxes 4"]) -> _View:
         scene=scene,
         boxes=boxes,
         focal_px=float(scene.image_from_camera[0, 0]),
-        at_left=boxes[:, 0] <= _BORDER_PX,
-        at_right=boxes[:, 2] >= width - 1 - _BORDER_PX,
-        at_bottom=boxes[:, 3] >= height - 1 - _BORDER_PX,
+        at_left=boxes[:, 0] <= BORDER_PX,
+        at_right=boxes[:, 2] >= width - 1 - BORDER_PX,
+        at_bottom=boxes[:, 3] >= height - 1 - BORDER_PX,
     )
 
 

@@ -1,7 +1,7 @@
 """Distance of image boxes without returns: a regression on their size and place in the image.
 
-It knows what the class size and a flat road do not: that boxes cut by others or by the border are
-too low, that far boxes are too high, and how far height and road can be trusted.
+Its columns are the distances by height and by the road, the shape of the box, the borders that cut
+it, and their products. `lifting` takes the geometric mean with the distance by geometry.
 """
 
 import json
@@ -28,7 +28,8 @@ RANGE_COLUMNS: Final = (
 times that, within 1.5; a: log of width over height; side, bottom, top: cut by that border; aside:
 distance from the image's middle over the focal length."""
 
-_BORDER_PX: Final = 1.5
+BORDER_PX: Final = 1.5
+"""Distance from the border within which it cuts a box."""
 _USUAL_M: Final = 1.6  # height of an object
 _LARGEST: Final = 1.5  # of r
 _LEAST_PX: Final = 2.0
@@ -53,9 +54,9 @@ def range_columns(
     z = np.log(image_from_camera[0, 0] / height)
     r = np.nan_to_num(np.log(road_m / _USUAL_M) - z, nan=_LARGEST)
     r, a = np.clip(r, -_LARGEST, _LARGEST), np.log(width / height)
-    last_row, last_column = image_size[0] - 1 - _BORDER_PX, image_size[1] - 1 - _BORDER_PX
-    side = ((boxes[:, 0] <= _BORDER_PX) | (boxes[:, 2] >= last_column)) * 1.0
-    bottom, top = (boxes[:, 3] >= last_row) * 1.0, (boxes[:, 1] <= _BORDER_PX) * 1.0
+    last_row, last_column = image_size[0] - 1 - BORDER_PX, image_size[1] - 1 - BORDER_PX
+    side = ((boxes[:, 0] <= BORDER_PX) | (boxes[:, 2] >= last_column)) * 1.0
+    bottom, top = (boxes[:, 3] >= last_row) * 1.0, (boxes[:, 1] <= BORDER_PX) * 1.0
     middle = (boxes[:, 0] + boxes[:, 2]) / 2 - image_from_camera[0, 2]
     aside = np.abs(middle) / image_from_camera[0, 0]
     columns = (

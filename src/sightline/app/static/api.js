@@ -41,11 +41,9 @@ async function events(path, query, name, signal, hear) {
   const response = await got(`api/${path}?${query}&client=${TAB}-${name}&turn=${turn += 1}`, signal);
   const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
   let rest = "";
-  let isWhole = false;
-  for (;;) { // to the end, or the connection stays taken
+  for (;;) {
     const { done, value } = await reader.read().catch(() => ({ done: true }));
     if (done) {
-      if (isWhole) return;
       signal.throwIfAborted();
       throw new GoneError();
     }
@@ -54,8 +52,8 @@ async function events(path, query, name, signal, hear) {
     for (const block of blocks) {
       const [event, data] = block.split("\n");
       const kind = event.slice("event: ".length);
-      if (kind === "done" || kind === "cancelled") isWhole = true;
-      else hear(kind, JSON.parse(data.slice("data: ".length)));
+      if (kind === "done" || kind === "cancelled") return;
+      hear(kind, JSON.parse(data.slice("data: ".length)));
     }
   }
 }
