@@ -1,7 +1,10 @@
 import json
 import shutil
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from importlib.resources import files
@@ -185,3 +188,14 @@ def test_a_server_that_is_told_to_end_does_not_wait_for_answers(path, capfd):
             server.should_exit = True
             thread.join()
     assert capfd.readouterr().err == ""
+
+
+def test_ctrl_c_ends_the_page_with_a_word_of_its_own():
+    command = [sys.executable, "-m", "sightline", "serve", "--port", "0", "--no-browser"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as server:
+        assert server.stdout.readline().endswith("(Ctrl-C ends it)\n")
+        server.send_signal(signal.SIGINT)
+        _, told = server.communicate()
+    assert (told, server.returncode) == ("sightline: the page has ended\n", 130)

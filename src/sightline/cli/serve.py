@@ -6,6 +6,7 @@ from sightline.cli.output import say
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.files.extras import require_library
+from sightline.training.interruption import Interruption
 
 
 def serve(
@@ -68,13 +69,16 @@ def serve(
             raise ValueError(f"--{name} is for --export; give --export FOLDER, or leave it out")
     from sightline.app.run import serve_page
 
-    serve_page(
-        data_set,
-        host=host,
-        port=port,
-        browser=browser,
-        workers=workers,
-        velodyne=velodyne,
-        engine=engine,
-        announce=lambda address: say(f"{address} (Ctrl-C ends it)"),
-    )
+    try:
+        serve_page(
+            data_set,
+            host=host,
+            port=port,
+            browser=browser,
+            workers=workers,
+            velodyne=velodyne,
+            engine=engine,
+            announce=lambda address: say(f"{address} (Ctrl-C ends it)"),
+        )
+    except Interruption as error:
+        raise Interruption("the page has ended", error.number) from None
