@@ -97,6 +97,24 @@ def test_the_number_of_workers_changes_nothing(tmp_path, workers):
     assert report == evaluate_depth(predictions, truth, workers=3, progress=False)
 
 
+@pytest.mark.parametrize(
+    ("unit", "steps"), [("metres", 1), ("centimetres", 100), ("millimetres", 1000)]
+)
+@pytest.mark.parametrize("kind", ["predictions", "ground truth"])
+def test_depths_in_another_unit_are_doubted_and_sound_ones_are_not(tmp_path, kind, unit, steps):
+    rng = np.random.default_rng(0)
+    true_m = rng.integers(2, 60, (20, 30))
+    found_m = true_m * rng.uniform(0.95, 1.05, true_m.shape)
+    paths = tmp_path / "found.png", tmp_path / "true.png"
+    for path, depth_m in zip(paths, (found_m, true_m), strict=True):
+        write_depth_png(path, depth_m.astype(np.float32))
+    evaluate_depth(*paths)  # warnings are errors here
+    wrong, depth_m = (paths[0], found_m) if kind == "predictions" else (paths[1], true_m)
+    cv2.imwrite(str(wrong), np.rint(depth_m * steps).astype(np.uint16))
+    with pytest.warns(UserWarning, match=rf"because of {kind} in {unit}: write metres times"):
+        evaluate_depth(*paths)
+
+
 def test_subfolders_are_part_of_the_name(tmp_path):
     predictions, truth, _ = write_set(tmp_path, names=["x/000", "y/000"])
     assert [i.name for i in evaluate_depth(predictions, truth).images] == ["x/000", "y/000"]

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Int64
 
 from sightline.data.kitti_trees import describe_absent
 from sightline.data.map_png import read_depth_png
@@ -58,6 +59,14 @@ _ROWS = (
     "sqRel",
     "coverage",
 )
+_UNITS = {"metres": 1, "centimetres": 100, "millimetres": 1000}
+_STEPS_PER_M = 256  # of KITTI's files
+_WRONG_RATIOS = {
+    **{steps / _STEPS_PER_M: ("predictions", unit) for unit, steps in _UNITS.items()},
+    **{_STEPS_PER_M / steps: ("ground truth", unit) for unit, steps in _UNITS.items()},
+}
+_RATIO_TOLERANCE = 0.1
+_MIN_RATIOS = 100  # pixels; fewer agree with a wrong ratio by chance
 
 
 class _Pair(NamedTuple):
@@ -81,6 +90,10 @@ class ImageReport:
     """Number of pixels with ground truth."""
     sums: ErrorSums = field(compare=False)
     """Sums by band and place, from which the set's are computed."""
+    wrong_ratios: Int64[np.ndarray, " ratios"] = field(compare=False)
+    """Number of predicted pixels with about each ratio of depths that a wrong unit gives."""
+    compared: int = field(compare=False)
+    """Number of pixels with both ground truth and prediction."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -202,6 +215,7 @@ def evaluate_depth(
     images, unused = score(
         predictions, sparse=None if sparse is None else data_path(sparse), ends=ends
     )
+    _warn_of_units(images, predictions, truth)
     report = DepthReport(
         images=images,
         unused_predictions=unused,
@@ -239,6 +253,20 @@ def _score_files(
     if progress:
         images = track(images, description="scoring", total=len(pairs))
     return tuple(images), unused
+
+
+def _warn_of_units(images: Sequence[ImageReport], predictions: Path, truth: Path) -> None:
+    """Warn if most depths differ by the factor of a wrong unit."""
+    compared = sum(image.compared for image in images)
+    counts = np.sum([image.wrong_ratios for image in images], axis=0)
+    for (ratio, (kind, unit)), count in zip(_WRONG_RATIOS.items(), counts, strict=True):
+        if compared >= _MIN_RATIOS and count > compared / 2:
+            warnings.warn(
+                f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
+                f"probably because of {kind} in {unit}: write metres times {_STEPS_PER_M}, as "
+                "KITTI does",
+                stacklevel=3,
+            )
 
 
 def _compared(images: Sequence[ImageReport]) -> list[dict[str, float | None]]:
@@ -321,6 +349,8 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
         raise ValueError(f"{sparse} is not of the size of {truth}: give the maps of these images")
     try:
         scores = score_depth(prediction_m, truth_m)
+        has_both = (prediction_m > 0) & (truth_m > 0)
+        ratios = prediction_m[has_both] / truth_m[has_both]
         filled_m = prediction_m if scores.coverage == 1 else fill_gaps(prediction_m)
         return ImageReport(
             name=name,
@@ -328,6 +358,10 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
             predicted_pixels_only=score_predicted_pixels(prediction_m, truth_m),
             pixels=int((truth_m > 0).sum()),
             sums=error_sums(filled_m, truth_m, band_ends_m=band_ends_m, sparse_m=sparse_m),
+            wrong_ratios=np.array(
+                [(abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
+            ),
+            compared=len(ratios),
         )
     except ValueError as error:
         raise ValueError(f"{prediction} against {truth}: {error}") from error
