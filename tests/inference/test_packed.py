@@ -74,6 +74,21 @@ def test_whole_shards_are_skipped_and_a_changed_one_is_made_again(shards, tmp_pa
     assert contents(out) == expected
 
 
+def test_results_of_shards_packed_anew_from_other_frames_are_made_again(shards, tmp_path):
+    out = tmp_path / "out"
+    pack(shards, out)
+    before = contents(out)
+    tree = tmp_path / "tree"
+    sweep = tree / "training" / "velodyne" / "000003.bin"
+    sweep.write_bytes(sweep.read_bytes()[: 16 * 100])
+    shutil.rmtree(shards)
+    write_shards(tree, shards, frames_per_shard=2)
+    assert pack(shards, out) == JobResult(written=1, skipped=2)
+    changed = {name for name, content in contents(out).items() if content != before[name]}
+    assert changed == {"000002.tar", "000002.json"}
+    assert pack(shards, out) == JobResult(written=0, skipped=3)
+
+
 def test_a_damaged_shard_is_named_the_rest_finishes_and_mended_it_is_made_alone(shards, tmp_path):
     pack(shards, tmp_path / "expected")
     tar = shards / "000001.tar"

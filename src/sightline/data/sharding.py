@@ -253,7 +253,14 @@ def _without_dots(name: str) -> str:
     return quote(name, safe=" !#$&'()*+,:;=@[]~", encoding="utf-8").replace(".", "%2E")
 
 
-def pack_files(root: Path, tar: Path, files: Sequence[str], *, compress: bool = False) -> bool:
+def pack_files(
+    root: Path,
+    tar: Path,
+    files: Sequence[str],
+    *,
+    compress: bool = False,
+    source_sha256: str | None = None,
+) -> bool:
     """Write a tar and its index, unless they are there and whole.
 
     Args:
@@ -261,6 +268,7 @@ def pack_files(root: Path, tar: Path, files: Sequence[str], *, compress: bool = 
         tar: The tar; its files are named as frames' are, those of shared.tar by their paths.
         files: Paths of the files below the folder, in the order of the tar.
         compress: Whether to pack all files but pictures by gzip.
+        source_sha256: Checksum of the shard of frames that the files are results of.
 
     Returns:
         Whether it was written.
@@ -269,7 +277,7 @@ def pack_files(root: Path, tar: Path, files: Sequence[str], *, compress: bool = 
         FileError: A file cannot be read.
         ValueError: The tar cannot be written.
     """
-    if is_whole(tar):
+    if is_whole(tar, source_sha256=source_sha256):
         return False
     index_path(tar).unlink(missing_ok=True)
     members: dict[str, Member] = {}
@@ -280,7 +288,13 @@ def pack_files(root: Path, tar: Path, files: Sequence[str], *, compress: bool = 
                 name = path if tar.stem == SHARED else _member_name(path)
                 members[path] = _add(archive, root / path, tar, name, compress=compress)
         sha256, num_bytes = _digest(temporary)
-    index = ShardIndex(tar=tar, sha256=sha256, num_bytes=num_bytes, files=members)
+    index = ShardIndex(
+        tar=tar,
+        sha256=sha256,
+        num_bytes=num_bytes,
+        files=members,
+        source_sha256=source_sha256,
+    )
     atomic_write_text(index_path(tar), index.to_json())
     return True
 
@@ -303,11 +317,18 @@ def _add(archive: tarfile.TarFile, source: Path, tar: Path, name: str, *, compre
     )
 
 
-def is_whole(tar: Path) -> bool:
-    """Test whether a shard is whole: tar and index exist, and the checksum is the index's."""
+def is_whole(tar: Path, *, source_sha256: str | None = None) -> bool:
+    """Test whether a shard is whole: tar and index exist, and the checksum is the index's.
+
+    One of results must also be of the given shard of frames, unless that is None.
+    """
     try:
         index = read_index(tar)
-        return index is not None and _fault(index) is None
+        return (
+            index is not None
+            and source_sha256 in (None, index.source_sha256)
+            and _fault(index) is None
+        )
     except ValueError:
         return False
 

@@ -82,6 +82,8 @@ class ShardIndex:
     num_bytes: int
     files: Mapping[str, Member]
     """Files by their path in the data set."""
+    source_sha256: str | None = None
+    """Checksum of the shard of frames that these results are of; None: unknown, or no results."""
 
     def to_json(self) -> str:
         """Format the index as the text of its file."""
@@ -89,7 +91,9 @@ class ShardIndex:
             [path, each.name, each.offset, each.stored, each.size, each.crc32]
             for path, each in self.files.items()
         ]
-        head = {"format": FORMAT, "sha256": self.sha256, "bytes": self.num_bytes}
+        head: dict[str, object] = {"format": FORMAT, "sha256": self.sha256, "bytes": self.num_bytes}
+        if self.source_sha256 is not None:
+            head["source_sha256"] = self.source_sha256
         lines = ",\n".join(json.dumps(row) for row in rows)
         return f'{json.dumps(head)[:-1]}, "files": [\n{lines}\n]}}\n'
 
@@ -114,6 +118,7 @@ def read_index(tar: Path) -> ShardIndex | None:
         if data["format"] != FORMAT:
             raise ValueError
         num_bytes, sha256 = int(data["bytes"]), str(data["sha256"])
+        source_sha256 = data.get("source_sha256")
         rows = [(str(row[0]), _member(tar, row, num_bytes)) for row in data["files"]]
     except _NO_FORMAT as error:
         raise FileError(path, "is no index of a shard", _REMEDY) from error
@@ -122,7 +127,13 @@ def read_index(tar: Path) -> ShardIndex | None:
         raise FileError(path, "names a file twice", _REMEDY)
     for name in members:
         relative_parts(name, path, "a file's path")
-    return ShardIndex(tar=tar, sha256=sha256, num_bytes=num_bytes, files=members)
+    return ShardIndex(
+        tar=tar,
+        sha256=sha256,
+        num_bytes=num_bytes,
+        files=members,
+        source_sha256=None if source_sha256 is None else str(source_sha256),
+    )
 
 
 def _member(tar: Path, row: Any, num_bytes: int) -> Member:  # noqa: ANN401 - any JSON

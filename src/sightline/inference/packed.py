@@ -12,7 +12,7 @@ from sightline.data.sharding import files_below, is_whole, pack_files
 from sightline.files.atomic import DiskError, scratch_folder
 from sightline.files.byte_source import url_of
 from sightline.files.problem import FileError
-from sightline.files.shard_index import FORMAT, MANIFEST, read_manifest, tars_of
+from sightline.files.shard_index import FORMAT, MANIFEST, read_index, read_manifest, tars_of
 from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
@@ -65,7 +65,8 @@ def pack_results(
     `out` becomes a folder of shards, which commands read as if it were unpacked: the files are
     those of a job without shards, with its sightline.json in shared.tar. A shard is the unit of
     work: each worker opens one at a time, by its own index. Shards that are whole, by their
-    checksum, are skipped; one that fails does not stop the others.
+    checksum, and of the same frames, by theirs, are skipped; one that fails does not stop the
+    others.
 
     Args:
         writer: Writer of the results.
@@ -108,7 +109,7 @@ def pack_results(
     works = [
         _ShardWork(writer, source, place, target)
         for source, target in chosen
-        if not is_whole(target)
+        if not _is_done(source, target)
     ]
     run_job(works, workers, description=description, driver=driver, keep_going=True)
     return JobResult(written=len(works), skipped=len(chosen) - len(works))
@@ -135,7 +136,21 @@ class _ShardWork:
                 for work in self.writer.works(dataset, folder):
                     _run_named(work)
             by_frame = sorted(files_below(folder), key=lambda path: (Path(path).stem, path))
-            pack_files(folder, self.target, by_frame)
+            pack_files(folder, self.target, by_frame, source_sha256=_checksum(self.source))
+
+
+def _is_done(source: Path, target: Path) -> bool:
+    """Test whether the results of a shard of frames are whole."""
+    try:
+        return is_whole(target, source_sha256=_checksum(source))
+    except ValueError:  # a damaged index is named when its turn comes
+        return False
+
+
+def _checksum(tar: Path) -> str | None:
+    """Read the checksum in the index of a shard; None: it has no index."""
+    index = read_index(tar)
+    return None if index is None else index.sha256
 
 
 def _run_named(work: Work) -> None:
