@@ -76,6 +76,7 @@ def test_samples_seeds_and_kinds_draw_differently():
             r"no suite 'x\\n'; name one of dgfn7, dgfn7-figure, core, all, a kind, or kinds",
         ),
         (lambda: DGFN7.select(["clean", "camera_blak"]), "perhaps camera_blank is meant"),
+        (lambda: DGFN7.select(["lidar_beams-5"]), "camera_illumination; suite core has it$"),
         (lambda: CorruptionSampler(suite="dgfn"), "perhaps dgfn7 is meant"),
         (
             lambda: CorruptionSampler(probabilities={"lidar_blnk": 1.0}),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 from sightline.augmentation.faults import fault_rng
@@ -115,11 +116,14 @@ class Suite:
 
     def _unknown(self, problem: str, name: str) -> str:
         names = self.case_names
+        holding = (each for each in SUITES.values() if name in (*each.case_names, *each.kinds))
+        elsewhere = "".join(f"; suite {each.name} has it" for each in islice(holding, 1))
         if len(names) <= _SHORT:
-            return unknown(problem, name, names)
+            return unknown(problem, name, names) + elsewhere
         rest = [case.name for case in self.cases if case.severity is None]
         listed = (*rest, *self.kinds)
-        return unknown(problem, name, (*names, *self.kinds), listed) + ", or KIND-1 to KIND-5"
+        message = unknown(problem, name, (*names, *self.kinds), listed) + ", or KIND-1 to KIND-5"
+        return message + elsewhere
 
 
 def _dgfn7(name: str, noise: Corruption) -> Suite:
