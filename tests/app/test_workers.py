@@ -3,6 +3,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -145,6 +146,39 @@ def test_the_cause_of_a_worker_s_end_is_told(workers, seed, cause):
         assert (await workers.run(task("detection2d"))).found == b"detection2d"
 
     asyncio.run(run())
+
+
+def test_closing_ends_all_processes_before_it_waits_for_any(monkeypatch):
+    made = Workers(QuickMaker(dataset(), PACKAGED_FRAMES, "torch"), 2)
+    processes = [worker.process for worker in made.all]
+    calls = []
+    for name in ("kill", "join"):
+        original = getattr(type(processes[0]), name)
+
+        def note(process, *given, name=name, original=original):
+            if threading.current_thread() is threading.main_thread():
+                calls.append(name)
+            return original(process, *given)
+
+        monkeypatch.setattr(type(processes[0]), name, note)
+
+    async def run():
+        asking = [
+            asyncio.create_task(made.run(task("detection3d", "fault=lidar_fog.1.4")))
+            for _ in range(3)  # of an hour each; one waits for its turn
+        ]
+        await asyncio.sleep(0.2)
+        made.close()
+        assert calls == ["kill", "kill", "join", "join"]
+        answers = await asyncio.gather(*asking, return_exceptions=True)
+        assert [type(each) for each in answers[:2]] == [WorkerLostError] * 2
+        assert isinstance(answers[2], asyncio.CancelledError)
+        with pytest.raises(WorkerLostError, match="have been ended"):
+            await made.run(task("detection3d"))
+
+    asyncio.run(run())
+    assert made.num_replaced == 0
+    assert not any(process.is_alive() for process in processes)
 
 
 _WAITING = """

@@ -6,7 +6,6 @@ import itertools
 import multiprocessing
 import pickle
 import signal
-import time
 import traceback
 from dataclasses import dataclass, field
 from functools import partial
@@ -83,11 +82,13 @@ class Workers:
         """Compute a part, a second time if its worker process ends meanwhile.
 
         Raises:
-            ValueError: The data cannot be used, the code has a fault, the queue is full, or the
-                process ended twice.
+            ValueError: The data cannot be used, the code has a fault, the queue is full, the
+                process ended twice, or the processes are closed.
         """
         end = ""
         for _ in range(2):
+            if self._is_closed:  # none is started in place of one that was ended on purpose
+                raise WorkerLostError("the worker processes have been ended")
             worker = await self._turn(task.part)
             if not worker.process.is_alive():  # ended while it was idle
                 worker = self._replacement(worker)
@@ -105,15 +106,14 @@ class Workers:
         )
 
     def close(self) -> None:
-        """End the processes, by force if necessary."""
+        """End the processes at once: they compute, and write nothing that could be cut off."""
         self._is_closed = True
-        for worker in self.all:
-            with contextlib.suppress(OSError):
-                worker.channel.send_bytes(b"")
-        deadline_s = time.monotonic() + _PATIENCE_S  # one for all
-        for worker in self.all:
-            worker.process.join(max(deadline_s - time.monotonic(), 0))
+        for waiting in self._waiting:
+            waiting.turn.cancel()
+        for worker in self.all:  # signals all before waiting: they end in parallel
             worker.process.kill()
+        for worker in self.all:
+            worker.process.join(_PATIENCE_S)
 
     async def _turn(self, part: str) -> _Worker:
         if self._idle:
