@@ -1,6 +1,7 @@
 """Adaptation to a small rig, from the sweep to the weights."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -93,10 +94,12 @@ def test_an_interruption_says_how_to_go_on(adapted, recording, monkeypatch):
         raise Interruption("add --ckpt_path last", 15)
 
     monkeypatch.setattr("sightline.adaptation.adapt.run_training", interrupted)
-    (out / "detection3d/finished").unlink()
+    finished = out / "detection3d/finished"
+    checksum = finished.read_text()
+    finished.unlink()
     with pytest.raises(Interruption, match="run the same command again"):
         adapt(recording, out, SMALL)
-    (out / "detection3d/finished").touch()
+    finished.write_text(checksum)
 
 
 @pytest.mark.parametrize(
@@ -125,3 +128,20 @@ def test_the_command_is_run_again_in_its_own_folder(recording, tmp_path, monkeyp
     (tmp_path / "out" / "frames").mkdir(parents=True)
     assert main(["adapt", str(recording), str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err == "sightline: it goes on\n"
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda path: path.unlink(), "is absent, though its training has finished"),
+        (lambda path: path.write_bytes(path.read_bytes()[:100]), "is not as its training wrote it"),
+    ],
+)
+def test_weights_lost_or_changed_after_their_training_are_told(
+    damage, told, recording, adapted, tmp_path
+):
+    out = tmp_path / "out"
+    shutil.copytree(adapted[0], out)
+    damage(out / "detection3d" / "weights.safetensors")
+    with pytest.raises(ValueError, match=told):
+        adapt(recording, out, SMALL)

@@ -1,5 +1,6 @@
 """Simulation of a recording's rig, and fine-tuning of the shipped networks on its frames."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from sightline.data.kitti_trees import Part
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
+from sightline.files.problem import FileError
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
@@ -231,6 +233,7 @@ def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
     weights = folder / _WEIGHTS
     finished = folder / "finished"
     if finished.exists():
+        _check_weights(weights, finished)
         return weights
     arguments = _arguments(name, frames, folder, settings)
     if (folder / _LAST_CHECKPOINT).exists():
@@ -242,8 +245,27 @@ def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
             f"interrupted while {name} was fine-tuned; run the same command again to go on",
             interruption.number,
         ) from None
-    atomic_write_text(finished, "")
+    atomic_write_text(finished, _checksum(weights) + "\n")
     return weights
+
+
+def _check_weights(weights: Path, finished: Path) -> None:
+    """Check that weights are those of the training that has finished, which are scored.
+
+    Raises:
+        FileError: They are absent or others.
+    """
+    expected = finished.read_text(encoding="utf-8").strip()
+    remedy = f"remove {finished.parent} and {finished.parent.parent / 'after'}, and run it again"
+    if not weights.is_file():
+        raise FileError(weights, "is absent, though its training has finished", remedy)
+    if expected and _checksum(weights) != expected:  # an older version wrote none
+        raise FileError(weights, "is not as its training wrote it", remedy)
+
+
+def _checksum(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _arguments(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> list[str]:
