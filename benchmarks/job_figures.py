@@ -53,7 +53,7 @@ class Figures(NamedTuple):
     others_s: float
     """Processor time of all other programs since the command's start."""
     mib: float
-    """Memory; pages that several processes share count in parts (PSS)."""
+    """Memory without mapped files, such as libraries' code, which other programs share or not."""
     open_files: int
     num_bytes: int
     """Bytes of the files that were written."""
@@ -221,12 +221,13 @@ def _busy_s() -> float:
 
 
 def memory_mib_of(process: int) -> float:
-    """Memory of a process; shared pages count in parts."""
+    """Memory of a process without mapped files; pages that several share count in parts."""
     try:
         lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
     except OSError:
         return 0.0
-    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
+    kinds = ("Pss_Anon:", "Pss_Shmem:")
+    return sum(int(line.split()[1]) for line in lines if line.startswith(kinds)) / 1024
 
 
 def _num_bytes(folder: Path) -> int:

@@ -307,3 +307,31 @@ def test_workers_that_do_not_finish_are_all_ended_before_one_is_waited_for(monke
     }
     pool.close()
     assert calls == ["end 0", "end 1", "end 2", "join 0", "join 1", "join 2"]
+
+
+_BAR_OF_A_KILLED_WORKER = """
+import os, signal, time
+from multiprocessing import get_context
+import torch
+from tqdm import tqdm
+from sightline.jobs.pool import take_one_thread
+
+def work():
+    take_one_thread()
+    tqdm(range(2), disable=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":
+    worker = get_context("spawn").Process(target=work)
+    worker.start()
+    worker.join()
+    print(worker.exitcode)
+"""
+
+
+def test_a_killed_worker_leaves_no_semaphore_of_a_progress_bar(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(_BAR_OF_A_KILLED_WORKER)
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert ended.stdout == f"{-signal.SIGKILL}\n"
+    assert ended.stderr == ""

@@ -20,7 +20,7 @@ from sightline.jobs.pool import (
     HELD_SIGNALS,
     holding_signals,
     ignore_interrupts,
-    one_blas_thread,
+    take_one_thread,
 )
 
 MAX_WAITING: Final = 64
@@ -217,14 +217,9 @@ def _ask(worker: _Worker, task: Task) -> Answer | str | None:
 
 def _work(maker: PartMaker, channel: Connection) -> None:
     """Compute the tasks that come through the channel, until an empty one or the parent's end."""
-    import cv2
-    import torch
-
     ignore_interrupts()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD_SIGNALS)
-    cv2.setNumThreads(0)
-    one_blas_thread()
-    torch.set_num_threads(1)
+    take_one_thread()
     parent = multiprocessing.parent_process()
     assert parent is not None, "a worker has a parent"
     with contextlib.suppress(EOFError, OSError):

@@ -161,6 +161,8 @@ def take_one_thread() -> None:
     """Limit the libraries of a worker to one thread.
 
     Work is parallel over workers: additional threads would make them wait for each other.
+    Progress bars inside libraries get a lock of this process: their own is a semaphore of the
+    system, which a killed worker would leave behind, with a warning at the program's end.
     """
     import cv2  # here, because the command line imports this module and must start fast
 
@@ -168,6 +170,8 @@ def take_one_thread() -> None:
     one_blas_thread()
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
+    if "tqdm" in sys.modules:
+        sys.modules["tqdm"].tqdm.set_lock(threading.RLock())
 
 
 def _work(piece: Piece, channel: Connection) -> None:
