@@ -26,6 +26,7 @@ _PARTS = {
     "depth-completion": "depth",
     "joined": "joined objects",
     "whole": "whole answer",
+    "browser": "browser",
 }
 
 
@@ -154,11 +155,12 @@ def page(record: Record) -> Rows:
     head = ["part", "processor, median, ms", "95 %", "wall, median, ms", "95 %"]
     rows: Rows = [head]
     for row in record["results"]:
-        cells = [
-            f"{row[f'{kind}_{figure}_ms']:,.0f}"
+        found = [
+            row.get(f"{kind}_{figure}_ms")
             for kind in ("processor", "wall")
             for figure in ("median", "percentile_95")
         ]
+        cells = ["" if each is None else f"{each:,.0f}" for each in found]
         rows.append([_PARTS.get(row["part"], row["part"]), *cells])
     view = record["view"]
     before, after = record["load_average"]
