@@ -115,6 +115,17 @@ def test_depths_in_another_unit_are_doubted_and_sound_ones_are_not(tmp_path, kin
         evaluate_depth(*paths)
 
 
+@pytest.mark.parametrize("factor", [256, 10, 1 / 10, 1 / 1000])
+def test_depths_by_any_other_large_factor_are_doubted(tmp_path, factor):
+    paths = tmp_path / "found.png", tmp_path / "true.png"
+    true_m = np.random.default_rng(0).uniform(5, 60, (20, 30)).astype(np.float32)
+    write_depth_png(paths[1], true_m)
+    steps = np.rint(256 * factor * true_m).clip(1, 65535)  # saturates
+    cv2.imwrite(str(paths[0]), steps.astype(np.uint16))
+    with pytest.warns(UserWarning, match=r"over 4 times those of .* or less than 1/4: write"):
+        evaluate_depth(*paths)
+
+
 def test_subfolders_are_part_of_the_name(tmp_path):
     predictions, truth, _ = write_set(tmp_path, names=["x/000", "y/000"])
     assert [i.name for i in evaluate_depth(predictions, truth).images] == ["x/000", "y/000"]

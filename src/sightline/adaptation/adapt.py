@@ -12,6 +12,7 @@ from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
+from sightline.files.weights_header import find_weights
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
@@ -192,7 +193,10 @@ def adapt(
     )
     before, after, weights = {}, {}, {}
     for name in settings.tasks:
-        before[name] = _score(name, None, frames, out / "before" / name, settings)
+        default = find_task(name).default_weights
+        assert default is not None, "each of FINE_TUNINGS has one"
+        shipped = find_weights(default)
+        before[name] = _score(name, shipped, frames, out / "before" / name, settings)
         weights[name] = _fine_tune(name, frames, out / name, settings)
         after[name] = _score(name, weights[name], frames, out / "after" / name, settings)
     report = AdaptReport(rig=rig, before=before, after=after, weights=weights, notes=notes)
@@ -211,10 +215,12 @@ def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, 
     return measured.rig, measured.notes
 
 
-def _score(
-    name: str, weights: Path | None, frames: Path, out: Path, settings: AdaptSettings
-) -> Record:
-    """Score a network, by default the shipped one, on the simulated validation frames."""
+def _score(name: str, weights: Path, frames: Path, out: Path, settings: AdaptSettings) -> Record:
+    """Score a network on the simulated validation frames.
+
+    Raises:
+        FileError: There are scores of other weights.
+    """
     if not (out / RECORD_NAME).exists():
         run_bench(
             find_task(name),
@@ -225,7 +231,11 @@ def _score(
             engine="torch",
             device=settings.device,
         )
-    return read_record(out / RECORD_NAME)
+    record = read_record(out / RECORD_NAME)
+    if record.made_by.get("weights_sha256") != _checksum(weights):
+        reason = f"holds scores of other weights than {weights}"
+        raise FileError(out / RECORD_NAME, reason, f"remove {out}, and run it again")
+    return record
 
 
 def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> Path:

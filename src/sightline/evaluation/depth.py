@@ -66,6 +66,7 @@ _WRONG_RATIOS = {
     **{_STEPS_PER_M / steps: ("ground truth", unit) for unit, steps in _UNITS.items()},
 }
 _RATIO_TOLERANCE = 0.1
+_FAR_RATIO = 4.0  # of depths that no unit above explains
 _MIN_RATIOS = 100  # pixels; fewer agree with a wrong ratio by chance
 
 
@@ -91,7 +92,8 @@ class ImageReport:
     sums: ErrorSums = field(compare=False)
     """Sums by band and place, from which the set's are computed."""
     wrong_ratios: Int64[np.ndarray, " ratios"] = field(compare=False)
-    """Number of predicted pixels with about each ratio of depths that a wrong unit gives."""
+    """Number of predicted pixels with about each ratio of depths that a wrong unit gives, then of
+    those with a ratio beyond `_FAR_RATIO` either way."""
     compared: int = field(compare=False)
     """Number of pixels with both ground truth and prediction."""
 
@@ -259,14 +261,15 @@ def _warn_of_units(images: Sequence[ImageReport], predictions: Path, truth: Path
     """Warn if most depths differ by the factor of a wrong unit."""
     compared = sum(image.compared for image in images)
     counts = np.sum([image.wrong_ratios for image in images], axis=0)
-    for (ratio, (kind, unit)), count in zip(_WRONG_RATIOS.items(), counts, strict=True):
-        if compared >= _MIN_RATIOS and count > compared / 2:
-            warnings.warn(
-                f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
-                f"probably because of {kind} in {unit}: write metres times {_STEPS_PER_M}, as "
-                "KITTI does",
-                stacklevel=3,
-            )
+    if compared < _MIN_RATIOS or counts.max() <= compared / 2:
+        return
+    text = f"{predictions}: most depths are over {_FAR_RATIO:g} times those of {truth}, or less "
+    text += f"than 1/{_FAR_RATIO:g}"
+    for (ratio, (kind, unit)), count in zip(_WRONG_RATIOS.items(), counts[:-1], strict=True):
+        if count > compared / 2:
+            text = f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
+            text += f"probably because of {kind} in {unit}"
+    warnings.warn(f"{text}: write metres times {_STEPS_PER_M}, as KITTI does", stacklevel=3)
 
 
 def _compared(images: Sequence[ImageReport]) -> list[dict[str, float | None]]:
@@ -359,7 +362,10 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
             pixels=int((truth_m > 0).sum()),
             sums=error_sums(filled_m, truth_m, band_ends_m=band_ends_m, sparse_m=sparse_m),
             wrong_ratios=np.array(
-                [(abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
+                [
+                    *((abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS),
+                    (np.abs(np.log(ratios)) > np.log(_FAR_RATIO)).sum(),
+                ]
             ),
             compared=len(ratios),
         )
