@@ -128,17 +128,6 @@ def test_what_is_there_is_kept_and_what_is_missing_is_made_alike(
     assert content(out) == content(cases)
 
 
-def test_cases_older_than_their_data_are_told(data: Path, tmp_path: Path):
-    mine, out = tmp_path / "mine", tmp_path / "out"
-    shutil.copytree(data, mine)
-    make(mine, out, cases=["clean"])
-    record = out / "clean/training/corruption/000003.json"
-    later_s = record.stat().st_mtime + 10
-    os.utime(mine / "training/label_2/000003.txt", (later_s, later_s))
-    with pytest.warns(UserWarning, match=r"1 of 4 finished results.*first: 000003.*remove .*clean"):
-        assert make(mine, out, cases=["clean"]).written == 0
-
-
 def killed_at(renames: int, data: Path, out: Path) -> None:
     """Run the job in a process that is killed just before rename number `renames`."""
     left = renames

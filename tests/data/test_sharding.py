@@ -18,7 +18,6 @@ from sightline.data.open import list_sample_files, open_dataset
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.files.byte_source import read_small
 from sightline.files.shard_path import ShardPath, data_path
-from sightline.jobs.output_dirs import acquire_output_dir
 from tests.data.recordings import write_recording
 from tests.data.trees import (
     write_depth_drive,
@@ -434,21 +433,6 @@ def unpack_faults(shards, out):
         return unpack_shards(shards, out).faults
     except ValueError as error:
         return (error,)
-
-
-def test_data_are_not_unpacked_beside_results_but_results_over_their_own(tree, shards, tmp_path):
-    results, packed = tmp_path / "results", tmp_path / "packed"
-    shutil.copytree(tree, results)
-    acquire_output_dir(results, {"method": "mine"}, results=())
-    write_shards(results, packed, frames_per_shard=3)
-    before = contents(results)
-    assert unpack_shards(packed, results).written == 0
-    with pytest.raises(ValueError, match=r"results: holds the files of another job"):
-        unpack_shards(shards, results)
-    (results / "sightline.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"results: holds the files of another job"):
-        unpack_shards(packed, results)
-    assert contents(results) == before | {"sightline.json": b"{}"}
 
 
 def test_nothing_is_unpacked_through_a_link_or_beside_shards(shards, tree, tmp_path):

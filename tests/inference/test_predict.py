@@ -164,27 +164,6 @@ def test_folders_and_empty_files_in_the_place_of_results_are_not_taken_for_them(
         write(data, out)
 
 
-@pytest.mark.parametrize(
-    ("changed", "is_told"),
-    [
-        ("velodyne/000002.bin", True),
-        ("calib/000002.txt", True),
-        ("image_2/000002.png", False),  # not used
-    ],
-)
-def test_results_older_than_their_data_are_told(changed, is_told, data, out, recwarn):
-    write(data, out)
-    later_s = (out / "000002.png").stat().st_mtime + 10
-    os.utime(data / "training" / changed, (later_s, later_s))
-    assert write(data, out) == JobResult(written=0, skipped=6)
-    told = [str(each.message) for each in recwarn]
-    text = "1 of 6 finished results are older than their data (first: 000002), and are kept"
-    assert [each.startswith(text) for each in told] == [True] * is_told
-    recwarn.clear()
-    write(data, out, overwrite=True)
-    assert not recwarn.list
-
-
 def test_overwrite_makes_all_files_anew(data, out):
     write(data, out)
     before = contents_of(out)

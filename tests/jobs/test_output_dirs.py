@@ -118,24 +118,6 @@ def test_differing_nested_settings_are_named(tmp_path, there, message):
         claim(tmp_path, {"depth": task})
 
 
-@pytest.mark.parametrize(
-    ("held", "requested", "message"),
-    [
-        (
-            "a: 1\n" * 30 + "b: 2\nc: 3",
-            "a: 1\n" * 30 + "b: 4",
-            r"rig \.\.b: 2\\nc: 3 instead of \.\.b: 4",
-        ),
-        ("/folder" * 20 + "/mine", "/folder" * 20 + "/yours", r"\.\.mine instead of \.\.yours"),
-        ("x" * 99, "y" * 99, r"x{60}\.\.\. instead of y{60}\.\.\."),
-    ],
-)
-def test_long_settings_are_told_from_where_they_differ(tmp_path, held, requested, message):
-    claim(tmp_path, {"rig": held})
-    with pytest.raises(ValueError, match=message):
-        claim(tmp_path, {"rig": requested})
-
-
 @pytest.mark.parametrize("text", ["", "{", "[3]", "[" * 20_000, "\0"])
 def test_a_manifest_that_is_none_is_refused(tmp_path, text):
     (tmp_path / "sightline.json").write_text(text)

@@ -1,7 +1,6 @@
 """All tasks over a data set: files, lines, resuming, absent sensors."""
 
 import json
-import os
 
 import pytest
 import torch
@@ -120,14 +119,6 @@ def test_only_tasks_that_can_work_without_a_missing_sensor_predict(data, out):
     assert (out / "detection2d" / "000002.txt").exists()
     again = perceive(data, out, perceiver=perceiver())
     assert (again.written, again.skipped) == (0, 4)
-
-
-def test_frames_older_than_their_data_are_told(data, out):
-    perceive(data, out, perceiver=perceiver())
-    later_s = (out / "lines" / "000001.json").stat().st_mtime + 10
-    os.utime(data / "training" / "image_2" / "000001.png", (later_s, later_s))
-    with pytest.warns(UserWarning, match=r"1 of 4 finished results are older.*first: 000001"):
-        assert perceive(data, out, perceiver=perceiver()).written == 0
 
 
 def test_a_job_that_is_stopped_goes_on_where_it_was(data, out, tmp_path):

@@ -23,7 +23,7 @@ from sightline.data.kitti_trees import (
     part_folder,
 )
 from sightline.data.mask_png import read_mask_png, write_mask_png
-from sightline.data.open import open_dataset, warn_of_older_results
+from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
@@ -205,12 +205,8 @@ def corrupt_dataset(
             if name not in done
         )
         works.append(_FrameWork(dataset, index, originals[name], seed, pending))
-    for tree, done in zip(trees, finished, strict=True):
+    for tree in trees:
         tree.link_lists(dataset.root)
-        records = tree.root / tree.split / _RECORDS
-        kept = {name: records / f"{name}.json" for name in dataset.sample_ids if name in done}
-        remedy = f"remove {tree.root} and run again"
-        warn_of_older_results(kept, dataset, PARTS, remedy=remedy)
     run_job(
         [work for work in works if work.pending],
         workers,

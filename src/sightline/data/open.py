@@ -1,8 +1,6 @@
 """Opening of data sets, whose type is recognised by the folder's contents."""
 
-import warnings
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -291,49 +289,6 @@ def list_sample_files(dataset: SampleDataset) -> list[dict[str, Path]]:
         }
         for frame in frames
     ]
-
-
-def warn_of_older_results(
-    results: Mapping[str, Path],
-    dataset: SampleDataset,
-    parts: Collection[str],
-    *,
-    remedy: str = "run again with --overwrite",
-) -> None:
-    """Warn if finished results are older than files of their samples, as if these had changed.
-
-    Args:
-        results: Result, by sample, that a job skips as finished.
-        dataset: Data of the job.
-        parts: Parts of a sample that its result depends on, beside the calibration.
-        remedy: What makes such results anew.
-    """
-    if not results:
-        return
-    used = {*parts, "calibration"}
-    older = [
-        name
-        for name, files in zip(dataset.sample_ids, list_sample_files(dataset), strict=False)
-        if name in results
-        and any(
-            _changed_ns(path) > _changed_ns(results[name])
-            for part, path in files.items()
-            if part in used
-        )
-    ]
-    if older:
-        warnings.warn(
-            f"{len(older):,} of {len(results):,} finished results are older than their data "
-            f"(first: {older[0]}), and are kept; if the data have changed, {remedy}",
-            stacklevel=3,
-        )
-
-
-def _changed_ns(path: Path) -> int:
-    """Time of a file's last change; 0: there is no such file."""
-    with suppress(OSError):
-        return path.stat().st_mtime_ns
-    return 0
 
 
 def dataset_title(dataset: SampleDataset, data: Path) -> str:

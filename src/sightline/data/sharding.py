@@ -41,7 +41,6 @@ from sightline.files.shard_index import (
 )
 from sightline.jobs.output_dirs import (
     KITTI_SPLITS,
-    MANIFEST_NAME,
     acquire_output_dir,
     check_no_shards,
     data_name,
@@ -144,8 +143,7 @@ def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
         workers: Number of threads.
 
     Raises:
-        ValueError: `shards` is no such folder, or `out` holds shards, results of another job, or a
-            link that leads outside.
+        ValueError: `shards` is no such folder, or `out` holds shards or a link that leads outside.
     """
     check_threads(workers)
     check_links(out)
@@ -156,21 +154,7 @@ def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
             shards, f"holds no {MANIFEST}", "give a folder on this machine that shard wrote"
         )
     tars = tars_of(shards, int(manifest["frames"]), int(manifest["frames_per_shard"]))
-    _check_claim(tars[0], out)
     return _run([partial(_unpack, tar, out) for tar in tars], workers, "unpacking")
-
-
-def _check_claim(shared: Path, out: Path) -> None:
-    """Refuse a folder with the results of another job: its manifest would name all files."""
-    claim = out / MANIFEST_NAME
-    index = read_index(shared) if claim.exists() else None
-    if index is None:
-        return
-    packed = index.files.get(MANIFEST_NAME)
-    if packed is None or packed.read() != claim.read_bytes():
-        raise FileError(
-            out, "holds the files of another job, which would mix", "name an empty folder"
-        )
 
 
 def _run(jobs: Sequence[Callable[[], bool | None]], workers: int, description: str) -> ShardReport:

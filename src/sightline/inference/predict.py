@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.open import (
-    SampleDataset,
-    open_dataset,
-    sweeps_folder,
-    warn_of_older_results,
-)
+from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.crew import Driver
@@ -93,11 +88,6 @@ def predict(
     sweeps = sweeps_folder(dataset)
     chosen = {**dict.fromkeys(changes, True), **around_entry(around=around)}
     claim_folders(output_claims(task, predictor, places, data, sweeps, chosen=chosen))
-    if not overwrite:
-        first, folder = places[0]
-        kept = present & {names[index] for index in indices}
-        results = {name: folder / f"{name}{first.suffix}" for name in sorted(kept)}
-        warn_of_older_results(results, dataset, predictor.parts)
     works = [
         _SampleWork(
             dataset, index, names[index], predictor, tuple(changes.values()), places, around

@@ -5,7 +5,6 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
@@ -303,19 +302,7 @@ def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Ite
         if isinstance(held, dict) and isinstance(requested, dict):
             yield from (f"{name} {inner}" for inner in _differences(held, requested))
         elif held != requested:
-            if isinstance(held, str) and isinstance(requested, str):
-                held, requested = _from_difference(held, requested)
             yield f"{shortened(name)} {_short(held)} instead of {_short(requested)}"
-
-
-def _from_difference(first: str, second: str) -> tuple[str, str]:
-    """Leave out what two long texts begin with alike: lines, else words or folders."""
-    if max(len(first), len(second)) <= _MAX_VALUE_LENGTH:
-        return first, second
-    pairs = zip(first, second, strict=False)
-    same = "".join(one for one, _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
-    start = 1 + max(map(same.rfind, "\n" if "\n" in same else " /"))
-    return (f"..{first[start:]}", f"..{second[start:]}") if start else (first, second)
 
 
 def _short(value: object) -> str:

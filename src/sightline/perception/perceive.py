@@ -10,13 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from sightline.data.kitti_trees import Velodyne, describe_absent
-from sightline.data.open import (
-    SampleDataset,
-    has_file,
-    open_dataset,
-    sweeps_folder,
-    warn_of_older_results,
-)
+from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
@@ -172,8 +166,6 @@ def perceive(
     claim_folders(_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around))
     folder = out / LINES_FOLDER
     done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
-    kept = {name: folder / f"{name}.json" for name in names if name in done}
-    warn_of_older_results(kept, dataset, perceiver.parts)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out, around)
         for index, name in zip(indices, names, strict=True)
