@@ -98,7 +98,14 @@ def test_the_number_of_workers_changes_nothing(tmp_path, workers):
 
 
 @pytest.mark.parametrize(
-    ("unit", "steps"), [("metres", 1), ("centimetres", 100), ("millimetres", 1000)]
+    ("unit", "steps"),
+    [
+        ("metres", 1),
+        ("centimetres", 100),
+        ("millimetres", 1000),
+        ("kilometres times 256", 0.256),
+        ("metres times 65,536, cut off at 65,535", 65536),
+    ],
 )
 @pytest.mark.parametrize("kind", ["predictions", "ground truth"])
 def test_depths_in_another_unit_are_doubted_and_sound_ones_are_not(tmp_path, kind, unit, steps):
@@ -110,9 +117,10 @@ def test_depths_in_another_unit_are_doubted_and_sound_ones_are_not(tmp_path, kin
         write_depth_png(path, depth_m.astype(np.float32))
     evaluate_depth(*paths)  # warnings are errors here
     wrong, depth_m = (paths[0], found_m) if kind == "predictions" else (paths[1], true_m)
-    cv2.imwrite(str(wrong), np.rint(depth_m * steps).astype(np.uint16))
-    with pytest.warns(UserWarning, match=rf"because of {kind} in {unit}: write metres times"):
+    cv2.imwrite(str(wrong), np.rint(depth_m * steps).clip(max=65535).astype(np.uint16))
+    with pytest.warns(UserWarning, match=rf"because of {kind} in {unit}: write metres") as told:
         evaluate_depth(*paths)
+    assert len(told) == 1
 
 
 def test_subfolders_are_part_of_the_name(tmp_path):

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 
 from sightline.data.kitti_trees import describe_absent
-from sightline.data.map_png import read_depth_png
+from sightline.data.map_png import MAX_DEPTH_M, STEPS_PER_METRE, read_depth_png
 from sightline.evaluation.depth_breakdown import (
     DepthBand,
     ErrorSums,
@@ -59,12 +59,17 @@ _ROWS = (
     "sqRel",
     "coverage",
 )
-_UNITS = {"metres": 1, "centimetres": 100, "millimetres": 1000}
-_STEPS_PER_M = 256  # of KITTI's files
-_WRONG_RATIOS = {
-    **{steps / _STEPS_PER_M: ("predictions", unit) for unit, steps in _UNITS.items()},
-    **{_STEPS_PER_M / steps: ("ground truth", unit) for unit, steps in _UNITS.items()},
+_MAX_STEPS = round(MAX_DEPTH_M * STEPS_PER_METRE)
+_TWICE = STEPS_PER_METRE**2.0
+_UNITS = {  # steps per metre
+    "metres": 1.0,
+    "centimetres": 100.0,
+    "millimetres": 1000.0,
+    "kilometres times 256": STEPS_PER_METRE / 1000,
+    "metres times 65,536, cut off at 65,535": _TWICE,
 }
+_KINDS = ("predictions", "ground truth")
+_WRONG_SCALES = [(kind, unit) for kind in _KINDS for unit in _UNITS]
 _RATIO_TOLERANCE = 0.1
 _MIN_RATIOS = 100  # pixels; fewer agree with a wrong ratio by chance
 
@@ -90,8 +95,8 @@ class ImageReport:
     """Number of pixels with ground truth."""
     sums: ErrorSums = field(compare=False)
     """Sums by band and place, from which the set's are computed."""
-    wrong_ratios: Int64[np.ndarray, " ratios"] = field(compare=False)
-    """Number of predicted pixels with about each ratio of depths that a wrong unit gives."""
+    wrong_scales: Int64[np.ndarray, " scales"] = field(compare=False)
+    """Number of predicted pixels whose depths differ as each wrong unit would have it."""
     compared: int = field(compare=False)
     """Number of pixels with both ground truth and prediction."""
 
@@ -258,12 +263,14 @@ def _score_files(
 def _warn_of_units(images: Sequence[ImageReport], predictions: Path, truth: Path) -> None:
     """Warn if most depths differ by the factor of a wrong unit."""
     compared = sum(image.compared for image in images)
-    counts = np.sum([image.wrong_ratios for image in images], axis=0)
-    for (ratio, (kind, unit)), count in zip(_WRONG_RATIOS.items(), counts, strict=True):
+    counts = np.sum([image.wrong_scales for image in images], axis=0)
+    for (kind, unit), count in zip(_WRONG_SCALES, counts, strict=True):
         if compared >= _MIN_RATIOS and count > compared / 2:
+            scale = _UNITS[unit] / STEPS_PER_METRE
+            ratio = scale if kind == "predictions" else 1 / scale
             warnings.warn(
                 f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
-                f"probably because of {kind} in {unit}: write metres times {_STEPS_PER_M}, as "
+                f"probably because of {kind} in {unit}: write metres times {STEPS_PER_METRE}, as "
                 "KITTI does",
                 stacklevel=3,
             )
@@ -350,7 +357,7 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
     try:
         scores = score_depth(prediction_m, truth_m)
         has_both = (prediction_m > 0) & (truth_m > 0)
-        ratios = prediction_m[has_both] / truth_m[has_both]
+        predicted, true = prediction_m[has_both], truth_m[has_both]
         filled_m = prediction_m if scores.coverage == 1 else fill_gaps(prediction_m)
         return ImageReport(
             name=name,
@@ -358,13 +365,32 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
             predicted_pixels_only=score_predicted_pixels(prediction_m, truth_m),
             pixels=int((truth_m > 0).sum()),
             sums=error_sums(filled_m, truth_m, band_ends_m=band_ends_m, sparse_m=sparse_m),
-            wrong_ratios=np.array(
-                [(abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
+            wrong_scales=np.array(
+                [
+                    _count_scaled(*depths_m, steps)
+                    for depths_m in ((predicted, true), (true, predicted))
+                    for steps in _UNITS.values()
+                ]
             ),
-            compared=len(ratios),
+            compared=int(has_both.sum()),
         )
     except ValueError as error:
         raise ValueError(f"{prediction} against {truth}: {error}") from error
+
+
+def _count_scaled(
+    depth_m: Float32[np.ndarray, " pixels"], other_m: Float32[np.ndarray, " pixels"], steps: float
+) -> int:
+    """Count the pixels where a depth is the other, stored with so many steps per metre.
+
+    Within a tenth, or the rounding to a step. Of depths stored at 256 times too many steps only
+    those count that are cut off at the format's end: the other map may be in metres instead.
+    """
+    stored, exact = depth_m * STEPS_PER_METRE, other_m * steps
+    if steps == _TWICE:
+        return int(((stored == _MAX_STEPS) & (exact > stored) & (other_m < MAX_DEPTH_M)).sum())
+    expected = np.minimum(exact, _MAX_STEPS)
+    return int((abs(stored - expected) < np.maximum(_RATIO_TOLERANCE * expected, 1)).sum())
 
 
 def _format(scores: DepthScores) -> list[str]:
