@@ -12,6 +12,7 @@ from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
+from sightline.files.weights_header import find_weights
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
@@ -214,7 +215,11 @@ def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, 
 def _score(
     name: str, weights: Path | None, frames: Path, out: Path, settings: AdaptSettings
 ) -> Record:
-    """Score a network, by default the shipped one, on the simulated validation frames."""
+    """Score a network, by default the shipped one, on the simulated validation frames.
+
+    Raises:
+        FileError: An earlier run's scores are of other weights.
+    """
     if not (out / RECORD_NAME).exists():
         run_bench(
             find_task(name),
@@ -225,7 +230,15 @@ def _score(
             engine="torch",
             device=settings.device,
         )
-    return read_record(out / RECORD_NAME)
+    record = read_record(out / RECORD_NAME)
+    scored = find_weights(weights or find_task(name).default_weights or "")
+    if record.made_by.get("weights_sha256") != _checksum(scored):
+        raise FileError(
+            out / RECORD_NAME,
+            f"holds the scores of other weights than {scored}",
+            f"remove {out}, and run it again",
+        )
+    return record
 
 
 def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> Path:
