@@ -153,7 +153,7 @@ def test_files_that_are_there_are_skipped_and_missing_ones_are_made(data, out):
     assert contents_of(out) == before | {"000004.png": b"left as it is"}
 
 
-def test_kept_results_of_frames_that_were_changed_since_are_told(data, out, tmp_path):
+def test_kept_results_of_frames_that_were_changed_since_are_told(data, out):
     write(data, out)
     write(data, out)  # warnings are errors here
     training, before = data / "training", contents_of(out)
