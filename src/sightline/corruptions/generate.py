@@ -210,14 +210,17 @@ def corrupt_dataset(
             if name not in done
         )
         works.append(_FrameWork(dataset, index, originals[name], seed, pending))
-    kept = {
-        work.index: [
-            tree.record(dataset.sample_ids[work.index])
-            for tree, done in zip(trees, finished, strict=True)
-            if dataset.sample_ids[work.index] in done
-        ]
+    kept = (
+        (
+            work.index,
+            [
+                tree.record(work.original.sample_id)
+                for tree, done in zip(trees, finished, strict=True)
+                if work.original.sample_id in done
+            ],
+        )
         for work in works
-    }
+    )
     remedy = f"to make them anew, remove {out}"
     warn_of_newer_frames(dataset, kept, parts=PARTS, remedy=remedy)
     for tree in trees:

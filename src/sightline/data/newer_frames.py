@@ -1,7 +1,7 @@
 """Warning of results that are older than the frames that they were made from."""
 
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,7 +13,7 @@ _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "tr
 
 def warn_of_newer_frames(
     dataset: SampleDataset,
-    results: Mapping[int, Sequence[Path]],
+    results: Iterable[tuple[int, Sequence[Path]]],
     *,
     parts: Collection[Part],
     remedy: str = "to make them anew, add --overwrite",
@@ -25,26 +25,27 @@ def warn_of_newer_frames(
 
     Args:
         dataset: Data set of `open_dataset`.
-        results: Kept results by the index of their frame, none for some.
+        results: Indices of frames, each with its kept results, if any.
         parts: Parts that results are made from, beside the calibration.
         remedy: Continuation of the warning.
     """
-    kept = {index: paths for index, paths in results.items() if paths}
-    if not kept:
-        return
-    listed = list_sample_files(dataset)
     names = {name for part in {*parts, "calibration"} for name in (part, _IN_DEPTH_TREES.get(part))}
-    newer = []
-    for index, paths in kept.items():
+    listed: list[dict[str, Path]] = []
+    kept, older, first = 0, 0, None
+    for index, paths in results:
+        if not paths:
+            continue
+        kept += 1
+        listed = listed or list_sample_files(dataset)
         inputs = [path for name, path in listed[index].items() if name in names]
         if max(map(_changed_at, inputs), default=0) > min(map(_changed_at, paths)):
-            newer.append(index)
-    if newer:
-        first = kept[newer[0]][0]
+            older += 1
+            first = first or paths[0]
+    if first is not None:
         warnings.warn(
-            f"{first.parent}: of {len(kept):,} frames whose results are kept, {len(newer):,} "
-            f"have files newer than the result, the first is {first.stem}: the data were changed "
-            f"or copied since; {remedy}",
+            f"{first.parent}: of {kept:,} frames whose results are kept, {older:,} have files "
+            f"newer than the result, the first is {first.stem}: the data were changed or copied "
+            f"since; {remedy}",
             stacklevel=3,
         )
 

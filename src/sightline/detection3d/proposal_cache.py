@@ -182,7 +182,7 @@ def cache_proposals(
     done = [index for index in indices if dataset.sample_ids[index] in there]
     if done:
         read_record(out, dataset[done[0]], training=False)  # raises for a cache of another data set
-    kept = {index: [out / f"{dataset.sample_ids[index]}{SUFFIX}"] for index in done}
+    kept = ((index, [out / f"{dataset.sample_ids[index]}{SUFFIX}"]) for index in done)
     warn_of_newer_frames(dataset, kept, parts=parts)
     pending = [index for index in indices if dataset.sample_ids[index] not in there]
     stages = StageRunners(loaded, device=device, threads=1)  # threads of each worker

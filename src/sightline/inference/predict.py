@@ -89,11 +89,11 @@ def predict(
     sweeps = sweeps_folder(dataset)
     chosen = {**dict.fromkeys(changes, True), **around_entry(around=around)}
     claim_folders(output_claims(task, predictor, places, data, sweeps, chosen=chosen))
-    kept = {
-        index: result_files(places, names[index])
+    kept = (
+        (index, result_files(places, names[index]))
         for index in indices
         if not overwrite and names[index] in present
-    }
+    )
     warn_of_newer_frames(dataset, kept, parts=predictor.parts)
     works = [
         _SampleWork(

@@ -167,11 +167,11 @@ def perceive(
     claim_folders(_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around))
     folder = out / LINES_FOLDER
     done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
-    kept = {
-        index: [folder / f"{name}.json"]  # written after the frame's other files
+    kept = (
+        (index, [folder / f"{name}.json"])  # written after the frame's other files
         for index, name in zip(indices, names, strict=True)
         if name in done
-    }
+    )
     warn_of_newer_frames(dataset, kept, parts=perceiver.parts)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out, around)

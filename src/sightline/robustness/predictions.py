@@ -68,7 +68,6 @@ def predict_in_cases(
     }
     cases = {case.name: case for each in runs for case in each.cases}
     works, written = [], 0
-    kept: dict[int, list[Path]] = {}
     for index, name in enumerate(dataset.sample_ids):
         pending = []
         for case in cases.values():
@@ -78,14 +77,20 @@ def predict_in_cases(
             if lacking:
                 pending.append((case, lacking))
                 written += len(lacking)
-        kept[index] = [
-            folder / case / f"{name}{writer.suffix}"
-            for (folder, case), finished in present.items()
-            if name in finished
-        ]
         for start in range(0, len(pending), _CASES_PER_READ):
             cases_of_read = tuple(pending[start : start + _CASES_PER_READ])
             works.append(_FrameWork(dataset, index, name, writer, seed, cases_of_read))
+    kept = (
+        (
+            index,
+            [
+                folder / case / f"{name}{writer.suffix}"
+                for (folder, case), finished in present.items()
+                if name in finished
+            ],
+        )
+        for index, name in enumerate(dataset.sample_ids)
+    )
     folders = ", ".join(dict.fromkeys(str(each.folder) for each in runs))
     parts: tuple[Part, ...] = ("image", "points", "depth")  # labels are read for the scores
     remedy = f"to make them anew, remove {folders}"
