@@ -17,6 +17,7 @@ import torch
 from sightline.data.kitti_files import read_points, write_points
 from sightline.data.map_png import read_depth_png
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
 from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK
 from sightline.geometry.projection import sparse_depth_map
@@ -154,8 +155,10 @@ def test_files_that_are_there_are_skipped_and_missing_ones_are_made(data, out):
 
 
 def test_kept_results_of_frames_that_were_changed_since_are_told(data, out):
-    write(data, out)
-    write(data, out)  # warnings are errors here
+    write_shards(data, data.with_name("shards"), frames_per_shard=6)
+    for _ in range(2):  # warnings are errors here
+        write(data, out)
+        write(data.with_name("shards"), out.with_name("of shards"))
     training, before = data / "training", contents_of(out)
     for number, file in enumerate(("velodyne/000002.bin", "calib/000004.txt"), start=1):
         later_ns = (out / "000005.png").stat().st_mtime_ns + 10**9

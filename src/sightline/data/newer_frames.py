@@ -38,7 +38,7 @@ def warn_of_newer_frames(
         kept += 1
         listed = listed or list_sample_files(dataset)
         inputs = [path for name, path in listed[index].items() if name in names]
-        if max(map(_changed_at, inputs), default=0) > min(map(_changed_at, paths)):
+        if max(map(_changed_at, inputs), default=0.0) > min(map(_changed_at, paths)):
             older += 1
             first = first or paths[0]
     if first is not None:
@@ -50,8 +50,8 @@ def warn_of_newer_frames(
         )
 
 
-def _changed_at(path: Path) -> int:
-    """Time of modification [ns]; 0: in shards, or removed meanwhile."""
+def _changed_at(path: Path) -> float:
+    """Time of modification [s]; 0: in shards, or removed meanwhile."""
     with suppress(OSError):
-        return path.stat().st_mtime_ns
-    return 0
+        return float(path.stat().st_mtime)
+    return 0.0
