@@ -145,3 +145,13 @@ def test_weights_lost_or_changed_after_their_training_are_told(
     damage(out / "detection3d" / "weights.safetensors")
     with pytest.raises(ValueError, match=told):
         adapt(recording, out, SMALL)
+
+
+@pytest.mark.parametrize(("copied", "over"), [("before", "after"), ("after", "before")])
+def test_scores_of_other_weights_are_told(copied, over, recording, adapted, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(adapted[0], out)
+    shutil.rmtree(out / over)
+    shutil.copytree(out / copied, out / over)
+    with pytest.raises(ValueError, match=rf"{over}.*holds the scores of other weights than"):
+        adapt(recording, out, SMALL)

@@ -3,6 +3,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,16 @@ def test_what_is_there_is_kept_and_what_is_missing_is_made_alike(
     assert content(out) == without_masks
     assert make(data, out, masks=True).written == 28  # masks were not requested before
     assert content(out) == content(cases)
+
+
+def test_kept_frames_that_were_changed_since_are_told(data: Path, tmp_path: Path):
+    source, out = tmp_path / "source", tmp_path / "out"
+    shutil.copytree(data, source)
+    make(source, out, cases=["camera_noise"])
+    later_ns = time.time_ns() + 10**10
+    os.utime(source / "training/label_2/000003.txt", ns=(later_ns, later_ns))
+    with pytest.warns(UserWarning, match=f"first is 000003: .*; to make them anew, remove {out}"):
+        make(source, out, cases=["camera_noise"])
 
 
 def killed_at(renames: int, data: Path, out: Path) -> None:

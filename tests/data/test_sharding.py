@@ -410,6 +410,18 @@ def test_other_data_in_the_folder_are_refused(tree, shards):
     assert (unpacked / "ImageSets" / "val.txt").read_text() == "mine"
 
 
+def test_nothing_is_unpacked_among_other_files(shards, tmp_path):
+    out = tmp_path / "found"
+    out.mkdir()
+    (out / "000001.txt").write_text("")
+    with pytest.raises(ValueError, match=r"holds 000001\.txt, which is not in these shards"):
+        unpack_shards(shards, out)
+    assert contents(out).keys() == {"000001.txt"}
+    (out / "000001.txt").unlink()
+    unpack_shards(shards, out)
+    assert unpack_shards(shards, out).written == 0
+
+
 def test_a_split_keeps_its_name_and_the_lists(tree, tmp_path):
     write_shards(tree / "training", tmp_path / "one", frames_per_shard=10)
     dataset = open_dataset(tmp_path / "one", sample_list="val")

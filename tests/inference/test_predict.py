@@ -17,6 +17,7 @@ import torch
 from sightline.data.kitti_files import read_points, write_points
 from sightline.data.map_png import read_depth_png
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
 from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK
 from sightline.geometry.projection import sparse_depth_map
@@ -151,6 +152,30 @@ def test_files_that_are_there_are_skipped_and_missing_ones_are_made(data, out):
     )
     assert done == ["000003"]
     assert contents_of(out) == before | {"000004.png": b"left as it is"}
+
+
+def test_kept_results_of_frames_that_were_changed_since_are_told(data, out):
+    write_shards(data, data.with_name("shards"), frames_per_shard=6)
+    for _ in range(2):  # warnings are errors here
+        write(data, out)
+        write(data.with_name("shards"), out.with_name("of shards"))
+    training, before = data / "training", contents_of(out)
+    for number, file in enumerate(("velodyne/000002.bin", "calib/000004.txt"), start=1):
+        later_ns = (out / "000005.png").stat().st_mtime_ns + 10**9
+        os.utime(training / file, ns=(later_ns, later_ns))
+        told = f"of 6 frames whose results are kept, {number} have files newer .* first is 000002: "
+        with pytest.warns(UserWarning, match=f"out: {told}.*add --overwrite"):
+            write(data, out)
+    assert contents_of(out) == before
+    (out / "000002.png").unlink()
+    (out / "000004.png").unlink()
+    later_ns = (out / "000005.png").stat().st_mtime_ns - 10**9
+    for path in training.glob("velodyne/*"):
+        os.utime(path, ns=(later_ns, later_ns))
+    for path in training.glob("image_2/*"):  # no part of the method's input
+        os.utime(path, ns=(later_ns + 10**12, later_ns + 10**12))
+    os.utime(training / "calib/000004.txt", ns=(later_ns, later_ns))
+    assert write(data, out).written == 2
 
 
 def test_folders_and_empty_files_in_the_place_of_results_are_not_taken_for_them(data, out):

@@ -102,6 +102,13 @@ def test_a_job_of_other_settings_is_refused_by_name(tmp_path, there, message):
     assert (tmp_path / "sightline.json").read_bytes() == before
 
 
+def test_long_settings_are_shown_where_they_differ(tmp_path):
+    claim(tmp_path, {"rig": "x" * 99 + "1\n" + "y" * 99})
+    shown = r"rig \.\.\.x{30}1\\ny{28}\.\.\. instead of \.\.\.x{30}2, which would"
+    with pytest.raises(ValueError, match=shown):
+        claim(tmp_path, {"rig": "x" * 99 + "2"})
+
+
 @pytest.mark.parametrize(
     ("there", "message"),
     [

@@ -1,6 +1,7 @@
 """All tasks over a data set: files, lines, resuming, absent sensors."""
 
 import json
+import os
 
 import pytest
 import torch
@@ -135,6 +136,16 @@ def test_a_job_that_is_stopped_goes_on_where_it_was(data, out, tmp_path):
     assert (done.written, done.skipped) == (2, 2)
     perceive(data, tmp_path / "whole", perceiver=perceiver())
     assert results_of(out) == results_of(tmp_path / "whole")
+
+
+def test_kept_results_of_frames_that_were_changed_since_are_told(data, out):
+    perceive(data, out, perceiver=perceiver())
+    later_ns = (out / "lines/000003.json").stat().st_mtime_ns + 10**9
+    os.utime(data / "training/image_2/000001.png", ns=(later_ns, later_ns))
+    told = "of 4 frames whose results are kept, 1 have files newer .* the first is 000001: .*overwr"
+    with pytest.warns(UserWarning, match=told):
+        perceive(data, out, perceiver=perceiver())
+    assert perceive(data, out, perceiver=perceiver(), overwrite=True).written == 4
 
 
 @pytest.mark.parametrize("lost", ["lines/000001.json", "detection2d/000001.txt"])

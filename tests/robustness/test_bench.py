@@ -2,6 +2,7 @@
 
 import gc
 import json
+import os
 import re
 import shutil
 import weakref
@@ -174,6 +175,17 @@ def test_a_second_call_makes_nothing_anew_and_more_cases_extend_a_run(oracle_run
     ]
     detect(out)
     assert contents(out) == contents(whole)
+
+
+def test_kept_predictions_of_frames_that_were_changed_since_are_told(tmp_path):
+    data, out = tmp_path / "data", tmp_path / "out"
+    shutil.copytree(PACKAGED_FRAMES, data)
+    detect(out, data=data, cases=("clean",))
+    later_ns = (out / "robustness.json").stat().st_mtime_ns + 10**9
+    os.utime(data / "training/velodyne/000001.bin", ns=(later_ns, later_ns))
+    told = f"of 2 frames .* first is 000001: .* to make them anew, remove {out / 'answers'}"
+    with pytest.warns(UserWarning, match=told):
+        detect(out, data=data, cases=("clean",))
 
 
 def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):

@@ -233,7 +233,7 @@ def _score(name: str, weights: Path, frames: Path, out: Path, settings: AdaptSet
         )
     record = read_record(out / RECORD_NAME)
     if record.made_by.get("weights_sha256") != _checksum(weights):
-        reason = f"holds scores of other weights than {weights}"
+        reason = f"holds the scores of other weights than {weights}"
         raise FileError(out / RECORD_NAME, reason, f"remove {out}, and run it again")
     return record
 

@@ -23,6 +23,7 @@ from sightline.data.kitti_trees import (
     part_folder,
 )
 from sightline.data.mask_png import read_mask_png, write_mask_png
+from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
 from sightline.jobs.crew import Driver
@@ -94,7 +95,11 @@ class CaseTree:
             for mask_folder, mask in zip(_MASKS, masks, strict=True):
                 write_mask_png(folder / mask_folder / f"{name}.png", mask.numpy())
         record = json.dumps(corrupted.record.to_json(), indent=2) + "\n"
-        atomic_write_text(folder / _RECORDS / f"{name}.json", record)
+        atomic_write_text(self.record(name), record)
+
+    def record(self, name: str) -> Path:
+        """File with the record of a frame, which is written last."""
+        return self.root / self.split / _RECORDS / f"{name}.json"
 
     def link_lists(self, data: Path) -> None:
         """Link the input's lists of frames."""
@@ -205,6 +210,19 @@ def corrupt_dataset(
             if name not in done
         )
         works.append(_FrameWork(dataset, index, originals[name], seed, pending))
+    kept = (
+        (
+            work.index,
+            [
+                tree.record(work.original.sample_id)
+                for tree, done in zip(trees, finished, strict=True)
+                if work.original.sample_id in done
+            ],
+        )
+        for work in works
+    )
+    remedy = f"to make them anew, remove {out}"
+    warn_of_newer_frames(dataset, kept, parts=PARTS, remedy=remedy)
     for tree in trees:
         tree.link_lists(dataset.root)
     run_job(

@@ -143,7 +143,8 @@ def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
         workers: Number of threads.
 
     Raises:
-        ValueError: `shards` is no such folder, or `out` holds shards or a link that leads outside.
+        ValueError: `shards` is no such folder, or `out` holds shards, files that are not in these
+            shards, or a link that leads outside.
     """
     check_threads(workers)
     check_links(out)
@@ -154,7 +155,30 @@ def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
             shards, f"holds no {MANIFEST}", "give a folder on this machine that shard wrote"
         )
     tars = tars_of(shards, int(manifest["frames"]), int(manifest["frames_per_shard"]))
+    _check_no_others(tars, out)
     return _run([partial(_unpack, tar, out) for tar in tars], workers, "unpacking")
+
+
+def _check_no_others(tars: Sequence[Path], out: Path) -> None:
+    """Refuse a folder with files that are not in the shards, such as other results.
+
+    Raises:
+        FileError: There is such a file.
+    """
+    if next(files_below(out), None) is None:
+        return
+    known: set[str] = set()
+    for tar in tars:
+        try:
+            index = read_index(tar)
+        except ValueError:
+            index = None
+        if index is None:  # named when it is unpacked
+            return
+        known.update(index.files)
+    other = next((path for path in files_below(out) if path not in known), None)
+    if other is not None:
+        raise FileError(out, f"holds {other}, which is not in these shards", "name an empty folder")
 
 
 def _run(jobs: Sequence[Callable[[], bool | None]], workers: int, description: str) -> ShardReport:

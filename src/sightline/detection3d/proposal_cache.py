@@ -27,6 +27,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import SampleDataset, open_dataset
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
@@ -181,6 +182,8 @@ def cache_proposals(
     done = [index for index in indices if dataset.sample_ids[index] in there]
     if done:
         read_record(out, dataset[done[0]], training=False)  # raises for a cache of another data set
+    kept = ((index, [out / f"{dataset.sample_ids[index]}{SUFFIX}"]) for index in done)
+    warn_of_newer_frames(dataset, kept, parts=parts)
     pending = [index for index in indices if dataset.sample_ids[index] not in there]
     stages = StageRunners(loaded, device=device, threads=1)  # threads of each worker
     works = [_ProposalWork(dataset, index, stages, identity, out) for index in pending]

@@ -96,3 +96,13 @@ def shortened(text: str, max_length: int = 64) -> str:
     """Shorten text from a file for an error: one line, without control characters."""
     short = text if len(text) <= max_length else f"{text[:max_length]}..."
     return short if short.isprintable() else ascii(short)[1:-1]
+
+
+def shortened_pair(text: str, other: str, max_length: int = 64) -> tuple[str, str]:
+    """Shorten two texts for an error to parts that show where they differ; see `shortened`."""
+    differing = (at for at, (a, b) in enumerate(zip(text, other, strict=False)) if a != b)
+    same = next(differing, min(len(text), len(other)))
+    start = 0 if same < max_length else same - max_length // 2
+    mark = "..." if start else ""
+    first, second = (mark + shortened(each[start:], max_length) for each in (text, other))
+    return first, second

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sightline.data.kitti_trees import Velodyne
+from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor
@@ -88,6 +89,12 @@ def predict(
     sweeps = sweeps_folder(dataset)
     chosen = {**dict.fromkeys(changes, True), **around_entry(around=around)}
     claim_folders(output_claims(task, predictor, places, data, sweeps, chosen=chosen))
+    kept = (
+        (index, result_files(places, names[index]))
+        for index in indices
+        if not overwrite and names[index] in present
+    )
+    warn_of_newer_frames(dataset, kept, parts=predictor.parts)
     works = [
         _SampleWork(
             dataset, index, names[index], predictor, tuple(changes.values()), places, around
@@ -261,6 +268,11 @@ def write_prediction(places: Places, sample: CameraLidarSample, prediction: obje
     """Write the files of one prediction."""
     for output, folder in places:
         output.write(folder / f"{sample.sample_id}{output.suffix}", sample, prediction)
+
+
+def result_files(places: Places, name: str) -> list[Path]:
+    """Files of a sample's prediction."""
+    return [folder / f"{name}{output.suffix}" for output, folder in places]
 
 
 def predicted_samples(places: Places) -> set[str]:

@@ -10,7 +10,7 @@ from typing import Final
 
 from sightline.files.atomic import atomic_create_text, check_links
 from sightline.files.plain_file import read_bytes
-from sightline.files.plain_text import shortened
+from sightline.files.plain_text import shortened, shortened_pair
 from sightline.files.problem import escaped
 from sightline.files.shard_index import MANIFEST, read_manifest
 
@@ -302,10 +302,13 @@ def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Ite
         if isinstance(held, dict) and isinstance(requested, dict):
             yield from (f"{name} {inner}" for inner in _differences(held, requested))
         elif held != requested:
-            yield f"{shortened(name)} {_short(held)} instead of {_short(requested)}"
+            held_text, requested_text = shortened_pair(
+                _text(held), _text(requested), _MAX_VALUE_LENGTH
+            )
+            yield f"{shortened(name)} {held_text} instead of {requested_text}"
 
 
-def _short(value: object) -> str:
+def _text(value: object) -> str:
     if isinstance(value, dict):
         value = ", ".join(f"{name} {inner}" for name, inner in value.items())
-    return "none" if value is None else shortened(str(value), _MAX_VALUE_LENGTH)
+    return "none" if value is None else str(value)

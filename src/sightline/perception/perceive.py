@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from sightline.data.kitti_trees import Velodyne, describe_absent
+from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.geometry.wrong_types import named_arguments
@@ -166,6 +167,12 @@ def perceive(
     claim_folders(_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around))
     folder = out / LINES_FOLDER
     done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
+    kept = (
+        (index, [folder / f"{name}.json"])  # written after the frame's other files
+        for index, name in zip(indices, names, strict=True)
+        if name in done
+    )
+    warn_of_newer_frames(dataset, kept, parts=perceiver.parts)
     works = [
         _FrameWork(dataset, index, name, perceiver, places, made_by, out, around)
         for index, name in zip(indices, names, strict=True)

@@ -5,9 +5,10 @@ from dataclasses import asdict
 from typing import Final
 
 from sightline.corruptions.suites import CLEAN
-from sightline.files.plain_text import shortened
+from sightline.files.plain_text import shortened, shortened_pair
 from sightline.robustness.record import CaseInfo, Record, Setting
 
+_MAX_VALUE = 24  # characters of a setting in an error message
 _MAX_PARAMETERS = 200  # characters of a case's parameters in an error message
 
 _FILES: Final = "files_digest"
@@ -80,8 +81,9 @@ def warn_of_files(records: Mapping[str, Record]) -> tuple[str, ...]:
 def _check(title: str, actual: Mapping[str, object], required: Mapping[str, object]) -> None:
     for name, value in required.items():
         if name != _FILES and actual[name] != value:
-            found = "other metrics" if name == "figures" else f"{name} {_short(actual[name])}"
-            expected = "" if name == "figures" else f" instead of {_short(value)}"
+            there, wanted = shortened_pair(str(actual[name]), str(value), _MAX_VALUE)
+            found = "other metrics" if name == "figures" else f"{name} {there}"
+            expected = "" if name == "figures" else f" instead of {wanted}"
             raise ValueError(
                 f"{title} is of {found}{expected}, so scores cannot be compared; give one of the "
                 "same task, data, frames, suite and seed"
@@ -93,7 +95,3 @@ def _differing(case: CaseInfo, other: CaseInfo) -> str:
     others = asdict(other)
     fields = {name: value for name, value in asdict(case).items() if value != others[name]}
     return shortened(str(fields.pop("parameters", fields)), _MAX_PARAMETERS)
-
-
-def _short(value: object) -> str:
-    return shortened(str(value), 24)

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sightline.corruptions.suites import Case
+from sightline.data.kitti_trees import Part
+from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import SampleDataset
 from sightline.inference.predictor import Predictor
 from sightline.jobs.crew import Driver
@@ -78,6 +80,21 @@ def predict_in_cases(
         for start in range(0, len(pending), _CASES_PER_READ):
             cases_of_read = tuple(pending[start : start + _CASES_PER_READ])
             works.append(_FrameWork(dataset, index, name, writer, seed, cases_of_read))
+    kept = (
+        (
+            index,
+            [
+                folder / case / f"{name}{writer.suffix}"
+                for (folder, case), finished in present.items()
+                if name in finished
+            ],
+        )
+        for index, name in enumerate(dataset.sample_ids)
+    )
+    folders = ", ".join(dict.fromkeys(str(each.folder) for each in runs))
+    parts: tuple[Part, ...] = ("image", "points", "depth")  # labels are read for the scores
+    remedy = f"to make them anew, remove {folders}"
+    warn_of_newer_frames(dataset, kept, parts=parts, remedy=remedy)
     run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
     total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)

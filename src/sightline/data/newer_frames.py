@@ -1,0 +1,57 @@
+"""Warning of results that are older than the frames that they were made from."""
+
+import warnings
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from sightline.data.kitti_trees import Part
+from sightline.data.open import SampleDataset, list_sample_files
+
+_IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}
+
+
+def warn_of_newer_frames(
+    dataset: SampleDataset,
+    results: Iterable[tuple[int, Sequence[Path]]],
+    *,
+    parts: Collection[Part],
+    remedy: str = "to make them anew, add --overwrite",
+) -> None:
+    """Warn if files of frames are newer than the kept results of the frames.
+
+    By times of modification, so a change that keeps them is not noticed, and a copy of the data
+    may be as sound as before. Files in shards have no times and are never newer.
+
+    Args:
+        dataset: Data set of `open_dataset`.
+        results: Indices of frames, each with its kept results, if any.
+        parts: Parts that results are made from, beside the calibration.
+        remedy: Continuation of the warning.
+    """
+    names = {name for part in {*parts, "calibration"} for name in (part, _IN_DEPTH_TREES.get(part))}
+    listed: list[dict[str, Path]] = []
+    kept, older, first = 0, 0, None
+    for index, paths in results:
+        if not paths:
+            continue
+        kept += 1
+        listed = listed or list_sample_files(dataset)
+        inputs = [path for name, path in listed[index].items() if name in names]
+        if max(map(_changed_at, inputs), default=0.0) > min(map(_changed_at, paths)):
+            older += 1
+            first = first or paths[0]
+    if first is not None:
+        warnings.warn(
+            f"{first.parent}: of {kept:,} frames whose results are kept, {older:,} have files "
+            f"newer than the result, the first is {first.stem}: the data were changed or copied "
+            f"since; {remedy}",
+            stacklevel=3,
+        )
+
+
+def _changed_at(path: Path) -> float:
+    """Time of modification [s]; 0: in shards, or removed meanwhile."""
+    with suppress(OSError):
+        return float(path.stat().st_mtime)
+    return 0.0
