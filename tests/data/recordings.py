@@ -18,6 +18,7 @@ from sightline.data.kitti_object import KittiObjectDataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 SAMPLE = KittiObjectDataset(PACKAGED_FRAMES)[0]
+LABELS = PACKAGED_FRAMES / "training" / "label_2" / "000000.txt"
 IMAGE = np.ascontiguousarray(SAMPLE.image.permute(1, 2, 0).numpy())
 POINTS = SAMPLE.points.numpy()
 CAMERA_MATRIX = SAMPLE.calibration.image_from_camera[:, :3].numpy()
@@ -54,6 +55,12 @@ def calibration_entries(**changes: object) -> dict[str, object]:
     }
 
 
+def write_calibration(folder: Path, **changes: object) -> None:
+    """The calibration file of a recording, in place of any that is there."""
+    text = yaml.safe_dump(calibration_entries(**changes))
+    (folder / "calibration.yaml").write_text(text)
+
+
 def write_recording(
     folder: Path,
     names: tuple[str, ...] = ("a", "b"),
@@ -68,7 +75,7 @@ def write_recording(
         image[:8, : 8 * place] = 0
         write_rgb(folder / "images" / f"{name}{picture}", image)
         write_cloud_file(folder / "points" / f"{name}{cloud}", POINTS[: len(POINTS) - place])
-    (folder / "calibration.yaml").write_text(yaml.safe_dump(calibration_entries(**changes)))
+    write_calibration(folder, **changes)
     return folder
 
 
