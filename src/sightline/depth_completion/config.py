@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal, get_args, get_origin, get_type_hints
 
-from sightline.depth_completion.method_names import FillingEdition
+from sightline.depth_completion.method_names import Filling
 from sightline.files.settings import INFERENCE_ONLY
 
 TAPS = 9
@@ -12,6 +12,7 @@ TAPS = 9
 
 # A file of weights may come from anywhere; these settings cost time or memory but add no weights.
 _MIN_SCALE_M, _MAX_SCALE_M = 1e-3, 1e6
+_MIN_FOCAL_PX, _MAX_FOCAL_PX = 50.0, 5000.0
 _MAX_SHIFT_PX = 1024
 _MAX_SCALES = 8
 _MAX_PROPAGATION_STEPS = 64
@@ -166,8 +167,11 @@ class DepthCompletionConfig:
     """Channels between the two refinement convolutions; 0: `refinement_channels`."""
     filled_input: bool = False
     """Whether a classical completion is a further input."""
-    filling: FillingEdition = "first"
-    """Edition of the adaptive completion in this input."""
+    filling: Filling = "first"
+    """Completion in this input."""
+    focal_px: float | None = None
+    """Focal length to which images are resized before the network [px], and depth back after it;
+    None: the image's own."""
     surroundings_px: int = 0
     """Reach of the window around each pixel whose nearest and farthest measurements are inputs,
     relative to the classical completion; 0: depths are the only input."""
@@ -216,6 +220,10 @@ class DepthCompletionConfig:
                 f"depth_scale_m must be from {_MIN_SCALE_M:g} to {_MAX_SCALE_M:g}, got "
                 f"{self.depth_scale_m}"
             )
+        if self.focal_px is not None and not _MIN_FOCAL_PX <= self.focal_px <= _MAX_FOCAL_PX:
+            raise ValueError(
+                f"focal_px must be from {_MIN_FOCAL_PX:g} to {_MAX_FOCAL_PX:g}, got {self.focal_px}"
+            )
         _check_at_least("stem_channels", self.stem_channels, 1)
         _check_at_least("refinement_channels", self.refinement_channels, 0)
         _check_at_least("refinement_hidden_channels", self.refinement_hidden_channels, 0)
@@ -256,6 +264,11 @@ class DepthCompletionConfig:
             )
         if self.keep_measured and not self.filled_input:
             raise ValueError("keep_measured needs the classical completion: set filled_input too")
+        if self.filling == "street" and (self.keep_measured or self.surroundings_px):
+            raise ValueError(
+                "the filling street holds no measurements: set keep_measured to false and "
+                "surroundings_px to 0"
+            )
 
     def _check_log_threshold(self, name: str, value: float) -> None:
         if not 0 <= value < 1:

@@ -6,15 +6,19 @@ from typing import Literal, get_args
 
 import numpy as np
 import torch
+from jaxtyping import Float32
 from torch import Tensor
 
 from sightline.augmentation.faults import FalseEchoes, NoCamera, draw_turned_lidar
 from sightline.augmentation.sample_changes import crop, jitter_color, thin_rings
+from sightline.corruptions.blank import LidarBlank
+from sightline.corruptions.lidar_loss import LidarSector
 from sightline.corruptions.occlusion import LidarOcclusion
 from sightline.data.rings import NUM_RINGS
 from sightline.depth_completion.batch import DepthBatch
-from sightline.depth_completion.method_names import FillingEdition
+from sightline.depth_completion.method_names import Filling
 from sightline.depth_completion.methods import starting_depth
+from sightline.depth_completion.street_depth import street_depth, to_focal_length
 from sightline.depth_completion.truth_shaping import (
     AS_SIMULATED,
     TruthShaping,
@@ -42,6 +46,8 @@ as additional dense truth with its own loss weight.
 """
 
 _MAX_TRUTH_M = 256  # range of KITTI's depth maps
+_SECTOR_DEG = (10.0, 60.0)
+_EDGE_PADDED = ("image", "filled_depth_m")  # other maps hold 0 where nothing is known
 _SIZE_STEP = 32  # validation crops are multiples of it, which suits all our networks
 
 
@@ -57,6 +63,10 @@ class AugmentationConfig:
     """Share of examples without a camera."""
     lidar_occlusion: float = 0.0
     """Share of examples with an occluded part of the sweep."""
+    lidar_sector: float = 0.0
+    """Share of examples without the returns of a random wedge of 10 to 60 degrees."""
+    lidar_dropout: float = 0.0
+    """Share of examples without any return."""
     color_jitter: bool = False
     """Whether brightness, contrast, gamma and saturation of the image are varied at random."""
     mirror: bool = False
@@ -67,7 +77,13 @@ class AugmentationConfig:
     def __post_init__(self) -> None:
         """Check the ranges."""
         check_range("yaw_error_deg", self.yaw_error_deg, 0, 90)
-        for name in ("outliers", "camera_dropout", "lidar_occlusion"):
+        for name in (
+            "outliers",
+            "camera_dropout",
+            "lidar_occlusion",
+            "lidar_sector",
+            "lidar_dropout",
+        ):
             check_range(name, getattr(self, name), 0, 1)
 
 
@@ -78,9 +94,12 @@ class ExampleConfig:
     truth: TruthKind = "depth"
     """Source of the true depth."""
     filled: bool = False
-    """Whether examples contain the adaptive completion, for networks that start from it."""
-    filling: FillingEdition = "first"
-    """Edition of the adaptive completion; must be the network's."""
+    """Whether examples contain a completion, for networks that start from one."""
+    filling: Filling = "first"
+    """Kind of completion; must be the network's."""
+    focal_px: float | None = None
+    """Focal length to which images are resized [px]; must be the network's. Smaller ones than the
+    crop are padded, as in use. None: the image's own."""
     shaping: TruthShaping = AS_SIMULATED
     """Changes and pixel weights of dense truth for training."""
     farthest_m: float = 90.0
@@ -145,6 +164,7 @@ def make_example(
     Raises:
         ValueError: The sample lacks its sweep or the requested truth, or is too small.
     """
+    sample = to_focal_length(sample, config.focal_px)
     inputs, dense_m = _split_truth(sample, config, rng, training=training)
     if training:
         inputs = _perturbed(inputs, config.augmentation, rng)
@@ -161,13 +181,20 @@ def make_example(
     if dense_m is not None:
         maps["dense_depth_m"] = _without_far(config.farthest_m, dense_m)[None]
     if config.filled:  # over the whole width: a crop shows too little of the ring spacing
-        maps["filled_depth_m"] = starting_depth(sparse_m, config.filling).depth_m[None]
+        maps["filled_depth_m"] = (
+            street_depth(inputs)
+            if config.filling == "street"
+            else starting_depth(sparse_m, config.filling).depth_m
+        )[None]
     if training and config.shaping != AS_SIMULATED:
         whole = _bottom_centre(sample, inputs.image_size)
         assert whole.points is not None, "checked by _split_truth"
         all_beams_m = sparse_depth_map(whole.points, whole.calibration, whole.image_size)
         maps |= _shaped(maps, all_beams_m, config.shaping)
-    top, left, height, width = _window(inputs.image_size, config, rng, training=training)
+    if config.focal_px is not None and config.crop_size is not None:
+        maps = {name: _padded(item, config.crop_size, name) for name, item in maps.items()}
+    size = maps["image"].shape[1], maps["image"].shape[2]
+    top, left, height, width = _window(size, config, rng, training=training)
     cropped = {
         name: item[:, top : top + height, left : left + width] for name, item in maps.items()
     }
@@ -261,7 +288,23 @@ def _perturbed(
         sample = NoCamera()(sample, rng)
     if config.lidar_occlusion and rng.random() < config.lidar_occlusion:
         sample = LidarOcclusion()(sample, rng)
+    if config.lidar_sector and rng.random() < config.lidar_sector:
+        sample = LidarSector(width_deg=float(rng.uniform(*_SECTOR_DEG)))(sample, rng)
+    if config.lidar_dropout and rng.random() < config.lidar_dropout:
+        sample = LidarBlank()(sample, rng)
     return sample
+
+
+def _padded(
+    planes: Float32[Tensor, "channels height width"], size: tuple[int, int], name: str
+) -> Float32[Tensor, "channels padded_height padded_width"]:
+    """Pad to a size at the top and right, as predictors do: no measurements, no truth."""
+    missing = [max(least - given, 0) for least, given in zip(size, planes.shape[1:], strict=True)]
+    if not any(missing):
+        return planes
+    margins = ((0, 0), (missing[0], 0), (0, missing[1]))
+    mode: Literal["edge", "constant"] = "edge" if name in _EDGE_PADDED else "constant"
+    return torch.from_numpy(np.pad(planes.numpy(), margins, mode=mode))
 
 
 def _window(

@@ -6,7 +6,11 @@ Method = Literal["nearest", "linear", "classical", "adaptive"]
 """Method without training; `methods.complete_depth` maps it to its function, which documents its
 valid pixels."""
 
-FillingEdition = Literal["first", "second"]
-"""Editions of adaptive completion that networks start from: `first`, of versions up to 0.2;
-`second`, the present `adaptive`. Weights need the edition that they were trained with.
-"""
+AdaptiveEdition = Literal["first", "second"]
+"""Editions of adaptive completion: `first`, of versions up to 0.2; `second`, the present
+`adaptive`."""
+
+Filling = Literal["first", "second", "street"]
+"""Depth that networks start from: an edition of adaptive completion, or `street`, that of a plain
+street in the camera's pixels (`street_depth`), which needs no sweep. Weights need the one that they
+were trained with."""

@@ -9,7 +9,7 @@ from torch import Tensor
 from sightline.depth_completion.adaptive import FIRST_EDITION, AdaptiveConfig, adaptive_depth
 from sightline.depth_completion.classical import classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth
-from sightline.depth_completion.method_names import FillingEdition, Method
+from sightline.depth_completion.method_names import AdaptiveEdition, Method
 from sightline.structures.predictions import DepthMap
 
 
@@ -41,13 +41,13 @@ def complete_depth(
             assert_never(method)
 
 
-def filling_config(edition: FillingEdition) -> AdaptiveConfig:
+def filling_config(edition: AdaptiveEdition) -> AdaptiveConfig:
     """Settings of an edition of adaptive completion."""
     return FIRST_EDITION if edition == "first" else AdaptiveConfig()
 
 
 def starting_depth(
-    sparse_depth_m: Float32[Tensor, "height width"], edition: FillingEdition = "first"
+    sparse_depth_m: Float32[Tensor, "height width"], edition: AdaptiveEdition = "first"
 ) -> DepthMap:
     """Complete a map as the filled input of networks, in training and in use."""
     return adaptive_depth(sparse_depth_m.numpy(force=True), filling_config(edition))

@@ -7,6 +7,10 @@ if TYPE_CHECKING:
     from sightline.depth_completion.model import DepthCompletionNet
 
 
+IMAGE_WEIGHTS: Final = "depth-image"
+"""Shipped weights that guess depth from the image, for frames without returns."""
+
+
 class DepthNetworkTask:
     """`sightline.inference.network.NetworkTask` that imports the network when it builds it."""
 

@@ -2,8 +2,9 @@
 
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import ClassVar, Literal, cast, get_args
+from typing import Any, ClassVar, Literal, cast, get_args
 
+import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Real
@@ -17,9 +18,10 @@ from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth, starting_depth
 from sightline.depth_completion.mirrored_prediction import predict_with_mirror
 from sightline.depth_completion.model import DepthCompletionNet
-from sightline.depth_completion.network_task import NETWORK_TASK
+from sightline.depth_completion.network_task import IMAGE_WEIGHTS, NETWORK_TASK
 from sightline.depth_completion.postprocess import to_depth_map
 from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hull
+from sightline.depth_completion.street_depth import street_depth, to_focal_length
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.calibration import Calibration
@@ -82,7 +84,7 @@ class DepthCompleter(SamplePredictor[DepthMap]):
         Raises:
             ValueError: The sample has no sweep, or one with non-finite points.
         """
-        return complete_depth(_sparse_depth_of(sample), self.method)
+        return complete_depth(_sparse_depth_of(sample, needs_sweep=True), self.method)
 
 
 class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
@@ -106,8 +108,10 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
 
     parts: ClassVar[tuple[Part, ...]] = ("image", "points")
     """Used parts of a sample."""
-    needs: ClassVar[tuple[Part, ...]] = ("points",)
-    """Required parts of a sample."""
+    needs: ClassVar[tuple[Part, ...]] = ()
+    """Required parts of a sample: any of them."""
+    image_weights: str | Path | None
+    """Weights of the network for frames without returns; None: such frames have no depth."""
 
     network_task = NETWORK_TASK
 
@@ -119,6 +123,9 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         threads: int | None,
     ) -> EngineName:
         self._network = loaded.network
+        self._options: dict[str, Any] = {"engine": engine, "device": device, "threads": threads}
+        self._for_image: DepthPredictor | None = None
+        self.image_weights = None if self._is_guessing else IMAGE_WEIGHTS
         self._run = ProcessEngine(export_graph(loaded), name=engine, device=device, threads=threads)
         return self._run.name
 
@@ -126,6 +133,22 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
     def estimates_uncertainty(self) -> bool:
         """Whether the depth maps contain the expected error."""
         return self._network.config.uncertainty
+
+    @property
+    def _is_guessing(self) -> bool:
+        """Whether the network starts from a plain street, so that it needs no returns."""
+        return self._network.config.filling == "street"
+
+    def _needs_guess(self, sparse: SparseMap, image: RGBImage | None) -> bool:
+        """Whether depth is to come from the image, as there is no return."""
+        return self.image_weights is not None and image is not None and not bool(sparse.any())
+
+    def _image_predictor(self) -> "DepthPredictor":
+        """Load the network for frames without returns, once."""
+        if self._for_image is None:
+            assert self.image_weights is not None, "checked by the caller"
+            self._for_image = DepthPredictor.load(self.image_weights, **self._options)
+        return self._for_image
 
     @property
     def gives(self) -> tuple[str, ...]:
@@ -138,12 +161,17 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         return self._network.config.shift_conv is not None
 
     def predict(self, sample: CameraLidarSample) -> DepthMap:
-        """Complete a sample at its image's full size.
+        """Complete a sample at its image's full size; without returns, guess from the image.
 
         Raises:
-            ValueError: The sample has no sweep, or one with non-finite points.
+            ValueError: The sample has neither sweep nor image, or a sweep with non-finite points.
         """
-        return self.complete(_sparse_depth_of(sample), sample.image)
+        if self._is_guessing:
+            return self._guess(sample)
+        sparse = _sparse_depth_of(sample)
+        if self._needs_guess(sparse, sample.image):
+            return self._image_predictor().predict(sample)
+        return self.complete(sparse, sample.image)
 
     def complete_points(
         self,
@@ -163,8 +191,19 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         Raises:
             ValueError: The points lack coordinates, or as `complete` does.
         """
-        sparse = sparse_depth_map(_checked_points(points), calibration, image_size)
-        return self.complete(sparse, image)
+        checked = _checked_points(points)
+        sparse = sparse_depth_map(checked, calibration, image_size)
+        if not self._is_guessing and not self._needs_guess(sparse, image):
+            return self.complete(sparse, image)
+        rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
+        sample = CameraLidarSample(
+            sample_id="the given points",
+            calibration=calibration,
+            image_size=(sparse.shape[0], sparse.shape[1]),
+            image=(rgb * 255).round().to(torch.uint8),
+            points=torch.nn.functional.pad(checked[:, :_COORDINATES].float(), (0, 1)),
+        )
+        return self.predict(sample)
 
     def complete(self, sparse_depth_m: SparseMap, image: RGBImage | None = None) -> DepthMap:
         """Complete a sparse depth map.
@@ -183,28 +222,23 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         # for work on the cores that an engine of another library needs.
         sparse = _sparse_plane(sparse_depth_m)
         rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
+        settings = self._network.config
+        if settings.filling == "street":
+            raise ValueError(
+                f"{self.name} needs the camera's calibration; call it with a sample, or use "
+                "complete_points"
+            )
         if not sparse.numpy().any():
             return self._empty_map(sparse)
-        stride = self._network.stride
-        inputs = {
-            "image": _padded(rgb, stride, "edge"),
-            "sparse_depth_m": _padded(sparse[None], stride, "constant"),  # no invented returns
-        }
-        settings = self._network.config
         filled = (
             starting_depth(sparse, settings.filling) if self._network.takes_filled_depth else None
         )
         if filled is not None:
-            inputs["filled_depth_m"] = _padded(filled.depth_m[None], stride, "edge")
             is_supported = filled.valid
         else:
             is_supported = torch.from_numpy(inside_hull(sparse.numpy() > 0))
-        outputs = (
-            predict_with_mirror(self._run, inputs) if settings.flip_test else self._run(inputs)
-        )
-        top, width = -sparse.shape[0] % stride, sparse.shape[1]
-        cropped = {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
-        depth_m = cropped["depth_m"]
+        outputs = self._outputs(rgb, sparse, None if filled is None else filled.depth_m)
+        depth_m = outputs["depth_m"]
         if filled is not None:
             depth_m = _without_small_corrections(depth_m, filled.depth_m, sparse, settings)
             if settings.keep_measured:
@@ -212,9 +246,48 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
                 depth_m = torch.where(is_kept, sparse, depth_m)
         return to_depth_map(
             depth_m,
-            cropped.get("uncertainty_m"),
+            outputs.get("uncertainty_m"),
             is_supported=is_supported,
             smoothing=settings.smoothing,
+        )
+
+    def _outputs(
+        self,
+        rgb: Float32[Tensor, "3 height width"],
+        sparse: Float32[Tensor, "height width"],
+        filled: Float32[Tensor, "height width"] | None,
+    ) -> dict[str, Float[Tensor, "height width"]]:
+        """Run the network on one frame's inputs."""
+        stride = self._network.stride
+        inputs = {
+            "image": _padded(rgb, stride, "edge"),
+            "sparse_depth_m": _padded(sparse[None], stride, "constant"),  # no invented returns
+        }
+        if filled is not None:
+            inputs["filled_depth_m"] = _padded(filled[None], stride, "edge")
+        is_mirrored = self._network.config.flip_test
+        outputs = predict_with_mirror(self._run, inputs) if is_mirrored else self._run(inputs)
+        top, width = -sparse.shape[0] % stride, sparse.shape[1]
+        return {name: planes[0, 0, top:, :width] for name, planes in outputs.items()}
+
+    def _guess(self, sample: CameraLidarSample) -> DepthMap:
+        """Predict by a network that starts from a plain street."""
+        view = to_focal_length(sample, self._network.config.focal_px)
+        sparse, returns = _sparse_depth_of(view), _sparse_depth_of(sample)
+        rgb = _rgb_planes(view.image, view.image_size)
+        if not rgb.numpy().any() and not sparse.numpy().any():
+            return self._empty_map(returns)
+        outputs = self._outputs(rgb, sparse, street_depth(view))
+        depth_m, *errors = (
+            _resized(outputs[name], sample.image_size)
+            for name in ("depth_m", "uncertainty_m")
+            if name in outputs
+        )
+        return to_depth_map(
+            depth_m,
+            errors[0] if errors else None,
+            is_supported=starting_depth(returns, "second").valid,
+            smoothing=self._network.config.smoothing,
         )
 
     def _empty_map(self, sparse: Float32[Tensor, "height width"]) -> DepthMap:
@@ -277,8 +350,12 @@ def choose_completer(
     return DepthCompleter(cast("Method", method))
 
 
-def _sparse_depth_of(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
+def _sparse_depth_of(
+    sample: CameraLidarSample, *, needs_sweep: bool = False
+) -> Float32[Tensor, "height width"]:
     if sample.points is None:
+        if sample.image is not None and not needs_sweep:
+            return torch.zeros(sample.image_size)
         raise ValueError(
             f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
             "with LiDAR points"
@@ -340,6 +417,14 @@ def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor
     if is_channels_last:
         planes = planes.permute(2, 0, 1)
     return torch.from_numpy(planes.numpy(force=True) / np.float32(255))
+
+
+def _resized(
+    plane: Float[Tensor, "height width"], size: tuple[int, int]
+) -> Float32[Tensor, "new_height new_width"]:
+    """Resize linearly to height and width."""
+    array = plane.float().numpy(force=True)
+    return torch.from_numpy(cv2.resize(array, size[::-1], interpolation=cv2.INTER_LINEAR))
 
 
 def _padded(

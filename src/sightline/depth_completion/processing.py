@@ -29,10 +29,17 @@ from sightline.depth_completion.corrections import (
     FIRST_ROWS_ABOVE,
     LAST_ROWS_ABOVE,
 )
-from sightline.depth_completion.method_names import FillingEdition
+from sightline.depth_completion.method_names import Filling
 from sightline.depth_completion.methods import filling_config
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M, TRUSTED_SHARE
+from sightline.depth_completion.street_depth import (
+    FARTHEST_STREET_M,
+    LARGEST_SCALE,
+    LOWEST_CAMERA_M,
+    WALL_HEIGHT_M,
+)
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 
 
 def processing(network: DepthCompletionNet) -> dict[str, object]:
@@ -44,7 +51,11 @@ def processing(network: DepthCompletionNet) -> dict[str, object]:
         "outputs": _outputs(
             has_uncertainty=config.uncertainty, has_e_point=config.shift_conv is not None
         ),
-        "resizing": None,
+        "resizing": (
+            None
+            if config.focal_px is None
+            else {"focal_px": config.focal_px, "largest_scale": LARGEST_SCALE}
+        ),
         "padding": {
             "sides": ["top", "right"],
             "image": "edge",
@@ -73,7 +84,19 @@ def processing(network: DepthCompletionNet) -> dict[str, object]:
     }
 
 
-def _filling(edition: FillingEdition) -> dict[str, object]:
+def _filling(edition: Filling) -> dict[str, object]:
+    if edition == "street":
+        return {
+            "method": "street",
+            "rule": (
+                "1 / depth = 1 / farthest_m + max(-slope / above_road_m, slope / wall_height_m); "
+                "slope: metres upwards per metre along the optical axis, of a pixel's ray"
+            ),
+            "farthest_m": FARTHEST_STREET_M,
+            "wall_height_m": WALL_HEIGHT_M,
+            "lowest_camera_m": LOWEST_CAMERA_M,
+            "usual_lidar_height_m": KITTI_LIDAR_HEIGHT_M,
+        }
     config = filling_config(edition)
     return {
         "method": "adaptive",
@@ -116,7 +139,7 @@ def _inputs(*, takes_filled_depth: bool) -> dict[str, object]:
     if takes_filled_depth:
         inputs["filled_depth_m"] = {
             "shape": "1 x 1 x height x width",
-            "channels": [f"{depth}, of the sparse map completed as filling says"],
+            "channels": [f"{depth}, as filling says"],
             "unit": "m",
         }
     return inputs

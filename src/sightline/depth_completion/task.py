@@ -82,23 +82,25 @@ class DepthCompletion(TrainingModule):
         return output
 
     def setup(self, stage: str) -> None:
-        """Check that examples contain the network's edition of the completion.
+        """Check that examples have the network's completion and focal length.
 
         Raises:
-            ValueError: The examples contain another edition of the completion.
+            ValueError: The examples have another completion or focal length.
         """
         super().setup(stage)
         preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
         if not isinstance(preparation, DepthExamples) or not self.network.takes_filled_depth:
             return
-        edition = self.network.config.filling
-        if preparation.settings.filling != edition:
-            raise ValueError(
-                f"the preparation's settings.filling is {preparation.settings.filling}, expected "
-                f"the network's {edition}; set both to one edition "
-                "(--data.init_args.preparation.init_args.settings.filling and "
-                "--model.init_args.network.filling)"
-            )
+        for name in ("filling", "focal_px"):
+            given = getattr(preparation.settings, name)
+            needed = getattr(self.network.config, name)
+            if given != needed:
+                raise ValueError(
+                    f"the preparation's settings.{name} is {given}, expected the network's "
+                    f"{needed}; set both to the same "
+                    f"(--data.init_args.preparation.init_args.settings.{name} and "
+                    f"--model.init_args.network.{name})"
+                )
 
     def losses(self, batch: DepthBatch) -> DepthLosses:
         """Compute the loss of a batch and its terms."""
