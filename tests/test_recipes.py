@@ -41,11 +41,16 @@ def test_recipes_of_papers_keep_the_last_weights_as_their_validation_list_is_the
 
 
 def as_street(root):
-    """Completes an object tree as `sightline simulate --preset street-2k` lays it out."""
+    """Completes an object tree as `sightline simulate --preset street-2k` lays it out.
+
+    Recipes of several presets find it by their names, too.
+    """
     shutil.copytree(root / "training" / "velodyne", root / "training" / "velodyne_reduced")
     (root / "ImageSets").mkdir(exist_ok=True)
     for name in ("train", "val"):
         (root / "ImageSets" / f"{name}.txt").write_text("000000\n000001\n")
+    for name in ("street-8k", "street-rigs-8k"):
+        (root / name).symlink_to(root, target_is_directory=True)
     return root
 
 

@@ -13,6 +13,7 @@ from sightline.depth_completion.examples import (
     make_example,
 )
 from sightline.depth_completion.methods import starting_depth
+from sightline.depth_completion.street_depth import street_depth, to_focal_length
 from sightline.depth_completion.truth_shaping import (
     TruthShaping,
     pixel_weights,
@@ -244,3 +245,48 @@ def test_settings_out_of_range_are_refused(wrong, message):
 def test_a_truth_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match="truth must be one of depth, held_out, both, got 'rings'"):
         set_unchecked(ExampleConfig(), truth="rings")
+
+
+STREET = ExampleConfig(filled=True, filling="street", focal_px=200.0)
+
+
+def test_examples_at_another_focal_length_are_of_the_resized_sample(sample):
+    batch = example(sample, STREET, training=False)
+    small = to_focal_length(sample, 200.0)
+    height, width = batch.image.shape[-2:]
+    rows, columns = small.image_size[0] - height, (small.image_size[1] - width) // 2
+    window = slice(rows, None), slice(columns, columns + width)
+    assert (height, width) == (96, 320)  # of 104 x 344, multiples of 32
+    assert torch.equal(batch.image[0], small.image[:, *window] / 255)
+    assert torch.equal(batch.depth_m[0, 0], small.depth[window].where(small.depth[window] <= 90, 0))
+    torch.testing.assert_close(batch.filled_depth_m[0, 0], street_depth(small)[window])
+
+
+def test_images_smaller_than_the_crop_are_padded_as_in_use(sample):
+    config = replace(STREET, crop_size=(128, 384))
+    batch, whole = (example(sample, each, training=False) for each in (config, STREET))
+    height, width = whole.image.shape[-2:]
+    assert batch.image.shape[-2:] == (128, 384)
+    for name in ("image", "sparse_depth_m", "filled_depth_m", "depth_m"):
+        given, padded = getattr(whole, name), getattr(batch, name)
+        assert torch.equal(padded[..., -height:, :width], given)
+    assert not batch.depth_m[..., :-height, :].any()
+    assert not batch.sparse_depth_m[..., width:].any()
+    assert torch.equal(batch.image[..., 0, 0], whole.image[..., 0, 0])
+    assert torch.equal(batch.image[..., -1, -1], whole.image[..., -1, -1])
+
+
+@pytest.mark.parametrize(
+    ("augmentation", "least", "most"),
+    [
+        (AugmentationConfig(lidar_dropout=1.0), 0.0, 0.0),
+        (AugmentationConfig(lidar_sector=1.0), 0.1, 0.95),
+    ],
+    ids=["no returns", "a wedge lost"],
+)
+def test_examples_may_lack_returns_but_not_their_truth(sample, augmentation, least, most):
+    plain = example(sample, replace(STREET, augmentation=AugmentationConfig()), training=True)
+    batch = example(sample, replace(STREET, augmentation=augmentation), training=True)
+    share = float((batch.sparse_depth_m > 0).sum() / (plain.sparse_depth_m > 0).sum())
+    assert least <= share <= most
+    assert torch.equal(batch.depth_m, plain.depth_m)

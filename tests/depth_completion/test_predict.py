@@ -60,6 +60,7 @@ def test_the_manifest_names_the_weights_by_name_and_content_and_the_engine(data,
         "velodyne": "velodyne",
         "sightline": version("sightline"),
         "weights_sha256": DepthPredictor.load(weights).sha256,
+        "image_weights_sha256": DepthPredictor.load("depth-image").sha256,
         "engine": "torch",
     }
     assert json.loads((out / "sightline.json").read_text()) == made_by
@@ -96,8 +97,22 @@ def test_a_sample_is_done_again_where_its_expected_error_is_missing(data, tmp_pa
     assert contents_of(uncertainty) == before
 
 
-def test_an_empty_sweep_has_neither_depth_nor_expected_error(data, tmp_path, weights):
+def test_the_depth_of_an_empty_sweep_is_guessed_from_the_image(data, tmp_path, weights):
     write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
+    out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
+    job = {"uncertainty": uncertainty, "workers": 1, "sample_list": ["000000"]}
+    with pytest.warns(UserWarning, match="all 1 sweeps are empty"):
+        predict_depth(data, out, weights=weights, **job)
+    guess = DepthPredictor.load("depth-image")(open_dataset(data)[0])
+    for folder, expected in ((out, guess.depth_m), (uncertainty, guess.uncertainty_m)):
+        np.testing.assert_allclose(read_depth_png(folder / "000000.png"), expected, atol=1 / 256)
+
+
+def test_without_image_an_empty_sweep_has_neither_depth_nor_expected_error(
+    data, tmp_path, weights
+):
+    write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
+    (data / "training" / "image_2" / "000000.png").unlink()
     out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
     job = {"uncertainty": uncertainty, "workers": 1, "sample_list": ["000000"]}
     with pytest.warns(UserWarning, match="all 1 sweeps are empty"):

@@ -172,6 +172,23 @@ def test_depth_by_the_script_is_sightlines_with_all_that_the_best_weights_do(
     check_depth(depth_weights, tmp_path, frames()[:1] + frames()[2:])
 
 
+@pytest.mark.parametrize("without_returns", [False, True])
+def test_depth_from_the_image_by_the_script_is_sightlines(tmp_path, without_returns):
+    from onnx_image_depth import guess
+
+    (path,) = export(DEPTH, "depth-image", tmp_path)
+    predictor = DepthPredictor.load("depth-image")
+    frame, sample = frames()[0]
+    if without_returns:
+        frame = frame._replace(points=frame.points[:0])
+        sample = replace(sample, points=sample.points[:0])
+    found, expected = guess(path, frame), predictor(sample)
+    off_m = np.abs(found.depth_m - expected.depth_m.numpy())
+    assert np.quantile(off_m, 0.999) < 5 * LARGEST_DIFFERENCE_M  # rounded pixels differ
+    off_m = np.abs(found.uncertainty_m - expected.uncertainty_m.numpy())
+    assert np.quantile(off_m, 0.999) < 5 * LARGEST_DIFFERENCE_M
+
+
 @pytest.mark.parametrize("edition", ["first", "second"])
 @pytest.mark.parametrize("keep_every", [1, 4])
 def test_the_scripts_completion_between_rings_is_sightlines(keep_every, edition):

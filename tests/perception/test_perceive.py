@@ -322,6 +322,7 @@ def test_the_predictions_of_a_blank_frame_are_lines_without_depths(data, out):
     perceive(data, out, perceiver=perceiver(nothing), sample_list=["000000"])
     assert lines_of(out)["000000"]["depth"] == {
         "valid_share": 0.0,
+        "guessed_share": 0.0,
         "nearest_m": None,
         "median_m": None,
         "farthest_m": None,

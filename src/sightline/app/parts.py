@@ -31,7 +31,7 @@ from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
 from sightline.tasks import find_task
 from sightline.visualization.colors import UNCERTAINTY_SCALE
-from sightline.visualization.depth import colorize_depth
+from sightline.visualization.depth import colorize_depth, draw_depth
 
 _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
@@ -233,7 +233,7 @@ def _labels(labels: ObjectLabels) -> list[dict[str, Any]]:
 
 
 def _depth_files(depth: DepthMap) -> dict[str, bytes]:
-    files = {"depth": _jpeg(colorize_depth(depth.depth_m.where(depth.valid, 0)))}
+    files = {"depth": _jpeg(draw_depth(depth))}
     if depth.uncertainty_m is not None:
         coloured = colorize_depth(depth.uncertainty_m, scale=UNCERTAINTY_SCALE)
         files["uncertainty"] = _jpeg(coloured)

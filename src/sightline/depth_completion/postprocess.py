@@ -59,7 +59,7 @@ def to_depth_map(
 
 
 def only_valid(depth_map: DepthMap) -> DepthMap:
-    """Remove the guesses of a map: invalid pixels get depth 0 and an infinite error."""
+    """Keep only trusted values: other pixels get depth 0 and an infinite error."""
     is_kept, uncertainty_m = depth_map.valid, depth_map.uncertainty_m
     return DepthMap(
         depth_m=torch.where(is_kept, depth_map.depth_m, 0.0),

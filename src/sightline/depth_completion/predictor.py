@@ -1,19 +1,21 @@
 """Depth completion of samples, sweeps or sparse maps by a named method or a trained network."""
 
-from dataclasses import astuple, dataclass
+import hashlib
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast, get_args
 
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Real
+from jaxtyping import Bool, Float, Float32, Real
 from torch import Tensor
 
 from sightline.data.kitti_trees import Part
 from sightline.depth_completion.config import DepthCompletionConfig, by_direction
 from sightline.depth_completion.corrections import correction_thresholds, drop_small_corrections
 from sightline.depth_completion.export_graph import export_graph
+from sightline.depth_completion.holes import find_holes
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth, starting_depth
 from sightline.depth_completion.mirrored_prediction import predict_with_mirror
@@ -24,6 +26,7 @@ from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hul
 from sightline.depth_completion.street_depth import street_depth, to_focal_length
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
+from sightline.files.weights_header import find_weights
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import (
     USUAL_LOSS,
@@ -101,8 +104,8 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         True
 
     Takes images of any size and sweeps of any number of beams. If the camera is missing (no image,
-    or a black one), depth comes from the sweep alone. An empty sweep gives an empty map, as with
-    the methods without training: our networks are not trained on images alone. Can be pickled, and
+    or a black one), depth comes from the sweep alone. Where the LiDAR saw nothing, or is missing,
+    depth is guessed from the image by `image_weights` (`DepthMap.guessed`). Can be pickled, and
     called in a forked process.
     """
 
@@ -111,7 +114,8 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
     needs: ClassVar[tuple[Part, ...]] = ()
     """Required parts of a sample: any of them."""
     image_weights: str | Path | None
-    """Weights of the network for frames without returns; None: such frames have no depth."""
+    """Weights of the network that guesses depth from the image where the LiDAR saw nothing
+    (`find_holes`); None: no guesses."""
 
     network_task = NETWORK_TASK
 
@@ -130,6 +134,15 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         return self._run.name
 
     @property
+    def made_by(self) -> dict[str, str]:
+        """Entries of a manifest besides the name."""
+        entries = super().made_by
+        if self.image_weights is not None:
+            content = find_weights(self.image_weights).read_bytes()
+            entries["image_weights_sha256"] = hashlib.sha256(content).hexdigest()
+        return entries
+
+    @property
     def estimates_uncertainty(self) -> bool:
         """Whether the depth maps contain the expected error."""
         return self._network.config.uncertainty
@@ -139,12 +152,8 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         """Whether the network starts from a plain street, so that it needs no returns."""
         return self._network.config.filling == "street"
 
-    def _needs_guess(self, sparse: SparseMap, image: RGBImage | None) -> bool:
-        """Whether depth is to come from the image, as there is no return."""
-        return self.image_weights is not None and image is not None and not bool(sparse.any())
-
     def _image_predictor(self) -> "DepthPredictor":
-        """Load the network for frames without returns, once."""
+        """Load the network for what the LiDAR did not see, once."""
         if self._for_image is None:
             assert self.image_weights is not None, "checked by the caller"
             self._for_image = DepthPredictor.load(self.image_weights, **self._options)
@@ -168,10 +177,16 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         """
         if self._is_guessing:
             return self._guess(sample)
-        sparse = _sparse_depth_of(sample)
-        if self._needs_guess(sparse, sample.image):
+        sparse, image = _sparse_depth_of(sample), sample.image
+        if self.image_weights is None or image is None or not bool(image.any()):
+            return self.complete(sparse, image)
+        holes = find_holes(sparse.numpy())
+        if holes.all():
             return self._image_predictor().predict(sample)
-        return self.complete(sparse, sample.image)
+        completed = self.complete(sparse, image)
+        if not holes.any():
+            return completed
+        return _filled(completed, self._image_predictor().predict(sample), torch.from_numpy(holes))
 
     def complete_points(
         self,
@@ -193,8 +208,8 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         """
         checked = _checked_points(points)
         sparse = sparse_depth_map(checked, calibration, image_size)
-        if not self._is_guessing and not self._needs_guess(sparse, image):
-            return self.complete(sparse, image)
+        if image is None:
+            return self.complete(sparse)
         rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
         sample = CameraLidarSample(
             sample_id="the given points",
@@ -283,12 +298,17 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
             for name in ("depth_m", "uncertainty_m")
             if name in outputs
         )
-        return to_depth_map(
+        guess = to_depth_map(
             depth_m,
             errors[0] if errors else None,
             is_supported=starting_depth(returns, "second").valid,
             smoothing=self._network.config.smoothing,
         )
+        holes = find_holes(returns.numpy())
+        if not holes.any():
+            return guess
+        is_guess = torch.from_numpy(holes)
+        return replace(guess, valid=guess.valid & ~is_guess, guessed=is_guess)
 
     def _empty_map(self, sparse: Float32[Tensor, "height width"]) -> DepthMap:
         return DepthMap(
@@ -298,6 +318,19 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
                 torch.full_like(sparse, torch.inf) if self.estimates_uncertainty else None
             ),
         )
+
+
+def _filled(completed: DepthMap, guess: DepthMap, holes: Bool[Tensor, "height width"]) -> DepthMap:
+    """Replace a completed map in its holes by a guess from the image."""
+    uncertainty_m = completed.uncertainty_m
+    if uncertainty_m is not None and guess.uncertainty_m is not None:
+        uncertainty_m = torch.where(holes, guess.uncertainty_m, uncertainty_m)
+    return DepthMap(
+        depth_m=torch.where(holes, guess.depth_m, completed.depth_m),
+        valid=completed.valid & ~holes,
+        uncertainty_m=uncertainty_m,
+        guessed=holes,
+    )
 
 
 def _without_small_corrections(

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
+from torch import Tensor
 
 from sightline.augmentation.scene_changes import resize
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
@@ -39,23 +40,29 @@ def to_focal_length(sample: CameraLidarSample, focal_px: float | None) -> Camera
     return sample if (height, width) == sample.image_size else resize(sample, height, width)
 
 
-def street_depth(sample: CameraLidarSample) -> Float32[torch.Tensor, "height width"]:
+def street_depth(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
     """Compute the depth [m] of a plain street in the pixels of a sample's camera.
 
     Inverse depths add up: that of the horizon, of a level road below it, and of a level ceiling
     above it. So the depth tells the direction of every pixel and never ends. Road and horizon are
     those of the level frame (`level_from_lidar`) and of the LiDAR's height above the road.
     """
-    level = level_sample(sample)
-    height, width = sample.image_size
-    camera_from_level = level.calibration.camera_from_lidar.numpy()
+    camera_from_level = level_sample(sample).calibration.camera_from_lidar.numpy()
     camera_in_level = -camera_from_level[:3, :3].T @ camera_from_level[:3, 3]
     lidar_m = KITTI_LIDAR_HEIGHT_M if sample.lidar_height_m is None else sample.lidar_height_m
     above_road_m = max(lidar_m + camera_in_level[2], LOWEST_CAMERA_M)
-    # Growth of height per metre along the optical axis: linear in the pixel's column and row.
-    upwards = camera_from_level[:3, 2] @ np.linalg.inv(
-        level.calibration.image_from_camera[:, :3].numpy()
-    )
-    slope = upwards[0] * np.arange(width) + upwards[1] * np.arange(height)[:, None] + upwards[2]
+    slope = _slope(sample)
     inverse = 1 / FARTHEST_STREET_M + np.maximum(-slope / above_road_m, slope / WALL_HEIGHT_M)
     return torch.from_numpy((1 / inverse).astype(np.float32))
+
+
+def _slope(sample: CameraLidarSample) -> Float64[np.ndarray, "height width"]:
+    """Compute the rise of each pixel's ray, in metres per metre along the optical axis."""
+    calibration = level_sample(sample).calibration
+    height, width = sample.image_size
+    upwards = calibration.camera_from_lidar[:3, 2].numpy()
+    # Linear in the pixel's column and row.
+    across, down, constant = upwards @ np.linalg.inv(calibration.image_from_camera[:, :3].numpy())
+    slope: Float64[np.ndarray, "height width"]
+    slope = across * np.arange(width) + down * np.arange(height)[:, None] + constant
+    return slope

@@ -179,6 +179,7 @@ _LINE: Final = {
     "depth": _maybe(
         {
             "valid_share": _number,
+            "guessed_share": _number,
             "nearest_m": _maybe(_number),
             "median_m": _maybe(_number),
             "farthest_m": _maybe(_number),

@@ -72,8 +72,10 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         >>> found.detections3d.boxes.tensor.shape[1], found.depth.depth_m.shape == sample.image_size
         (7, True)
         >>> blind = perceiver(dataclasses.replace(sample, points=None))  # the LiDAR is dead
-        >>> "Car" in blind.detections2d.class_names, blind.detections3d, blind.depth
-        (True, None, None)
+        >>> "Car" in blind.detections2d.class_names, blind.detections3d
+        (True, None)
+        >>> blind.depth.valid.any().item(), blind.depth.guessed.all().item()  # from the image
+        (False, True)
 
     Objects are joined from the detections if there are models for the weights of both detectors.
     Can be pickled, and called in a forked process.

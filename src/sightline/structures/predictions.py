@@ -58,12 +58,27 @@ class DepthMap:
     uncertainty_m: Float32[Tensor, "height width"] | None = None
     """Expected absolute error, infinite where there is no value; None if the method has no
     estimate."""
+    guessed: Bool[Tensor, "height width"] | None = None
+    """Mask of the values that come from the image, as the LiDAR saw nothing there; they are not
+    trusted. None: no value."""
+
+    @property
+    def shown_m(self) -> Float32[Tensor, "height width"]:
+        """Trusted values and guesses from the image, for pictures; 0 elsewhere."""
+        is_shown = self.valid if self.guessed is None else self.valid | self.guessed
+        return self.depth_m.where(is_shown, 0.0)
 
     def to_json(self) -> dict[str, float | None]:
-        """Summarize the trusted values; None: there are none, or there is no estimate."""
+        """Summarize the trusted values; None: there are none, or there is no estimate.
+
+        The share of guesses stands beside; they are in no other number.
+        """
         trusted = self.depth_m[self.valid]
         summary: dict[str, float | None] = {
             "valid_share": round(float(self.valid.float().mean()), _SHARE),
+            "guessed_share": (
+                0.0 if self.guessed is None else round(float(self.guessed.float().mean()), _SHARE)
+            ),
             "nearest_m": None,
             "median_m": None,
             "farthest_m": None,

@@ -5,10 +5,13 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from sightline.structures.predictions import DepthMap
 from sightline.visualization.cells import MUTED
 from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, RGB, ColorScale
 from sightline.visualization.lettering import put_text, text_width
 
+GUESS_SHADE = 0.55
+"""Brightness of guessed depths in pictures."""
 MISSING: RGB = (112, 48, 100)
 """Colour in an error map of pixels with true depth but no predicted depth."""
 
@@ -35,6 +38,15 @@ def colorize_depth(
         depth = np.where(np.isfinite(nearest), nearest, np.float32(0))
     picture = np.full((*depth.shape, 3), INVALID, np.uint8)
     picture[depth > 0] = scale.colors(depth[depth > 0])
+    return picture
+
+
+def draw_depth(depth: DepthMap) -> UInt8[np.ndarray, "height width 3"]:
+    """Colour the trusted values of a completed map; guesses from the image are drawn darker."""
+    picture = colorize_depth(depth.shown_m)
+    if depth.guessed is not None:
+        is_guessed = depth.guessed.numpy(force=True)
+        picture[is_guessed] = (picture[is_guessed] * GUESS_SHADE).astype(np.uint8)
     return picture
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import torch
 from jaxtyping import UInt8
 
 from sightline.geometry.projection import sparse_depth_map
@@ -21,7 +20,7 @@ from sightline.visualization.birds_eye import BirdsEyeView, draw_birds_eye
 from sightline.visualization.canvas import scaled_into
 from sightline.visualization.cells import MUTED, PAGE, TITLE
 from sightline.visualization.colors import DEPTH_SCALE, INVALID, RGB, class_color
-from sightline.visualization.depth import colorize_depth, put_legend
+from sightline.visualization.depth import colorize_depth, draw_depth, put_legend
 from sightline.visualization.image import camera_picture, draw_detections, sweep_picture
 from sightline.visualization.lettering import put_text, text_width
 from sightline.visualization.objects import OBJECTS_LEGEND, box_styles, draw_objects
@@ -160,7 +159,7 @@ def _depth(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw the completed depth, else the measured depth."""
     if perception.depth is not None:
-        return colorize_depth(torch.where(perception.depth.valid, perception.depth.depth_m, 0.0))
+        return draw_depth(perception.depth)
     if sample.points is None:
         return _notice(sample.image_size, "no depth")
     sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)

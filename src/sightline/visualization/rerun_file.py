@@ -248,11 +248,11 @@ def _points(xyz: np.ndarray) -> "rerun.Points3D":
 
 
 def _depth(depth: DepthMap) -> "rerun.DepthImage":
-    """Depth in KITTI's PNG encoding: 0 where it is not valid or beyond the encoding's range."""
+    """Shown depth in KITTI's PNG encoding: 0 where there is none or beyond the encoding's range."""
     import rerun as rr
 
-    is_displayed = depth.valid & (depth.depth_m <= MAX_DEPTH_M)
-    metres = np.where(is_displayed.numpy(), depth.depth_m.numpy(), 0)
+    shown_m = depth.shown_m.numpy()
+    metres = np.where(shown_m <= MAX_DEPTH_M, shown_m, 0)
     steps = np.rint(metres * STEPS_PER_METRE).astype(np.uint16)
     return rr.DepthImage(
         steps, meter=STEPS_PER_METRE, colormap="viridis", depth_range=_displayed_steps()

@@ -33,7 +33,7 @@ from sightline.visualization.colors import (
     UNCERTAINTY_SCALE,
     ColorScale,
 )
-from sightline.visualization.depth import colorize_depth, colorize_error, put_legend
+from sightline.visualization.depth import colorize_depth, colorize_error, draw_depth, put_legend
 from sightline.visualization.image import (
     camera_picture,
     draw_boxes2d,
@@ -291,9 +291,10 @@ def _depth_panels(frame: _Frame, dense_name: str) -> list[_Panel]:
             _Panel(title="True depth", picture=picture, scale=DEPTH_SCALE, hole=_NO_VALUE)
         )
     if dense is not None:
-        depth = torch.where(dense.valid, dense.depth_m, 0.0)
         title = "Dense depth" + (f": {dense_name}" if dense_name else "")
-        picture = colorize_depth(depth)
+        if dense.guessed is not None:
+            title += "; darker: guessed from the image"
+        picture = draw_depth(dense)
         panels.append(_Panel(title=title, picture=picture, scale=DEPTH_SCALE, hole=_NO_VALUE))
         if dense.uncertainty_m is not None:
             picture = colorize_depth(dense.uncertainty_m, scale=UNCERTAINTY_SCALE)
@@ -302,7 +303,7 @@ def _depth_panels(frame: _Frame, dense_name: str) -> list[_Panel]:
                 _Panel(title=title, picture=picture, scale=UNCERTAINTY_SCALE, hole=_NO_VALUE)
             )
         if truth is not None:
-            picture = colorize_error(depth, truth, point_size_px=_point_size(truth))
+            picture = colorize_error(dense.shown_m, truth, point_size_px=_point_size(truth))
             title = "Dense depth less true depth; violet where none was predicted"
             panels.append(_Panel(title=title, picture=picture, scale=ERROR_SCALE))
     return panels

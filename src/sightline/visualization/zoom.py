@@ -28,9 +28,10 @@ def zoomed(
 
 
 def _zoomed_depth(depth: DepthMap, size: tuple[int, int]) -> DepthMap:
-    error_m = depth.uncertainty_m
+    error_m, guessed = depth.uncertainty_m, depth.guessed
     return DepthMap(
         depth_m=resize_map(depth.depth_m, *size),
         valid=resize_map(depth.valid.to(torch.float32), *size) > 0,
         uncertainty_m=None if error_m is None else resize_map(error_m, *size),
+        guessed=(None if guessed is None else resize_map(guessed.to(torch.float32), *size) > 0),
     )

@@ -204,7 +204,9 @@ function depthNote(part, kind) {
   if (part.by === "none") return "left out";
   if (part.lacks) return `${part.by} cannot work without ${part.lacks.join(" and ")}`;
   if (!part.files.includes(kind)) return `${part.by} gives none`;
-  return `${part.by}, values for ${Math.round(100 * part.depth.valid_share)} % of the image`;
+  const share = (key) => Math.round(100 * part.depth[key]);
+  const guessed = part.depth.guessed_share ? `, darker: guessed from the image, ${share("guessed_share")} %` : "";
+  return `${part.by}, values for ${share("valid_share")} % of the image${guessed}`;
 }
 
 function renderCloud() {
