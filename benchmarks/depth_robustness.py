@@ -1,10 +1,11 @@
 """Depth completion with faults: `python -m benchmarks.depth_robustness --data KITTI`.
 
-The robustness bench with a suite of its own: misalignments by a known yaw, and faults that training
-draws, too. The last line is kept in benchmarks/results/depth_robustness.json.
+The robustness bench with a suite of its own: misalignments by a known yaw, faults that training
+draws, too, and every kind of suite `core` at severity 3. The last line is kept in
+benchmarks/results/depth_robustness.json.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jsonargparse
@@ -14,18 +15,18 @@ import torch
 from benchmarks.record import print_record
 from sightline.augmentation.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.corruptions.corruption import Corrupted, Corruption, NoCorruption, Record
-from sightline.corruptions.suites import CLEAN, Case, Suite
+from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.open import open_dataset
 from sightline.depth_completion.registration import TASK
 from sightline.evaluation.held_out import evaluate_held_out
-from sightline.evaluation.held_out_frame import BEAMS
 from sightline.export.names import EngineName
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.report import RobustnessReport
 from sightline.structures.sample import CameraLidarSample
 
+_SEVERITY = 3  # of the kinds of suite core
 _FAULTS: tuple[Fault, ...] = (  # with all 64 beams
-    *(TurnedLidar(yaw_deg=yaw_deg) for yaw_deg in (0.2, 0.5, 1.0)),
+    *(TurnedLidar(yaw_deg=yaw_deg) for yaw_deg in (0.2, 0.5, 1.0, 2.0)),
     NoCamera(),
     FalseEchoes(share=0.05),
 )
@@ -73,9 +74,6 @@ def main(
     """
     torch.set_num_threads(2)
     settings = BenchSettings(suite=_suite(), sample_list=sample_list, workers=workers)
-    columns = [f"{beams} beams" for beams in BEAMS] + [str(fault) for fault in _FAULTS]
-    print(f"{sample_list} of {data}, RMSE / MAE in mm")
-    print(" " * 16 + "".join(f"{name:>16}" for name in columns))
     results, reports = [], []
     chosen = [(name, None) for name in methods] + [(None, name) for name in weights]
     for method, named in chosen:  # all before an engine runs here, which then cannot be forked
@@ -96,7 +94,9 @@ def main(
         by_beams = evaluate_held_out(samples, completer, total=len(dataset)).scores
         row = {f"{each.beams} beams": [each.rmse_mm, each.mae_mm] for each in by_beams}
         row = {name: [round(x, 1) for x in pair] for name, pair in (row | _row(report)).items()}
-        print(f"{completer.name:<16}" + "".join(f"{r:9.0f} /{m:5.0f}" for r, m in row.values()))
+        print(f"{completer.name}, {sample_list} of {data}, RMSE / MAE in mm")
+        for name, (rmse, mae) in row.items():
+            print(f"{name:<40}{rmse:9.0f} /{mae:6.0f}")
         results.append({"method": completer.name, "rmse_mae_mm": row})
     setting = {"frames": len(dataset), "engine": engine}
     print_record({**setting, "results": results}, seed=0, weights=weights)
@@ -113,7 +113,12 @@ def _suite() -> Suite:
         )
         for fault in _FAULTS
     )
-    return Suite(name="depth-faults", cases=(clean, *cases))
+    kinds = (
+        replace(each, probability=0.0)
+        for each in find_suite("core").cases
+        if each.severity == _SEVERITY
+    )
+    return Suite(name="depth-faults", cases=(clean, *cases, *kinds))
 
 
 def _row(report: RobustnessReport) -> dict[str, list[float]]:

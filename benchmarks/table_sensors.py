@@ -9,14 +9,48 @@ Record = dict[str, Any]
 Rows = list[list[str]]
 
 
+_SOUND, _BLIND = "sound", "no returns"  # states of `hidden_sweep` without a part of their own
+
+
 def depth_faults(record: Record) -> Rows:
     """Give the rows of depth completion with faults."""
-    cases = list(record["results"][0]["rmse_mae_mm"])
-    rows: Rows = [["method", *cases]]
-    for row in record["results"]:
-        pairs = (row["rmse_mae_mm"][case] for case in cases)
-        rows.append([row["method"], *(f"{rmse:.0f} / {mae:.0f}" for rmse, mae in pairs)])
+    methods = record["results"]
+    rows: Rows = [["fault", *(each["method"] for each in methods)]]
+    for case in methods[0]["rmse_mae_mm"]:
+        pairs = (each["rmse_mae_mm"][case] for each in methods)
+        rows.append([case, *(f"{rmse:.0f} / {mae:.0f}" for rmse, mae in pairs)])
     return rows
+
+
+def hidden_sweep(record: Record) -> Rows:
+    """Give the rows of depth where the LiDAR saw nothing."""
+    states = list(dict.fromkeys(row["state"] for row in record["results"]))
+    head = ["method"]
+    for state in states:
+        head += [state] if state in (_SOUND, _BLIND) else [state, "there alone"]
+    by_method: dict[str, list[str]] = {}
+    for row in record["results"]:
+        cells = by_method.setdefault(row["method"], [row["method"]])
+        cells.append(_pair(row, "all"))
+        if row["state"] not in (_SOUND, _BLIND):
+            cells.append(_pair(row, "hidden"))
+    return [head, *by_method.values()]
+
+
+def image_depth(*records: Record) -> Rows:
+    """Give the rows of depth from the image alone on other rigs."""
+    heads = ["method", "random rigs, simulated", "nuScenes, real"]
+    rows: dict[str, list[str]] = {}
+    for record in records:
+        for row in record["results"]:
+            three = (row[f"all_{name}_mm"] for name in ("rmse", "mae", "median"))
+            text = " / ".join(f"{value:.0f}" for value in three)
+            rows.setdefault(row["method"], [row["method"]]).append(text)
+    return [heads, *rows.values()]
+
+
+def _pair(row: Record, part: str) -> str:
+    return f"{row[f'{part}_rmse_mm']:.0f} / {row[f'{part}_mae_mm']:.0f}"
 
 
 def with_newer(record: Record, newer: Record) -> Record:

@@ -60,6 +60,10 @@ TABLES: Final = {
     "real-truth-fewer-beams": Table(("real_depth_truth",), table_accuracy.real_truth_fewer_beams),
     "held-out-rings": Table(("held_out_rings",), table_accuracy.held_out_rings),
     "valid-depth": Table(("valid_depth",), table_accuracy.valid_depth),
+    "hidden-sweep": Table(("hidden_sweep",), table_sensors.hidden_sweep),
+    "image-depth-rigs": Table(
+        ("image_depth_rigs", "image_depth_nuscenes"), table_sensors.image_depth
+    ),
     "depth-faults": Table(("depth_robustness",), table_sensors.depth_faults),
     "sensor-health": Table(
         ("sensor_health", "sensor_health_weather"), table_sensors.sensor_health

@@ -108,9 +108,7 @@ def test_the_depth_of_an_empty_sweep_is_guessed_from_the_image(data, tmp_path, w
         np.testing.assert_allclose(read_depth_png(folder / "000000.png"), expected, atol=1 / 256)
 
 
-def test_without_image_an_empty_sweep_has_neither_depth_nor_expected_error(
-    data, tmp_path, weights
-):
+def test_without_image_an_empty_sweep_has_neither_depth_nor_expected_error(data, tmp_path, weights):
     write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
     (data / "training" / "image_2" / "000000.png").unlink()
     out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"

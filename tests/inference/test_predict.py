@@ -433,3 +433,26 @@ def test_a_switch_changes_what_is_written_and_stands_in_the_manifest(data, tmp_p
         write(data, out, half_valid)
     with pytest.raises(ValueError, match="depth-completion has no switch fast; it has valid_only"):
         predict(TASK, FunctionPredictor(half_valid), data, out, switches=["fast"])
+
+
+def by_both(sample):
+    """Predict nothing, from either sensor."""
+    empty = torch.zeros(sample.image_size)
+    return DepthMap(depth_m=empty, valid=empty > 0)
+
+
+BOTH = FunctionPredictor(by_both, parts=("image", "points"))
+
+
+@pytest.mark.parametrize(("folder", "noun"), [("velodyne", "point clouds"), ("image_2", "images")])
+def test_a_sensor_that_no_frame_has_is_told(data, out, folder, noun):
+    shutil.rmtree(data / "training" / folder)
+    with pytest.warns(UserWarning, match=f"no {noun} for its 6 frames; predictions go by the"):
+        predict(TASK, BOTH, data, out, workers=1)
+
+
+def test_one_frame_with_the_sensor_is_enough_to_say_nothing(data, out, recwarn):
+    for path in sorted((data / "training" / "image_2").iterdir())[1:]:
+        path.unlink()
+    predict(TASK, BOTH, data, out, workers=1)
+    assert not [each for each in recwarn if "for its" in str(each.message)]

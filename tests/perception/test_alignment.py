@@ -63,6 +63,7 @@ def opened(monkeypatch):
             ("open_dataset", lambda *_, **__: recording),
             ("sweeps_folder", lambda _: "velodyne"),
             ("has_file", lambda *_: True),
+            ("warn_of_missing_sensors", lambda *_, **__: None),
         ):
             monkeypatch.setattr(perceive_module, name, given)
         return recording

@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.structures.predictions import DepthMap
 from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, UNCERTAINTY_SCALE
-from sightline.visualization.depth import MISSING, colorize_depth, colorize_error, put_legend
+from sightline.visualization.depth import (
+    GUESS_SHADE,
+    MISSING,
+    colorize_depth,
+    colorize_error,
+    draw_depth,
+    put_legend,
+)
 
 
 def test_pixels_without_a_depth_are_dark():
@@ -100,3 +108,17 @@ def test_a_legend_shows_what_a_hole_looks_like():
     left = canvas[:, :204]
     assert (left == INVALID).all(axis=2).sum() >= 50
     assert left.max() > 120
+
+
+def test_guessed_depths_are_darker_and_distrusted_ones_are_not_drawn():
+    depth_m = torch.full((1, 4), 10.0)
+    depth = DepthMap(
+        depth_m=depth_m,
+        valid=torch.tensor([[True, False, False, True]]),
+        guessed=torch.tensor([[False, True, False, False]]),
+    )
+    trusted, guessed, nothing, _ = draw_depth(depth)[0].astype(int)
+    assert np.abs(trusted * GUESS_SHADE - guessed).max() <= 1
+    assert tuple(nothing) == INVALID
+    without = DepthMap(depth_m=depth_m, valid=depth.valid)
+    assert tuple(draw_depth(without)[0, 1]) == INVALID

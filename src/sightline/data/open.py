@@ -1,5 +1,6 @@
 """Opening of data sets, whose type is recognised by the folder's contents."""
 
+import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import fields
 from functools import partial
@@ -248,6 +249,25 @@ def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
     frame = dataset.frames[index]
     in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
     return getattr(frame, in_frame, None) is not None
+
+
+def warn_of_missing_sensors(
+    dataset: SampleDataset, path: Path, parts: Collection[Part], *, stacklevel: int
+) -> None:
+    """Warn if no frame has a file of a sensor that predictors use, so that the other one decides.
+
+    Args:
+        dataset: Data set of `open_dataset`.
+        path: Its folder.
+        parts: Used parts.
+        stacklevel: See `warnings.warn`.
+    """
+    nouns: dict[Part, str] = {"image": "images", "points": "point clouds"}
+    for part, noun in nouns.items():
+        if part in parts and not any(has_file(dataset, at, part) for at in range(len(dataset))):
+            problem = f"there are no {noun} for its {len(dataset)} frames"
+            remedy = "predictions go by the other sensor alone; give them if there are any"
+            warnings.warn(f"{path}: {problem}; {remedy}", stacklevel=stacklevel)
 
 
 def label_file(dataset: SampleDataset, index: int) -> Path | None:

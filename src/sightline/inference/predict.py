@@ -8,7 +8,12 @@ from typing import Any
 
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.newer_frames import warn_of_newer_frames
-from sightline.data.open import SampleDataset, open_dataset, sweeps_folder
+from sightline.data.open import (
+    SampleDataset,
+    open_dataset,
+    sweeps_folder,
+    warn_of_missing_sensors,
+)
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.crew import Driver
@@ -82,6 +87,7 @@ def predict(
         parts=predictor.parts,
         needs=predictor.needs,
     )
+    warn_of_missing_sensors(dataset, data, predictor.parts, stacklevel=2)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = dataset.sample_ids
     present = predicted_samples(places)

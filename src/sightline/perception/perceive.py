@@ -11,7 +11,13 @@ from typing import Any, Final
 
 from sightline.data.kitti_trees import Velodyne, describe_absent
 from sightline.data.newer_frames import warn_of_newer_frames
-from sightline.data.open import SampleDataset, has_file, open_dataset, sweeps_folder
+from sightline.data.open import (
+    SampleDataset,
+    has_file,
+    open_dataset,
+    sweeps_folder,
+    warn_of_missing_sensors,
+)
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
@@ -156,6 +162,7 @@ def perceive(
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
+    warn_of_missing_sensors(dataset, data, perceiver.parts, stacklevel=2)
     if align and perceiver.alignment is None:
         perceiver = _aligned(perceiver, dataset, out, workers, driver)
     if perceiver.alignment:
