@@ -163,7 +163,7 @@ def test_kept_results_of_frames_that_were_changed_since_are_told(data, out):
     for number, file in enumerate(("velodyne/000002.bin", "calib/000004.txt"), start=1):
         later_ns = (out / "000005.png").stat().st_mtime_ns + 10**9
         os.utime(training / file, ns=(later_ns, later_ns))
-        told = f"of 6 frames whose results are kept, {number} have files newer .* first is 000002: "
+        told = f"of 6 frames whose results are kept, {number} changed after .* first is 000002: "
         with pytest.warns(UserWarning, match=f"out: {told}.*add --overwrite"):
             write(data, out)
     assert contents_of(out) == before

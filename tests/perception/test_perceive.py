@@ -142,7 +142,7 @@ def test_kept_results_of_frames_that_were_changed_since_are_told(data, out):
     perceive(data, out, perceiver=perceiver())
     later_ns = (out / "lines/000003.json").stat().st_mtime_ns + 10**9
     os.utime(data / "training/image_2/000001.png", ns=(later_ns, later_ns))
-    told = "of 4 frames whose results are kept, 1 have files newer .* the first is 000001: .*overwr"
+    told = "of 4 frames whose results are kept, 1 changed after .* the first is 000001: .*overwr"
     with pytest.warns(UserWarning, match=told):
         perceive(data, out, perceiver=perceiver())
     assert perceive(data, out, perceiver=perceiver(), overwrite=True).written == 4

@@ -43,9 +43,9 @@ def warn_of_newer_frames(
             first = first or paths[0]
     if first is not None:
         warnings.warn(
-            f"{first.parent}: of {kept:,} frames whose results are kept, {older:,} have files "
-            f"newer than the result, the first is {first.stem}: the data were changed or copied "
-            f"since; {remedy}",
+            f"{first.parent}: of {kept:,} frames whose results are kept, {older:,} changed after "
+            f"the result, the first is {first.stem}: the data were changed or copied since; "
+            f"{remedy}",
             stacklevel=3,
         )
 
