@@ -69,8 +69,11 @@ class ShiftConvConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TrunkConfig:
-    """Light HRNet: several parallel scales, each half as large as the one before."""
+    """Trunk over several scales, each half as large as the one before."""
 
+    design: Literal["parallel", "unet"] = "parallel"
+    """parallel: the paper's light HRNet, all scales side by side; unet: one after the other and
+    back, with `channels` as its only other setting."""
     channels: tuple[int, ...] = (32, 64, 128, 256)
     """Channels of each scale, the largest map first."""
     modules: int = 3

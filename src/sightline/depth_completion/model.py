@@ -13,6 +13,7 @@ from sightline.depth_completion.hrnet import HighResolutionTrunk, conv_norm
 from sightline.depth_completion.propagation import NEIGHBOURS, propagate
 from sightline.depth_completion.shift_conv import ShiftConvBranch
 from sightline.depth_completion.surroundings import NUM_PLANES, Surroundings, find_surroundings
+from sightline.depth_completion.unet import UNetTrunk
 
 _MAX_LOG_CORRECTION = math.log(4)  # corrects a completed depth by a factor of 4 at most
 _MAX_LOG_BETWEEN = 0.3  # after the share of the way to a measurement around
@@ -63,7 +64,8 @@ class DepthCompletionNet(nn.Module):
         self.outputs = _output_channels(config)
         features = config.refinement_channels or sum(self.outputs)
         unfolding = config.trunk_stride // config.refinement_stride
-        self.trunk = HighResolutionTrunk(in_channels, features * unfolding**2, config.trunk)
+        make_trunk = UNetTrunk if config.trunk.design == "unet" else HighResolutionTrunk
+        self.trunk = make_trunk(in_channels, features * unfolding**2, config.trunk)
         cells = config.refinement_stride**2
         self.refinement = (
             _refinement(
