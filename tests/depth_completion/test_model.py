@@ -48,6 +48,15 @@ BETWEEN = replace(
     refinement_channels=4,
     refinement_hidden_channels=6,
 )
+STREET = replace(
+    RESIDUAL,
+    shift_conv=None,
+    stem_fusion="joint",
+    trunk=TrunkConfig(design="unet", channels=(4, 6)),
+    filling="street",
+    correction="log",
+    focal_px=300.0,
+)
 CONFIGS = {
     "paper": PAPER,
     "without shift-conv": replace(PAPER, shift_conv=None),
@@ -57,6 +66,7 @@ CONFIGS = {
     "folded refinement": replace(FULL, trunk_stride=4, refinement_stride=2),
     "dead zone": replace(FULL, dead_zone=0.02),
     "between surfaces": BETWEEN,
+    "street": STREET,
 }
 each_config = pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS.keys())
 
@@ -223,7 +233,7 @@ def test_an_empty_sweep_gives_finite_numbers(config):
         assert plane is None or plane.isfinite().all()
 
 
-@pytest.mark.parametrize("config", [PAPER, FULL], ids=["paper", "full"])
+@pytest.mark.parametrize("config", [PAPER, FULL, STREET], ids=["paper", "full", "street"])
 def test_the_exported_graph_takes_other_sizes_and_gives_the_same(config):
     net = trained(config)
     num_inputs = 3 if net.takes_filled_depth else 2
