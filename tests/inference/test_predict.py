@@ -24,6 +24,7 @@ from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.predict import predict
 from sightline.jobs.run import JobResult
 from sightline.structures.predictions import DepthMap
+from tests.data.trees import write_drive
 from tests.inference.trees import IMAGE_SIZE, contents_of, write_object_tree
 
 
@@ -433,6 +434,15 @@ def test_a_switch_changes_what_is_written_and_stands_in_the_manifest(data, tmp_p
         write(data, out, half_valid)
     with pytest.raises(ValueError, match="depth-completion has no switch fast; it has valid_only"):
         predict(TASK, FunctionPredictor(half_valid), data, out, switches=["fast"])
+
+
+def test_a_newer_calibration_of_a_drive_is_newer_than_all_its_results(tmp_path, out):
+    drive = write_drive(tmp_path / "day" / "drive")
+    write(drive, out)
+    later_ns = time.time_ns() + 10**10
+    os.utime(tmp_path / "day" / "calib_velo_to_cam.txt", ns=(later_ns, later_ns))
+    with pytest.warns(UserWarning, match="of 3 frames .* 3 changed after the result"):
+        write(drive, out)
 
 
 def by_both(sample):

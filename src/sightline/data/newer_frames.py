@@ -5,8 +5,9 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import Part
-from sightline.data.open import SampleDataset, list_sample_files
+from sightline.data.open import NamedSubset, SampleDataset, list_sample_files
 
 _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}
 
@@ -31,13 +32,14 @@ def warn_of_newer_frames(
     """
     names = {name for part in {*parts, "calibration"} for name in (part, _IN_DEPTH_TREES.get(part))}
     listed: list[dict[str, Path]] = []
+    shared = _shared_calibration(dataset)
     kept, older, first = 0, 0, None
     for index, paths in results:
         if not paths:
             continue
         kept += 1
         listed = listed or list_sample_files(dataset)
-        inputs = [path for name, path in listed[index].items() if name in names]
+        inputs = [path for name, path in listed[index].items() if name in names] + shared
         if max(map(_changed_at, inputs), default=0.0) > min(map(_changed_at, paths)):
             older += 1
             first = first or paths[0]
@@ -48,6 +50,16 @@ def warn_of_newer_frames(
             f"{remedy}",
             stacklevel=3,
         )
+
+
+def _shared_calibration(dataset: SampleDataset) -> list[Path]:
+    """List the calibration files of a raw drive, which all its frames share; empty: no such."""
+    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    if not isinstance(whole, KittiRawDrive):
+        return []
+    return [
+        whole.calibration_folder / f"calib_{name}.txt" for name in ("cam_to_cam", "velo_to_cam")
+    ]
 
 
 def _changed_at(path: Path) -> float:
