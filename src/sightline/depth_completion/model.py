@@ -12,6 +12,7 @@ from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.hrnet import HighResolutionTrunk, conv_norm
 from sightline.depth_completion.propagation import NEIGHBOURS, propagate
 from sightline.depth_completion.shift_conv import ShiftConvBranch
+from sightline.depth_completion.street_depth import FARTHEST_STREET_M
 from sightline.depth_completion.surroundings import NUM_PLANES, Surroundings, find_surroundings
 from sightline.depth_completion.unet import UNetTrunk
 
@@ -122,7 +123,9 @@ class DepthCompletionNet(nn.Module):
                 e_point = self.shift_branch(points)
                 e_point_m = e_point.to(sparse_depth_m.dtype) * config.depth_scale_m
                 planes.append(e_point)
-            if filled_depth_m is not None and config.filled_input:
+            if filled_depth_m is not None and config.filling == "street":
+                planes.append(_direction_plane(filled_depth_m))
+            elif filled_depth_m is not None and config.filled_input:
                 planes.append(filled_depth_m / config.depth_scale_m)
         raw = self._predict(planes).to(sparse_depth_m.dtype)  # sums in metres need all digits
         outputs = torch.split(raw, self.outputs, dim=1)
@@ -207,6 +210,18 @@ def _refinement(in_channels: int, channels: int, out_channels: int) -> nn.Sequen
         conv_norm(in_channels, channels),
         nn.Conv2d(channels, out_channels, kernel_size=3, padding=1),
     )
+
+
+def _direction_plane(street_m: Tensor) -> Tensor:
+    """Tell where each pixel looks, from the depth of a plain street: 2 up, 0 ahead, -2 down.
+
+    That depth alone is the same for a direction above the horizon and one below it. Above, it grows
+    downwards; rows that repeat the one below them, as padding does, are above.
+    """
+    growth = street_m[:, :, 1:] - street_m[:, :, :-1]
+    is_above = torch.cat((growth, growth[:, :, -1:]), dim=2) >= 0
+    away = 2 * (1 - street_m / FARTHEST_STREET_M)
+    return torch.where(is_above, away, -away)
 
 
 def _camera_planes(image: Tensor, *, with_presence: bool) -> Tensor:
