@@ -164,5 +164,7 @@ def test_settings_that_contradict_a_street_are_refused():
     for wrong in ({"keep_measured": True}, {"surroundings_px": 3}):
         with pytest.raises(ValueError, match="street holds no measurements"):
             DepthCompletionConfig(**street, **wrong)
+    with pytest.raises(ValueError, match="street is an input"):
+        DepthCompletionConfig(filling="street")
     with pytest.raises(ValueError, match="focal_px must be from 50 to 5000"):
         DepthCompletionConfig(**street, focal_px=1.0)

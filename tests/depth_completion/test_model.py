@@ -225,6 +225,25 @@ def test_one_missing_camera_does_not_touch_the_others_of_a_batch():
     torch.testing.assert_close(net(image, sparse_m, filled_m).depth_m[:1], single)
 
 
+def test_a_network_of_a_street_sees_the_direction_of_each_pixel_with_its_sign():
+    net = trained(STREET)
+    image, sparse_m, _ = inputs()
+    height = image.shape[2]
+    slopes = 0.05 * (height // 2 - torch.arange(height, dtype=torch.float32))  # upwards
+    inverse = 1 / 30 + torch.maximum(-slopes / 1.65, slopes / 6)
+    street_m = (1 / inverse)[:, None].expand(height, image.shape[3])[None, None].contiguous()
+    street_m[:, :, 0] = street_m[:, :, 1]  # as padding repeats it
+    stem_inputs = []
+    net.stems[0].register_forward_pre_hook(lambda _, args: stem_inputs.append(args[0]))
+    net(image, sparse_m, street_m)
+    plane = nn.functional.pixel_shuffle(stem_inputs[0], 2)[0, -1, :, 0]
+    steps = plane.diff()
+    assert (steps[1:] < 0).all()
+    assert steps[0] == 0
+    assert plane[height // 2].abs() < 1e-5
+    assert plane[0] > 0 > plane[-1]
+
+
 @each_config
 def test_an_empty_sweep_gives_finite_numbers(config):
     image, sparse_m, _ = inputs()

@@ -267,6 +267,8 @@ class DepthCompletionConfig:
             )
         if self.keep_measured and not self.filled_input:
             raise ValueError("keep_measured needs the classical completion: set filled_input too")
+        if self.filling == "street" and not self.filled_input:
+            raise ValueError("the filling street is an input: set filled_input too")
         if self.filling == "street" and (self.keep_measured or self.surroundings_px):
             raise ValueError(
                 "the filling street holds no measurements: set keep_measured to false and "
