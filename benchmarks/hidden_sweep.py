@@ -9,6 +9,7 @@ the first one in the same state. The last line is kept in benchmarks/results/hid
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Final, Literal
 
@@ -22,6 +23,7 @@ from sightline.depth_completion.street_depth import street_depth
 from sightline.evaluation.depth_breakdown import paired_difference
 from sightline.evaluation.held_out import HeldOutErrors, held_out_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, split_rings
+from sightline.export.names import EngineName
 from sightline.geometry.projection import project_points, sparse_depth_map
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
@@ -44,6 +46,7 @@ def main(
     weights: Sequence[str] = ("depth-best", "depth-fast-cpu"),
     image_weights: str = "depth-image",
     truth: Literal["rings", "returns"] = "rings",
+    engine: EngineName = "openvino",
 ) -> None:
     """Print errors by state and method, then one line of JSON.
 
@@ -53,20 +56,25 @@ def main(
         weights: Weights that complete a sweep; each also without those for the image.
         image_weights: Weights that need no returns.
         truth: Held-out rings, or all returns: then no method gets any.
+        engine: Inference engine of the networks, on one thread.
     """
+    torch.set_num_threads(1)
     dataset = open_dataset(data, sample_list=sample_list, parts={"image", "points"})
     samples = (dataset[index] for index in range(len(dataset)))
     make = split_rings if truth == "rings" else _of_returns
     frames = [make(sample) for sample in samples]
     methods: dict[str, Completer] = {}
+    load = partial(DepthPredictor.load, engine=engine, threads=1)
     for name in weights:
-        methods[name] = alone = DepthPredictor.load(name)
+        methods[name] = alone = load(name)
         alone.image_weights = None
     methods["adaptive"] = DepthCompleter("adaptive")
     methods["a plain street"] = _plain_street
-    methods[image_weights] = DepthPredictor.load(image_weights)
+    methods[image_weights] = load(image_weights)
     for name in weights:
-        methods[f"{name} with {image_weights}"] = joint = DepthPredictor.load(name)
+        methods[f"{name} with {image_weights}"] = joint = DepthPredictor.load(
+            name, engine=engine, threads=1
+        )
         joint.image_weights = image_weights
     rows = []
     for state in _STATES if truth == "rings" else ("no returns",):
