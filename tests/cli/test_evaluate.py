@@ -62,6 +62,18 @@ def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(folders, t
     assert not printed.out
 
 
+def test_a_picture_without_values_says_why_it_is_empty(tmp_path, capsys):
+    frame = (text_of([CAR]), text_of([replace(CAR, score=1, z=-1000)]))
+    results, labels = write_frames(tmp_path, [frame])
+    picture = tmp_path / "reliability.png"
+    command = ["evaluate", "calibration", str(results), str(labels), "--metric", "3d"]
+    assert main([*command, "--picture", str(picture)]) == 2
+    error = capsys.readouterr().err
+    assert f"{picture} cannot be drawn: none of 1 results is of a class and has values" in error
+    assert "another --metric" in error
+    assert not picture.exists()
+
+
 def test_files_never_replace_each_other_or_what_is_scored(folders, tmp_path, capsys):
     same = str(tmp_path / "same")
     assert main(["evaluate", "objects", *folders, "--csv", same, "--markdown", same]) == 2

@@ -46,6 +46,13 @@ class RangeHandler(SimpleHTTPRequestHandler):
         RangeHandler.sent += len(content)
 
 
+class PlainHandler(SimpleHTTPRequestHandler):
+    """Serves whole files alone, as `python -m http.server` does."""
+
+    def log_message(self, *_):
+        pass
+
+
 @pytest.fixture
 def folder(tmp_path):
     tree = write_object_tree(tmp_path / "tree", "000000", "000001", "000002")
@@ -55,7 +62,16 @@ def folder(tmp_path):
 
 @pytest.fixture
 def address(folder):
-    handler = partial(RangeHandler, directory=str(folder))
+    yield from serve(folder, RangeHandler)
+
+
+@pytest.fixture
+def address_without_ranges(folder):
+    yield from serve(folder, PlainHandler)
+
+
+def serve(folder, kind):
+    handler = partial(kind, directory=str(folder))
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
@@ -92,6 +108,13 @@ def test_commands_give_the_bytes_of_the_tree_by_several_workers(folder, address,
     assert files == ["000000.png", "000001.png", "000002.png", "sightline.json"]
     for name in files:
         assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes()
+
+
+def test_a_server_that_ignores_ranges_is_named(address_without_ranges):
+    shards = f"{address_without_ranges}/shards"
+    problem = rf"^{shards}/000000\.tar comes whole .* its server ignores ranges; take a web server"
+    with pytest.raises(ValueError, match=problem):
+        open_dataset(shards)
 
 
 def test_any_file_system_of_fsspec_is_read(folder):

@@ -380,6 +380,16 @@ def test_a_run_folder_in_a_data_set_is_refused_before_anything_is_made(
     assert [path.name for path in data.rglob("*")] == ["training"]
 
 
+def test_test_sources_at_the_root_do_not_forbid_a_training_beside_the_data(recipes, tmp_path):
+    run = ["--config", "toy", "--data.root", str(tmp_path), "--run_folder", str(tmp_path / "run")]
+    sources = ['--data.training=[{"path": "set"}]', "--data.validation=[]"]
+    test = '--data.test=[{"path": "."}]'
+    with pytest.raises(ValueError, match="set: does not exist"):  # the folder is allowed
+        run_training("fit", [*run, *sources, test], recipes)
+    with pytest.raises(ValueError, match="would change the data set"):
+        run_training("test", [*run, *sources, test], recipes)
+
+
 def test_a_run_folder_that_tensorboard_cannot_name_is_refused_and_made_by_a_relative_path(
     recipes, tmp_path, monkeypatch, capsys
 ):

@@ -118,6 +118,7 @@ def _write_picture(path: Path, report: "CalibrationReport") -> None:
         for entry in report.entries
     ]
     if not rows:
-        raise ValueError("the results hold nothing to draw: leave --picture out")
+        remedy = "give a folder of such results or another --metric, or leave --picture out"
+        raise ValueError(f"{path} cannot be drawn: {report.emptiness}; {remedy}")
     write_rgb(path, draw_reliability_sheet(rows))
     say(path)

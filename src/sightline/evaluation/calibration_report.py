@@ -108,6 +108,16 @@ class CalibrationReport:
     remarks: tuple[str, ...] = ()
     """Remarks on omitted files and objects."""
 
+    @property
+    def emptiness(self) -> str:
+        """Why a report without entries has none."""
+        if self.num_results == 0:
+            return "nothing was found in any frame, so there is nothing to calibrate"
+        return (
+            f"none of {self.num_results:,} results is of a class and has values that {self.metric} "
+            "measures, so there is nothing to calibrate"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Convert the report to its file's content."""
         return {
@@ -127,13 +137,7 @@ class CalibrationReport:
 
         title = f"calibration by {self.metric}, {self.difficulty}, {self.frames:,} frames, percent"
         table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        nothing = (
-            f"none of {self.num_results:,} results is of a class and has values that {self.metric} "
-            "measures, so there is nothing to calibrate"
-            if self.num_results
-            else "nothing was found in any frame, so there is nothing to calibrate"
-        )
-        add_notes(table, (*(() if self.entries else (nothing,)), *self.remarks))
+        add_notes(table, (*(() if self.entries else (self.emptiness,)), *self.remarks))
         for name in ("class", "scores"):
             table.add_column(name, no_wrap=True)
         for name in ("D-ECE", "LaECE", "LaECE0", "oLRP", "Loc", "FP", "FN", "boxes"):

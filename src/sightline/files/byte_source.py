@@ -25,6 +25,7 @@ def read_range(path: Path, start: int, length: int) -> bytes:
 
     Raises:
         FileError: The file cannot be read, or ends within the range.
+        ValueError: The server of the URL ignores ranges.
     """
     url = url_of(path)
     try:
@@ -40,7 +41,12 @@ def read_range(path: Path, start: int, length: int) -> bytes:
         raise  # an extra that is not installed
     except Exception as error:  # file systems of other packages raise their own types
         raise _unreadable(path, error) from error
-    if len(content) != length:
+    if len(content) > length:  # no fault of one file: other files would fail by it, too
+        raise ValueError(
+            f"{url} comes whole where {length} bytes were asked for: its server ignores ranges; "
+            "take a web server that answers them, or copy the shards to this machine"
+        )
+    if len(content) < length:
         raise FileError(
             path,
             f"ends at byte {start + len(content)}, expected {length} bytes from {start}",

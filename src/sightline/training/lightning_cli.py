@@ -182,9 +182,12 @@ class _SaveConfig(SaveConfigCallback):
         atomic_write_text(self._path, self.parser.dump(config, skip_unset=False))
 
 
-def _check_outside_data(settings: Namespace, folder: Path) -> None:
-    """Refuse a run's folder inside a data set of its sources, before anything is created."""
-    for use in ("training", "validation", "test"):
+def _check_outside_data(subcommand: str | None, settings: Namespace, folder: Path) -> None:
+    """Refuse a run's folder inside a data set of its sources, before anything is created.
+
+    `test` alone reads the test sources: recipes name one at the root, where others may give none.
+    """
+    for use in ("training", "validation", *(["test"] if subcommand == "test" else [])):
         for source in settings[use] or ():
             given = source.get("init_args", source)
             check_outside_dataset(Path(settings["root"], given["path"]), [folder])
@@ -247,7 +250,7 @@ class _TrainingCLI(LightningCLI):
             check_nulls(component, config[component])
         folder: Path = config["run_folder"]
         self._run.folder = folder
-        _check_outside_data(config["data"]["init_args"], folder)
+        _check_outside_data(self.subcommand, config["data"]["init_args"], folder)
         if config["trainer"]["logger"] in _TENSORBOARD:
             check_name(folder)
         self._initial_weights = config["model"]["init_args"].get("initial_weights")
