@@ -339,7 +339,7 @@ def test_the_tasks_are_listed_with_all_that_belongs_to_them(capsys):
     assert status == 0
     listed = [line.strip() for line in out.splitlines()]
     assert listed[0].startswith("depth-completion: Complete the depth")
-    assert "weights: depth-best (default), depth-fast-cpu" in listed
+    assert "weights: depth-best (default), depth-fast-cpu, depth-image" in listed
     assert "outputs: depth, uncertainty" in listed
     assert listed[-1].startswith("engines: torch, onnxruntime")
 

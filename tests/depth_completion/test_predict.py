@@ -113,7 +113,10 @@ def test_without_image_an_empty_sweep_has_neither_depth_nor_expected_error(data,
     (data / "training" / "image_2" / "000000.png").unlink()
     out, uncertainty = tmp_path / "out", tmp_path / "uncertainty"
     job = {"uncertainty": uncertainty, "workers": 1, "sample_list": ["000000"]}
-    with pytest.warns(UserWarning, match="all 1 sweeps are empty"):
+    with (
+        pytest.warns(UserWarning, match="all 1 sweeps are empty"),
+        pytest.warns(UserWarning, match="there are no images for its 1 frames"),
+    ):
         predict_depth(data, out, weights=weights, **job)
     assert not read_depth_png(out / "000000.png").any()
     assert not read_depth_png(uncertainty / "000000.png").any()
