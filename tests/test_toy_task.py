@@ -142,6 +142,7 @@ def perceiver(trained):
     return MultiTaskPredictor.load(weights, engine="torch")
 
 
+@pytest.mark.filterwarnings("ignore:.*there are no point clouds for 1 of 5 frames")
 def test_a_line_a_video_and_a_viewer_file_hold_its_prediction(frames, perceiver, tmp_path):
     frames = shutil.copytree(frames, tmp_path / "frames")
     (frames / "training" / "velodyne" / "000004.bin").unlink()

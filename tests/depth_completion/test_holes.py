@@ -5,7 +5,7 @@ import pytest
 
 from sightline.augmentation.sample_changes import thin_rings
 from sightline.data.open import open_dataset
-from sightline.depth_completion.holes import BESIDE_SHARE, find_holes
+from sightline.depth_completion.sparse_map import BESIDE_SHARE, find_holes
 from sightline.geometry.projection import project_points, sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
 

@@ -115,7 +115,7 @@ def test_without_image_an_empty_sweep_has_neither_depth_nor_expected_error(data,
     job = {"uncertainty": uncertainty, "workers": 1, "sample_list": ["000000"]}
     with (
         pytest.warns(UserWarning, match="all 1 sweeps are empty"),
-        pytest.warns(UserWarning, match="there are no images for its 1 frames"),
+        pytest.warns(UserWarning, match="there are no images for 1 of 1 frames"),
     ):
         predict_depth(data, out, weights=weights, **job)
     assert not read_depth_png(out / "000000.png").any()

@@ -105,6 +105,7 @@ def test_a_line_holds_the_predictions(data, out):
     assert depth["median_expected_error_m"] == pytest.approx(0.1 * depth["median_m"], abs=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:.*there are no .* of 4 frames")
 def test_only_tasks_that_can_work_without_a_missing_sensor_predict(data, out):
     (data / "training" / "image_2" / "000001.png").unlink()
     (data / "training" / "velodyne" / "000002.bin").unlink()
@@ -295,6 +296,7 @@ def test_a_method_without_a_network_can_be_named():
     }
 
 
+@pytest.mark.filterwarnings("ignore:.*there are no .* of 4 frames")
 def test_a_video_and_a_rerun_file_are_made_of_the_results(data, out, tmp_path):
     pytest.importorskip("rerun")
     (data / "training" / "image_2" / "000000.png").unlink()

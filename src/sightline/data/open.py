@@ -254,7 +254,7 @@ def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
 def warn_of_missing_sensors(
     dataset: SampleDataset, path: Path, parts: Collection[Part], *, stacklevel: int
 ) -> None:
-    """Warn if no frame has a file of a sensor that predictors use, so that the other one decides.
+    """Warn of frames without a file of a sensor that predictors use: the other one decides there.
 
     Args:
         dataset: Data set of `open_dataset`.
@@ -264,10 +264,12 @@ def warn_of_missing_sensors(
     """
     nouns: dict[Part, str] = {"image": "images", "points": "point clouds"}
     for part, noun in nouns.items():
-        if part in parts and not any(has_file(dataset, at, part) for at in range(len(dataset))):
-            problem = f"there are no {noun} for its {len(dataset)} frames"
-            remedy = "predictions go by the other sensor alone; give them if there are any"
-            warnings.warn(f"{path}: {problem}; {remedy}", stacklevel=stacklevel)
+        lacking = [at for at in range(len(dataset)) if not has_file(dataset, at, part)]
+        if part in parts and lacking:
+            problem = f"there are no {noun} for {len(lacking):,} of {len(dataset):,} frames"
+            first = f"the first is {dataset.sample_ids[lacking[0]]}"
+            remedy = "there predictions go by the other sensor alone; give them if there are any"
+            warnings.warn(f"{path}: {problem}, {first}; {remedy}", stacklevel=stacklevel)
 
 
 def label_file(dataset: SampleDataset, index: int) -> Path | None:

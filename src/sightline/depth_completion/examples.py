@@ -94,7 +94,7 @@ class ExampleConfig:
     truth: TruthKind = "depth"
     """Source of the true depth."""
     filled: bool = False
-    """Whether examples contain a completion, for networks that start from one."""
+    """Whether examples contain completed depth, the input that `filled_input` adds to a network."""
     filling: Filling = "first"
     """Kind of completion; must be the network's."""
     focal_px: float | None = None

@@ -35,18 +35,21 @@ def write_uncertainty(path: Path, depth_map: DepthMap) -> None:
 def read_depth(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
     """Add the depth map of a PNG, valid among the sample's measurements.
 
-    Without a sweep it is guessed from the image.
+    Without a sweep, or without returns in view, it is guessed from the image.
 
     Raises:
         ValueError: The file is no depth map or does not have the sample's image size.
     """
     depth_m = _read(path, sample)
     has_value = depth_m > 0
-    if sample.points is None:
+    is_measured = np.zeros(sample.image_size, np.bool_)
+    if sample.points is not None:
+        sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+        is_measured = sparse.numpy(force=True) > 0
+    if not is_measured.any():
         depth = DepthMap(depth_m=depth_m, valid=torch.zeros_like(has_value), guessed=has_value)
         return replace(perception, depth=depth)
-    sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
-    valid = has_value & torch.from_numpy(inside_hull(sparse.numpy(force=True) > 0))
+    valid = has_value & torch.from_numpy(inside_hull(is_measured))
     return replace(perception, depth=DepthMap(depth_m=depth_m, valid=valid))
 
 

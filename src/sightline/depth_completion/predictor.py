@@ -15,14 +15,13 @@ from sightline.data.kitti_trees import Part
 from sightline.depth_completion.config import DepthCompletionConfig, by_direction
 from sightline.depth_completion.corrections import correction_thresholds, drop_small_corrections
 from sightline.depth_completion.export_graph import export_graph
-from sightline.depth_completion.holes import find_holes
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth, starting_depth
 from sightline.depth_completion.mirrored_prediction import predict_with_mirror
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.network_task import IMAGE_WEIGHTS, NETWORK_TASK
 from sightline.depth_completion.postprocess import to_depth_map
-from sightline.depth_completion.sparse_map import check_sparse_depth, inside_hull
+from sightline.depth_completion.sparse_map import check_sparse_depth, find_holes, inside_hull
 from sightline.depth_completion.street_depth import street_depth, to_focal_length
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
@@ -149,7 +148,7 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
 
     @property
     def _is_guessing(self) -> bool:
-        """Whether the network starts from a plain street, so that it needs no returns."""
+        """Whether this network predicts depth from the image, so that it needs no returns."""
         return self._network.config.filling == "street"
 
     def _image_predictor(self) -> "DepthPredictor":
