@@ -4,13 +4,15 @@ Returns of some image columns are taken away: none, the middle third, one half (
 turns), or all. Truth: rings that no method sees (`sightline evaluate held-out`), over the whole
 image and in the hidden columns alone; with `--truth returns` the whole sweep, of any LiDAR, for
 frames without returns. Errors: mean over the frames, with the paired difference of each method from
-the first one in the same state. The last line is kept in benchmarks/results/hidden_sweep.json.
+the first one in the same state; beside them the mean error that a network itself expects there. The
+last line is kept in benchmarks/results/hidden_sweep.json.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 from typing import Final, Literal
 
 import jsonargparse
@@ -27,6 +29,15 @@ from sightline.export.names import EngineName
 from sightline.geometry.projection import project_points, sparse_depth_map
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
+
+
+@dataclass(frozen=True)
+class _Scores:
+    """Errors of a method in each frame, and those it expects [mm] if it does."""
+
+    errors: list[HeldOutErrors] = field(default_factory=list)
+    expected_mm: list[float] = field(default_factory=list)
+
 
 Completer = Callable[[CameraLidarSample], DepthMap]
 Columns = tuple[float, float]
@@ -78,7 +89,7 @@ def main(
         joint.image_weights = image_weights
     rows = []
     for state in _STATES if truth == "rings" else ("no returns",):
-        first: dict[str, list[HeldOutErrors]] = {}
+        first: dict[str, _Scores] = {}
         for name, method in methods.items():
             scores = _score(frames, _STATES[state], method)
             first = first or scores
@@ -105,9 +116,9 @@ def _plain_street(sample: CameraLidarSample) -> DepthMap:
 
 def _score(
     frames: list[HeldOutFrame], hidden: tuple[Columns, ...], method: Completer
-) -> dict[str, list[HeldOutErrors]]:
+) -> dict[str, _Scores]:
     """Score all frames on the whole truth and on that of the hidden columns."""
-    scores: dict[str, list[HeldOutErrors]] = {"all": [], "hidden": []}
+    scores = {"all": _Scores(), "hidden": _Scores()}
     for index, frame in enumerate(frames):
         width = frame.sample.image_size[1]
         first, last = (share * width for share in hidden[index % len(hidden)])
@@ -120,9 +131,12 @@ def _score(
             if truth.any():
                 part_of = replace(frame, truth_m=truth)
                 place = frame.sample.sample_id
-                scores[part].append(
+                scores[part].errors.append(
                     held_out_errors(part_of, predicted, place, zero_where_nothing=True)
                 )
+                if predicted.uncertainty_m is not None:
+                    expected_m = predicted.uncertainty_m[truth > 0].mean()
+                    scores[part].expected_mm.append(1000 * float(expected_m))
     return scores
 
 
@@ -136,20 +150,22 @@ def _without_columns(sample: CameraLidarSample, first: float, last: float) -> Ca
 def _row(
     state: str,
     method: str,
-    scores: dict[str, list[HeldOutErrors]],
-    first: dict[str, list[HeldOutErrors]],
+    scores: dict[str, _Scores],
+    first: dict[str, _Scores],
 ) -> dict[str, object]:
     row: dict[str, object] = {"state": state, "method": method}
-    for part, errors in scores.items():
+    for part, found in scores.items():
+        errors = found.errors
+        if found.expected_mm:
+            row[f"{part}_expected_mm"] = round(fmean(found.expected_mm), 1)
         if errors:
             for name in ("rmse_mm", "mae_mm", "median_mm"):
-                values = [getattr(each, name) for each in errors]
-                row[f"{part}_{name}"] = round(sum(values) / len(values), 1)
+                row[f"{part}_{name}"] = round(fmean(getattr(each, name) for each in errors), 1)
             row[f"{part}_difference"] = asdict(
                 paired_difference(
                     "RMSE",
                     [each.rmse_mm for each in errors],
-                    [each.rmse_mm for each in first[part]],
+                    [each.rmse_mm for each in first[part].errors],
                 )
             )
     return row

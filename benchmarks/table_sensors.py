@@ -23,7 +23,7 @@ def depth_faults(record: Record) -> Rows:
 
 
 def hidden_sweep(record: Record) -> Rows:
-    """Give the rows of depth where the LiDAR saw nothing."""
+    """Give the rows of depth where the LiDAR saw nothing, last the error that is expected there."""
     states = list(dict.fromkeys(row["state"] for row in record["results"]))
     head = ["method"]
     for state in states:
@@ -34,7 +34,10 @@ def hidden_sweep(record: Record) -> Rows:
         cells.append(_pair(row, "all"))
         if row["state"] not in (_SOUND, _BLIND):
             cells.append(_pair(row, "hidden"))
-    return [head, *by_method.values()]
+        if row["state"] == _BLIND:
+            expected = row.get("all_expected_mm")
+            cells.append("" if expected is None else f"{expected:.0f}")
+    return [[*head, "its expected MAE"], *by_method.values()]
 
 
 def image_depth(*records: Record) -> Rows:

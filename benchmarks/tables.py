@@ -101,6 +101,7 @@ TABLES: Final = {
         ("joined_best_fast", "joined_fast_best", "joined_fast"), table_joined.pairs
     ),
     "joined-faults": Table(("joined_faults",), table_joined.faults),
+    "joined-faults-train": Table(("joined_sample_train_faults",), table_joined.faults),
     "joined-simulated": Table(("joined_simulated",), table_joined.faults),
     "core": Table(("joined_simulated",), table_sensors.core),
     "joined-calibration": Table(

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.augmentation.sample_changes import thin_rings
+from sightline.augmentation.camera_chain import CameraChainConfig
+from sightline.augmentation.sample_changes import ColorJitterConfig, thin_rings
 from sightline.data.open import open_dataset
 from sightline.depth_completion.examples import (
     AugmentationConfig,
@@ -35,7 +36,8 @@ ALL_FAULTS = ExampleConfig(
         outliers=0.05,
         camera_dropout=0.3,
         lidar_occlusion=0.3,
-        color_jitter=True,
+        color_jitter=ColorJitterConfig(),
+        camera=CameraChainConfig(share=1.0),
     ),
 )
 

@@ -11,6 +11,7 @@ from sightline.depth_completion.config import (
     ShiftConvConfig,
     SignedThreshold,
     TrunkConfig,
+    UNetConfig,
 )
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.surroundings import find_surroundings
@@ -52,7 +53,7 @@ STREET = replace(
     RESIDUAL,
     shift_conv=None,
     stem_fusion="joint",
-    trunk=TrunkConfig(design="unet", channels=(4, 6)),
+    unet=UNetConfig(channels=(4, 4, 6, 6, 8), blocks=(0, 0, 1, 0), up_channels=(4, 4, 6, 6)),
     filling="street",
     correction="log",
     focal_px=300.0,
@@ -85,7 +86,7 @@ def trained(config):
     return net
 
 
-def inputs(height=16, width=24, batch=1):
+def inputs(height=32, width=64, batch=1):
     generator = torch.Generator().manual_seed(1)
     image = torch.rand(batch, 3, height, width, generator=generator)
     filled_m = 5 + 50 * torch.rand(batch, 1, height, width, generator=generator)
@@ -96,11 +97,11 @@ def inputs(height=16, width=24, batch=1):
 @each_config
 def test_the_output_has_the_maps_that_the_settings_ask_for(config):
     output = network(config)(*inputs(batch=2))
-    assert output.depth_m.shape == (2, 1, 16, 24)
+    assert output.depth_m.shape == (2, 1, 32, 64)
     assert (output.uncertainty_m is not None) == config.uncertainty
     assert (output.e_point_m is not None) == (config.shift_conv is not None)
     for plane in output:
-        assert plane is None or plane.shape == (2, 1, 16, 24)
+        assert plane is None or plane.shape == (2, 1, 32, 64)
 
 
 @each_config
@@ -209,8 +210,8 @@ def test_a_black_image_counts_as_a_missing_camera():
     _, sparse_m, filled_m = inputs()
     stem_inputs = []
     net.stems[0].register_forward_pre_hook(lambda _, args: stem_inputs.append(args[0]))
-    net(torch.zeros(1, 3, 16, 24), sparse_m, filled_m)
-    net(torch.full((1, 3, 16, 24), 0.5), sparse_m, filled_m)
+    net(torch.zeros(1, 3, 32, 64), sparse_m, filled_m)
+    net(torch.full((1, 3, 32, 64), 0.5), sparse_m, filled_m)
     missing, grey = (nn.functional.pixel_shuffle(planes, 2) for planes in stem_inputs)
     assert torch.equal(missing, torch.zeros_like(missing))
     assert torch.equal(grey[:, :3], torch.zeros_like(grey[:, :3]))
@@ -233,10 +234,10 @@ def test_a_network_of_a_street_sees_the_direction_of_each_pixel_with_its_sign():
     inverse = 1 / 30 + torch.maximum(-slopes / 1.65, slopes / 6)
     street_m = (1 / inverse)[:, None].expand(height, image.shape[3])[None, None].contiguous()
     street_m[:, :, 0] = street_m[:, :, 1]  # as padding repeats it
-    stem_inputs = []
-    net.stems[0].register_forward_pre_hook(lambda _, args: stem_inputs.append(args[0]))
+    trunk_inputs = []
+    net.trunk.register_forward_pre_hook(lambda _, args: trunk_inputs.append(args[0]))
     net(image, sparse_m, street_m)
-    plane = nn.functional.pixel_shuffle(stem_inputs[0], 2)[0, -1, :, 0]
+    plane = trunk_inputs[0][0, -1, :, 0]
     steps = plane.diff()
     assert (steps[1:] < 0).all()
     assert steps[0] == 0
@@ -293,6 +294,7 @@ def test_settings_survive_json_and_the_command_lines_parser(config):
             "refinement_stride must be at most trunk_stride 1, got 2",
         ),
         ({"trunk_stride": 2, "refinement_stride": 2}, "needs refinement_channels"),
+        ({"unet": UNetConfig(), "refinement_channels": 4}, "set refinement_channels to 0"),
         ({"correction": "log"}, "set residual"),
         ({"dead_zone": 0.1}, "set correction to log"),
         ({"dead_zone": -0.1}, "dead_zone must be from 0"),

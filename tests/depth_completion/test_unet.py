@@ -1,52 +1,136 @@
+import re
+from pathlib import Path
+
 import pytest
 import torch
 import torch.nn.functional as F
 
-from sightline.depth_completion.config import TrunkConfig
-from sightline.depth_completion.unet import UNetTrunk
+from sightline.depth_completion.config import DepthCompletionConfig, UNetConfig
+from sightline.depth_completion.task import DepthCompletion
+from sightline.depth_completion.unet import UNet, start_from_detector
+from sightline.detection2d.config import CompactConfig, Detection2DConfig, InputConfig, StreamConfig
+from sightline.detection2d.model import Detector
+from sightline.files.settings import config_to_dict
+from sightline.files.weights import write_weights
+
+SMALL = UNetConfig(channels=(4, 4, 6, 6, 8), blocks=(0, 1, 0, 1), up_channels=(3, 4, 5, 6))
 
 
-def trunk_of(*channels, inputs=5, outputs=3, seed=0):
+def unet(inputs=5, outputs=2, config=SMALL, seed=0):
     torch.manual_seed(seed)
-    config = TrunkConfig(design="unet", channels=channels)
-    return UNetTrunk(inputs, outputs, config).eval(), config
+    return UNet(inputs, outputs, config).eval()
+
+
+def normalised(part, maps):
+    """Convolution and normalisation, one after the other."""
+    convolution, norm = part[0], part[1]
+    maps = F.conv2d(
+        maps, convolution.weight, stride=convolution.stride, padding=convolution.padding
+    )
+    scale = norm.weight / (norm.running_var + norm.eps).sqrt()
+    shift = norm.bias - norm.running_mean * scale
+    return maps * scale[:, None, None] + shift[:, None, None]
 
 
 def convolved(part, maps):
-    """Convolution, normalisation and ReLU, one after the other."""
-    convolution, norm, _ = part
-    maps = F.conv2d(maps, convolution.weight, stride=convolution.stride, padding=1)
-    scale = norm.weight / (norm.running_var + norm.eps).sqrt()
-    shift = norm.bias - norm.running_mean * scale
-    return (maps * scale[:, None, None] + shift[:, None, None]).clamp(min=0)
+    return normalised(part, maps).clamp(min=0)
 
 
-@pytest.mark.parametrize("channels", [(4,), (4, 6), (4, 6, 8, 10)])
-def test_the_trunk_keeps_the_size_of_its_input(channels):
-    trunk, config = trunk_of(*channels)
-    side = 3 * config.stride
-    assert config.stride == 2 ** (len(channels) - 1)
-    assert trunk(torch.rand(2, 5, side, 2 * side)).shape == (2, 3, side, 2 * side)
+def twice_as_large(maps):
+    return maps.repeat_interleave(2, 2).repeat_interleave(2, 3)
 
 
-def test_three_scales_are_what_their_layers_give_one_by_one():
-    trunk, _ = trunk_of(4, 6, 8)
-    maps = torch.rand(2, 5, 8, 12)
-    first = convolved(trunk.entry, maps)
-    second = convolved(trunk.down[0][1], convolved(trunk.down[0][0], first))
-    third = convolved(trunk.down[1][1], convolved(trunk.down[1][0], second))
-    third = third + third.sum(dim=(2, 3), keepdim=True) / (2 * 3)
-    twice = third.repeat_interleave(2, 2).repeat_interleave(2, 3)
-    second = convolved(trunk.up[0], torch.cat((twice, second), 1))
-    twice = second.repeat_interleave(2, 2).repeat_interleave(2, 3)
-    first = convolved(trunk.up[1], torch.cat((twice, first), 1))
-    expected = F.conv2d(first, trunk.head.weight, trunk.head.bias, padding=1)
-    torch.testing.assert_close(trunk(maps), expected)
+def test_the_output_has_the_size_of_the_input():
+    assert SMALL.stride == 32
+    assert unet()(torch.rand(2, 5, 64, 96)).shape == (2, 2, 64, 96)
+
+
+def test_the_network_is_what_its_layers_give_one_by_one():
+    network = unet()
+    planes = torch.rand(2, 5, 64, 96)
+    maps, seen = [], convolved(network.down.stem, planes)
+    for stage in network.down.stages:
+        seen = convolved(stage[0], seen)
+        for block in list(stage)[1:]:
+            changed = normalised(block.second, convolved(block.first, seen))
+            seen = (seen + changed).clamp(min=0)
+        maps.append(seen)
+    assert [each.shape[-1] for each in maps] == [24, 12, 6, 3]
+    mean = maps[3].sum(dim=(2, 3), keepdim=True) / (2 * 3)
+    rising = convolved(network.bottom, maps[3] + mean)
+    for up, beside in zip(network.up, maps[2::-1], strict=True):
+        rising = convolved(up, torch.cat((twice_as_large(rising), beside), 1))
+    blocks = F.conv2d(rising, network.head.weight, network.head.bias, padding=1)
+    expected = torch.zeros(2, 2, 64, 96)
+    for channel in range(2):
+        for row in range(4):
+            for column in range(4):
+                cell = blocks[:, 16 * channel + 4 * row + column]
+                expected[:, channel, row::4, column::4] = cell
+    torch.testing.assert_close(network(planes), expected)
 
 
 def test_a_pixel_changes_the_output_everywhere():
-    trunk, _ = trunk_of(4, 6, 8)
-    maps = torch.rand(1, 5, 64, 96)
-    other = maps.clone()
+    network = unet(config=UNetConfig()).double()
+    planes = torch.rand(1, 5, 64, 96, dtype=torch.float64)
+    other = planes.clone()
     other[..., 0, 0] += 5
-    assert ((trunk(maps) - trunk(other)).abs().amax(dim=1) > 0).float().mean() > 0.9
+    assert ((network(planes) - network(other)).abs().amax(dim=1) > 0).float().mean() > 0.9
+
+
+def write_detector(path, *, fusion="gated"):
+    compact = CompactConfig(camera=StreamConfig(channels=SMALL.channels, blocks=SMALL.blocks))
+    config = Detection2DConfig(fusion=fusion, compact=compact, input=InputConfig(size=None))
+    torch.manual_seed(3)
+    detector = Detector(config).eval()
+    for name, buffer in detector.named_buffers():
+        if name.endswith(("running_mean", "running_var")):
+            buffer.uniform_(0.5, 1.5)
+    write_weights(
+        path,
+        detector.state_dict(),
+        task="detection2d",
+        config=config_to_dict(config),
+        provenance={},
+    )
+    return detector
+
+
+def test_the_way_down_starts_as_the_camera_stream_of_a_detector(tmp_path):
+    detector = write_detector(tmp_path / "detector.safetensors")
+    network = unet(inputs=6)
+    start_from_detector(network, tmp_path / "detector.safetensors")
+    image = torch.rand(2, 3, 64, 96)
+    maps = network.down(torch.cat((image - 0.5, torch.rand(2, 3, 64, 96)), dim=1))
+    expected = detector.streams["camera"](4 * (image - 0.5))
+    for given, same in zip(maps[1:], expected, strict=True):
+        torch.testing.assert_close(given, same)
+
+
+def test_a_training_starts_from_the_named_detector():
+    shipped = DepthCompletionConfig(shift_conv=None, unet=UNetConfig(), presence_channel=True)
+    task = DepthCompletion(shipped, detector_weights=Path("detection2d-best"))
+    first = task.network.trunk.down.stem[0].weight
+    assert first.shape[1] == 5
+    assert first[:, :3].abs().min() > 0
+    assert first[:, 3:].abs().max() == 0
+
+
+def test_files_without_such_a_stream_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="depth-best holds no camera stream"):
+        start_from_detector(unet(), Path("depth-best"))
+    write_detector(tmp_path / "early.safetensors", fusion="early")
+    with pytest.raises(ValueError, match="holds no camera stream"):
+        start_from_detector(unet(), tmp_path / "early.safetensors")
+    other = "set network.unet.channels and network.unet.blocks to the detector's"
+    with pytest.raises(ValueError, match=re.escape(other)):
+        start_from_detector(unet(), Path("detection2d-best"))
+
+
+def test_detector_weights_need_a_unet_and_no_other_start():
+    unet_config = DepthCompletionConfig(shift_conv=None, unet=UNetConfig())
+    for config, initial in ((DepthCompletionConfig(), None), (unet_config, Path("depth-image"))):
+        with pytest.raises(ValueError, match=r"detector_weights start a U-Net|depth-image holds"):
+            DepthCompletion(
+                config, initial_weights=initial, detector_weights=Path("detection2d-best")
+            )

@@ -9,12 +9,15 @@ from sightline.files.settings import INFERENCE_ONLY
 
 TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
+UNET_OUTPUT_STRIDE = 4
+"""Factor by which the maps are smaller on which a U-Net predicts."""
 
 # A file of weights may come from anywhere; these settings cost time or memory but add no weights.
 _MIN_SCALE_M, _MAX_SCALE_M = 1e-3, 1e6
 _MIN_FOCAL_PX, _MAX_FOCAL_PX = 50.0, 5000.0
 _MAX_SHIFT_PX = 1024
 _MAX_SCALES = 8
+_MAX_CHANNELS, _MAX_BLOCKS = 4096, 64
 _MAX_PROPAGATION_STEPS = 64
 _MAX_WINDOW_PX = 1024
 _MAX_WINDOWS = 8
@@ -69,11 +72,8 @@ class ShiftConvConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TrunkConfig:
-    """Trunk over several scales, each half as large as the one before."""
+    """Trunk of parallel scales, each half as large as the one before: the paper's light HRNet."""
 
-    design: Literal["parallel", "unet"] = "parallel"
-    """parallel: the paper's light HRNet, all scales side by side; unet: one after the other and
-    back, with `channels` as its only other setting."""
     channels: tuple[int, ...] = (32, 64, 128, 256)
     """Channels of each scale, the largest map first."""
     modules: int = 3
@@ -109,6 +109,31 @@ class TrunkConfig:
     def stride(self) -> int:
         """Reduction factor of the smallest scale; input sides must be multiples of it."""
         return int(2 ** (len(self.channels) - 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class UNetConfig:
+    """U-Net from the inputs down to small maps and back to a quarter of the resolution."""
+
+    channels: tuple[int, int, int, int, int] = (16, 24, 48, 96, 160)
+    """Channels on the way down, of the maps of strides 2, 4, 8, 16 and 32."""
+    blocks: tuple[int, int, int, int] = (1, 1, 2, 2)
+    """Residual blocks on the way down, at strides 4, 8, 16 and 32."""
+    up_channels: tuple[int, int, int, int] = (48, 64, 96, 128)
+    """Channels on the way up, of the maps of strides 4, 8, 16 and 32."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("channels", "up_channels"):
+            _check_at_least(f"unet.{name}", min(getattr(self, name)), 1)
+            _check_at_most(f"unet.{name}", max(getattr(self, name)), _MAX_CHANNELS)
+        _check_at_least("unet.blocks", min(self.blocks), 0)
+        _check_at_most("unet.blocks", max(self.blocks), _MAX_BLOCKS)
+
+    @property
+    def stride(self) -> int:
+        """Reduction factor of the smallest map; input sides must be multiples of it."""
+        return 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,6 +178,8 @@ class DepthCompletionConfig:
     """The E-Point branch. None: the same network with image and points as its only inputs."""
     trunk: TrunkConfig = TrunkConfig()
     """The trunk over image and depth together."""
+    unet: UNetConfig | None = None
+    """U-Net over all inputs, in place of stems, trunk and refinement. None: those."""
     stem_channels: int = 32
     """Channels of each input's convolution before the trunk."""
     stem_fusion: Literal["sum", "concatenate", "joint"] = "sum"
@@ -241,6 +268,8 @@ class DepthCompletionConfig:
             )
         if self.refinement_stride > 1 and not self.refinement_channels:
             raise ValueError("refinement_stride needs refinement_channels: set both")
+        if self.unet is not None and self.refinement_channels:
+            raise ValueError("a unet has no refinement: set refinement_channels to 0")
         self._check_completion_settings()
         for name in ("dead_zone", "least_correction"):
             self._check_log_threshold(name, getattr(self, name))
@@ -285,7 +314,8 @@ class DepthCompletionConfig:
     def stride(self) -> int:
         """Number that must divide height and width of the network's input."""
         shift_stride = self.shift_conv.stride if self.shift_conv else 1
-        return max(self.trunk_stride * self.trunk.stride, shift_stride)  # both are powers of two
+        own = self.unet.stride if self.unet else self.trunk_stride * self.trunk.stride
+        return max(own, shift_stride)  # both are powers of two
 
 
 def by_direction(value: float | SignedThreshold | None, *, default: float) -> SignedThreshold:

@@ -9,8 +9,14 @@ import torch
 from jaxtyping import Float32
 from torch import Tensor
 
+from sightline.augmentation.camera_chain import CameraChainConfig, change_camera
 from sightline.augmentation.faults import FalseEchoes, NoCamera, draw_turned_lidar
-from sightline.augmentation.sample_changes import crop, jitter_color, thin_rings
+from sightline.augmentation.sample_changes import (
+    ColorJitterConfig,
+    crop,
+    jitter_color,
+    thin_rings,
+)
 from sightline.corruptions.blank import LidarBlank
 from sightline.corruptions.lidar_loss import LidarSector
 from sightline.corruptions.occlusion import LidarOcclusion
@@ -67,8 +73,10 @@ class AugmentationConfig:
     """Share of examples without the returns of a random wedge of 10 to 60 degrees."""
     lidar_dropout: float = 0.0
     """Share of examples without any return."""
-    color_jitter: bool = False
-    """Whether brightness, contrast, gamma and saturation of the image are varied at random."""
+    color_jitter: ColorJitterConfig | None = None
+    """Random brightness, contrast, gamma and saturation of the image."""
+    camera: CameraChainConfig | None = None
+    """Images as by other lenses and sensors."""
     mirror: bool = False
     """Whether half of the examples are mirrored."""
     random_crop: bool = True
@@ -282,8 +290,10 @@ def _perturbed(
         sample = draw_turned_lidar(config.yaw_error_deg, rng)(sample, rng)
     if config.outliers:
         sample = FalseEchoes(share=float(rng.uniform(0, config.outliers)))(sample, rng)
-    if config.color_jitter and sample.image is not None:
-        sample = jitter_color(sample, rng=rng)
+    if config.color_jitter is not None and sample.image is not None:
+        sample = jitter_color(sample, rng, config.color_jitter)
+    if config.camera is not None:
+        sample = change_camera(sample, rng, config.camera)
     if rng.random() < config.camera_dropout:
         sample = NoCamera()(sample, rng)
     if config.lidar_occlusion and rng.random() < config.lidar_occlusion:

@@ -9,17 +9,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from sightline.depth_completion.config import TrunkConfig
-
-
-def conv_norm(
-    in_channels: int, out_channels: int, *, kernel_px: int = 3, stride: int = 1, relu: bool = True
-) -> nn.Sequential:
-    """Convolution that keeps the size (or divides it by `stride`), BatchNorm, optional ReLU."""
-    convolution = nn.Conv2d(
-        in_channels, out_channels, kernel_px, stride=stride, padding=kernel_px // 2, bias=False
-    )
-    layers: list[nn.Module] = [convolution, nn.BatchNorm2d(out_channels)]
-    return nn.Sequential(*layers, nn.ReLU(inplace=True)) if relu else nn.Sequential(*layers)
+from sightline.networks.residual import ConvNorm
 
 
 class Bottleneck(nn.Module):
@@ -29,9 +19,9 @@ class Bottleneck(nn.Module):
         super().__init__()
         narrow = channels // reduction
         self.body = nn.Sequential(
-            conv_norm(channels, narrow, kernel_px=1),
-            conv_norm(narrow, narrow),
-            conv_norm(narrow, channels, kernel_px=1, relu=False),
+            ConvNorm(channels, narrow, kernel_px=1),
+            ConvNorm(narrow, narrow),
+            ConvNorm(narrow, channels, kernel_px=1, relu=False),
         )
 
     def forward(
@@ -88,10 +78,10 @@ class HighResolutionTrunk(nn.Module):
         self.entry = (
             nn.Identity()
             if in_channels == channels[0]
-            else conv_norm(in_channels, channels[0], kernel_px=1)
+            else ConvNorm(in_channels, channels[0], kernel_px=1)
         )
         self.down = nn.ModuleList(
-            conv_norm(large, small, stride=2) for large, small in pairwise(channels)
+            ConvNorm(large, small, stride=2) for large, small in pairwise(channels)
         )
         self.blocks = nn.ModuleList(
             nn.ModuleList(_blocks(config, scale) for scale in range(len(channels)))
@@ -128,11 +118,11 @@ def _blocks(config: TrunkConfig, scale: int) -> nn.Sequential:
 
 def _exchange_path(channels: Sequence[int], source: int, target: int) -> nn.Module:
     if source > target:
-        return conv_norm(channels[source], channels[target], kernel_px=1, relu=False)
+        return ConvNorm(channels[source], channels[target], kernel_px=1, relu=False)
     halvings = range(source, target)
     return nn.Sequential(
         *(
-            conv_norm(channels[scale], channels[scale + 1], stride=2, relu=scale + 1 < target)
+            ConvNorm(channels[scale], channels[scale + 1], stride=2, relu=scale + 1 < target)
             for scale in halvings
         )
     )

@@ -9,12 +9,13 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from sightline.depth_completion.config import DepthCompletionConfig
-from sightline.depth_completion.hrnet import HighResolutionTrunk, conv_norm
+from sightline.depth_completion.hrnet import HighResolutionTrunk
 from sightline.depth_completion.propagation import NEIGHBOURS, propagate
 from sightline.depth_completion.shift_conv import ShiftConvBranch
 from sightline.depth_completion.street_depth import FARTHEST_STREET_M
 from sightline.depth_completion.surroundings import NUM_PLANES, Surroundings, find_surroundings
-from sightline.depth_completion.unet import UNetTrunk
+from sightline.depth_completion.unet import UNet
+from sightline.networks.residual import ConvNorm
 
 _MAX_LOG_CORRECTION = math.log(4)  # corrects a completed depth by a factor of 4 at most
 _MAX_LOG_BETWEEN = 0.3  # after the share of the way to a measurement around
@@ -55,32 +56,35 @@ class DepthCompletionNet(nn.Module):
             planes += [NUM_PLANES]
         else:
             planes += [points] + [1] * (config.shift_conv is not None) + [1] * config.filled_input
-        stem = config.stem_channels
+        self.outputs = _output_channels(config)
+        self.stems = nn.ModuleList()
+        self.refinement: nn.Sequential | None = None
+        if config.unet:
+            self.trunk: nn.Module = UNet(sum(planes), sum(self.outputs), config.unet)
+        else:
+            self._add_stems_and_trunk(planes)
+        if config.residual:  # the first prediction is the classical completion itself
+            last = self.refinement[-1] if self.refinement else self.trunk.get_submodule("head")
+            for parameter in last.parameters():
+                nn.init.zeros_(parameter)
+
+    def _add_stems_and_trunk(self, planes: list[int]) -> None:
+        """Add stems, trunk and refinement for inputs of so many planes each."""
+        config, stem = self.config, self.config.stem_channels
         stem_planes = [sum(planes)] if config.stem_fusion == "joint" else planes
-        self.stems = nn.ModuleList(
-            conv_norm(count * config.trunk_stride**2, stem) for count in stem_planes
-        )
+        self.stems.extend(ConvNorm(count * config.trunk_stride**2, stem) for count in stem_planes)
         is_wider = config.stem_fusion == "concatenate"
         in_channels = stem * len(planes) if is_wider else stem
-        self.outputs = _output_channels(config)
         features = config.refinement_channels or sum(self.outputs)
         unfolding = config.trunk_stride // config.refinement_stride
-        make_trunk = UNetTrunk if config.trunk.design == "unet" else HighResolutionTrunk
-        self.trunk = make_trunk(in_channels, features * unfolding**2, config.trunk)
+        self.trunk = HighResolutionTrunk(in_channels, features * unfolding**2, config.trunk)
         cells = config.refinement_stride**2
-        self.refinement = (
-            _refinement(
+        if config.refinement_channels:
+            self.refinement = _refinement(
                 features + sum(planes) * cells,
                 config.refinement_hidden_channels or features,
                 sum(self.outputs) * cells,
             )
-            if config.refinement_channels
-            else None
-        )
-        if config.residual:  # the first prediction is the classical completion itself
-            last = self.refinement[-1] if self.refinement else self.trunk.head
-            for parameter in last.parameters():
-                nn.init.zeros_(parameter)
 
     @property
     def stride(self) -> int:
@@ -155,6 +159,9 @@ class DepthCompletionNet(nn.Module):
         return torch.cat((scaled, (sparse_depth_m > 0).to(scaled.dtype)), dim=1)
 
     def _predict(self, planes: list[Tensor]) -> Tensor:
+        if self.config.unet:
+            output: Tensor = self.trunk(torch.cat(planes, dim=1))
+            return output
         stride = self.config.trunk_stride
         stem_inputs = [torch.cat(planes, dim=1)] if self.config.stem_fusion == "joint" else planes
         folded = [
@@ -207,7 +214,7 @@ def _output_channels(config: DepthCompletionConfig) -> list[int]:
 
 def _refinement(in_channels: int, channels: int, out_channels: int) -> nn.Sequential:
     return nn.Sequential(
-        conv_norm(in_channels, channels),
+        ConvNorm(in_channels, channels),
         nn.Conv2d(channels, out_channels, kernel_size=3, padding=1),
     )
 

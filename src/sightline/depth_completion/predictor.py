@@ -388,9 +388,10 @@ def _sparse_depth_of(
     if sample.points is None:
         if sample.image is not None and not needs_sweep:
             return torch.zeros(sample.image_size)
+        wanted = "LiDAR points" if needs_sweep else "LiDAR points, or images to guess it from"
         raise ValueError(
             f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
-            "with LiDAR points"
+            f"with {wanted}"
         )
     check_finite_points(sample)
     return sparse_depth_map(sample.points, sample.calibration, sample.image_size)

@@ -15,6 +15,7 @@ from sightline.depth_completion.loss import DepthLossConfig, DepthLosses, depth_
 from sightline.depth_completion.model import DepthCompletionNet, DepthCompletionOutput
 from sightline.depth_completion.pictures import training_picture
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M
+from sightline.depth_completion.unet import UNet, start_from_detector
 from sightline.evaluation.depth_metric import DepthCompletionScores
 from sightline.training.initial_weights import choose_settings
 from sightline.training.module import TrainingModule
@@ -37,6 +38,7 @@ class DepthCompletion(TrainingModule):
         loss: DepthLossConfig = _LOSS,
         optimizer: OptimizerConfig = _OPTIMIZER,
         initial_weights: Path | None = None,
+        detector_weights: Path | None = None,
     ) -> None:
         """Build the network.
 
@@ -47,9 +49,10 @@ class DepthCompletion(TrainingModule):
             optimizer: Settings of the optimiser.
             initial_weights: Weights of such a network to start from: name of shipped ones, file or
                 checkpoint.
+            detector_weights: Weights of an image detector whose camera stream a U-Net starts from.
 
         Raises:
-            ValueError: The initial weights cannot be read or belong to another network.
+            ValueError: The weights cannot be read or belong to another network.
         """
         settings = choose_settings(network, DepthCompletionConfig, initial_weights)
         super().__init__(
@@ -59,6 +62,13 @@ class DepthCompletion(TrainingModule):
             initial_weights=initial_weights,
         )
         self.loss = loss
+        if detector_weights is not None:
+            trunk = self.network.trunk
+            if not isinstance(trunk, UNet) or initial_weights is not None:
+                raise ValueError(
+                    "detector_weights start a U-Net: set network.unet, and no initial_weights"
+                )
+            start_from_detector(trunk, detector_weights)
 
     def network_config(self) -> DepthCompletionConfig:
         """The network's settings."""
