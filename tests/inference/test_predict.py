@@ -477,5 +477,15 @@ def test_frames_whose_point_clouds_hold_no_point_are_counted(data, out):
         predict(TASK, BOTH, data, out, workers=1)
 
 
+def test_a_frame_whose_points_miss_the_image_is_told_wherever_it_is(data, out):
+    path = data / "training" / "velodyne" / "000001.bin"
+    points = read_points(path)
+    points[:, 0] *= -1
+    write_points(path, points)
+    match = r"sample 000001: none of its \d+ points falls into the image; check its calibration"
+    with pytest.warns(UserWarning, match=match):
+        predict(TASK, BOTH, data, out, workers=1)
+
+
 def test_frames_with_both_sensors_give_no_warning(data, out):
     predict(TASK, BOTH, data, out, workers=1)  # warnings are errors here
