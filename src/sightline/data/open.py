@@ -9,7 +9,11 @@ from typing import Any, Protocol, get_args, runtime_checkable
 
 from torch.utils.data import Dataset
 
-from sightline.data.entry_checks import check_sample_frames, warn_of_unread_files
+from sightline.data.entry_checks import (
+    check_sample_frames,
+    is_corrupted,
+    warn_of_unread_files,
+)
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -261,7 +265,8 @@ def warn_of_missing_sensors(
 ) -> None:
     """Warn of frames without data of a sensor that predictions use: the other one decides there.
 
-    These are frames without its file, or whose point cloud holds no point.
+    These are frames without its file, or whose point cloud holds no point (unless `sightline
+    corrupt` made it).
 
     Args:
         dataset: Data set of `open_dataset`.
@@ -274,10 +279,11 @@ def warn_of_missing_sensors(
     for part in [each for each in nouns if each in parts]:
         files = [_listed_file(dataset, index, part) for index in range(len(dataset))]
         lacking = [index for index, file in enumerate(files) if file is None]
+        may_be_empty = part == "image" or is_corrupted(path)
         empty = [
             index
-            for index, file in enumerate(files)
-            if part == "points" and file is not None and holds_no_point(file)
+            for index, file in enumerate([] if may_be_empty else files)
+            if file is not None and holds_no_point(file)
         ]
         if lacking:
             problem = f"there are no {nouns[part]} for {len(lacking):,} of {total}"
