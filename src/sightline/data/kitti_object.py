@@ -8,6 +8,7 @@ from torch.utils.data import Dataset
 
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import read_object_pose
 from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth, read_image, read_object_calibration, read_points
 from sightline.data.kitti_labels import read_labels
@@ -20,7 +21,7 @@ from sightline.data.kitti_trees import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.lidar_mount import pose_of_tree, stated_pose, warn_of_mount
+from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
@@ -126,7 +127,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         sized = frame.image or frame.depth or self._any_picture
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)
-        pose = stated_pose(frame) or self._pose
+        pose = read_object_pose(frame.calibration) or self._pose
         level_from_lidar = level_from_mount(calibration, pose.tilt)
         objects = None
         if frame.objects is not None:
