@@ -1,5 +1,6 @@
 """Data set of the object benchmark: single frames with image, sweep, calibration and labels."""
 
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
@@ -21,7 +22,7 @@ from sightline.data.kitti_trees import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
+from sightline.data.lidar_mount import pose_of_tree, stated_mount_doubts, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
@@ -100,6 +101,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._pose = pose_of_tree(tuple(found.values()))
         warn_of_mount(self._pose, folder)
+        for doubt in stated_mount_doubts(self.frames):
+            warnings.warn(f"{part_folder('calibration')} of {folder}: {doubt}", stacklevel=3)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
