@@ -284,6 +284,12 @@ def test_help_lists_the_training_commands(capsys):
             "sightline: no temporary folder (TMPDIR, /tmp, ..) can be written to; make room, or "
             "name another one by the variable TMPDIR\n",
         ),
+        (
+            UserWarning("the data are odd; look at them"),
+            2,
+            "sightline: the data are odd; look at them (a warning, which PYTHONWARNINGS makes an "
+            "error)\n",
+        ),
         (KeyboardInterrupt("interrupted; add --x"), 130, "sightline: interrupted; add --x\n"),
         (
             KeyboardInterrupt(),

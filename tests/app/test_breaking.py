@@ -1,4 +1,5 @@
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -82,3 +83,14 @@ def test_names_with_blanks_and_quotes_are_quoted_for_the_shell():
     state = parse_state("", FRAMES)
     text = reproducing_commands(state, Path("my 'data'; rm -rf x"), dataset())
     assert shlex.split(text.splitlines()[-1])[2] == "my 'data'; rm -rf x"
+
+
+def test_faults_of_a_sensor_that_the_frame_lacks_are_a_script_as_corrupt_refuses_them(tmp_path):
+    folder = shutil.copytree(PACKAGED_FRAMES, tmp_path / "frames")
+    (folder / "training" / "velodyne" / "000001.bin").unlink()
+    data = dataset(folder)
+    lacking = parse_state("frame=000001&fault=lidar_blank.5.0", data.sample_ids)
+    assert reproducing_commands(lacking, folder, data).startswith("import sightline")
+    for query in ("frame=000001&fault=camera_blank.5.0", "frame=000000&fault=lidar_blank.5.0"):
+        state = parse_state(query, data.sample_ids)
+        assert "sightline corrupt" in reproducing_commands(state, folder, data)

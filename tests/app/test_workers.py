@@ -7,6 +7,7 @@ import threading
 from pathlib import Path
 
 import pytest
+import torch
 
 from sightline.app.parts import Task
 from sightline.app.state import parse_state
@@ -194,6 +195,22 @@ try:
 except KeyboardInterrupt as error:
     print(error.exit_status, time.monotonic() - started_s < 15)
 """
+
+
+def test_workers_start_while_shared_memory_is_full(monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError("unable to allocate shared memory(shm): No space left on device (28)")
+
+    monkeypatch.setattr(torch.UntypedStorage, "_share_fd_cpu_", fail)
+    monkeypatch.setattr(torch.UntypedStorage, "_share_filename_cpu_", fail)
+    maker = QuickMaker(dataset(), PACKAGED_FRAMES, "torch")
+    maker.make(task("scene"))  # keeps a sample, whose tensors are given to the workers
+    workers = Workers(maker, 1)
+    try:
+        answer = asyncio.run(workers.run(task("detection2d")))
+    finally:
+        workers.close()
+    assert answer.content == {"by": "detection2d-fast-cpu"}
 
 
 def test_a_signal_ends_the_wait_for_the_process_that_forks_workers(tmp_path):

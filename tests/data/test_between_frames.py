@@ -49,6 +49,14 @@ def test_files_that_are_equal_between_frames_are_told_by_check_and_on_opening(
     assert said in warned
 
 
+def test_point_clouds_without_points_are_told_as_such_not_as_equal(tmp_path):
+    root = write_recording(tmp_path, ("a", "b", "c"), cloud=".npy")
+    for name in ("b", "c"):
+        np.save(root / "points" / f"{name}.npy", np.zeros((0, 4), np.float32))
+    with pytest.warns(UserWarning, match=r"b\.npy: holds no point, like 1 more, of 3 point clouds"):
+        assert problems(root) == []
+
+
 def test_frames_of_a_length_that_differ_in_a_byte_are_no_repeats(tree):
     for place, name in enumerate(NAMES):
         cloud = np.random.default_rng(0).uniform(0, 1, (500, 4)).astype("<f4")
@@ -82,7 +90,8 @@ def test_sensors_that_delivered_nothing_and_corrupted_trees_have_no_repeats(tree
 def test_one_cloud_with_points_is_enough(tree):
     for name in NAMES[1:]:
         (tree / "velodyne" / f"{name}.bin").write_bytes(b"")
-    assert problems(tree.parent) == []
+    with pytest.warns(UserWarning, match="000002.bin: holds no point, like 1 more, of 3 point"):
+        assert problems(tree.parent) == []
 
 
 def test_equal_pictures_are_told_in_drives_and_depth_trees(tmp_path):

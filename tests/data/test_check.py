@@ -212,10 +212,28 @@ def test_a_box_a_little_over_the_edge_is_no_problem(tree):
     assert lines(tree.parent) == []
 
 
+@pytest.mark.parametrize(
+    ("added", "complaint"),
+    [
+        ("lidar_height_m: 1730\nlidar_tilt_deg: 0 0\n", "lidar_height_m is 1730 m, expected -0.3"),
+        ("lidar_height_m: 1.73\n", "lacks lidar_tilt_deg"),
+        ("lidar_height_m: 1.73\nlidar_tilt_deg: 0 90\n", "lidar_tilt_deg exceeds 45 degrees"),
+    ],
+)
+def test_a_mount_that_cannot_be_read_is_no_mount_that_is_not_given(tree, added, complaint):
+    path = tree / "calib" / "000002.txt"
+    path.write_text(path.read_text() + added)
+    (line,) = lines(tree.parent)
+    assert line.startswith(f"{path}: {complaint}")
+    with pytest.raises(FileError, match=complaint):
+        open_dataset(tree.parent)[1]
+
+
 def test_an_empty_sweep_and_a_frame_without_objects_are_no_problems(tree):
     (tree / "velodyne" / "000001.bin").write_bytes(b"")
     (tree / "label_2" / "000001.txt").write_bytes(b"")
-    assert lines(tree.parent) == []
+    with pytest.warns(UserWarning, match=r"000001\.bin: holds no point, of \d+ point clouds"):
+        assert lines(tree.parent) == []
 
 
 @pytest.mark.parametrize(

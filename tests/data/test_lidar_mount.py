@@ -188,3 +188,25 @@ def test_a_height_that_one_of_three_clouds_shows_is_not_taken(tmp_path):
 
 def test_no_single_cloud_of_kitti_seems_as_high_or_low_as_those_that_are_moved(poses):
     assert all(pose.height_m is None for pose in poses)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "pitch_deg", "told"),
+    [
+        (1.73, 0.0, None),
+        (1.2, 0.0, "lidar_height_m is 1.2, but the road in the sweeps gives 1."),
+        (1.73, 12.0, "lidar_tilt_deg is 12.0 degrees nose down"),
+    ],
+)
+def test_a_mount_of_calibration_files_that_the_road_contradicts_is_told(
+    tmp_path, height_m, pitch_deg, told
+):
+    write_frames(tmp_path, "tree", LEVEL)
+    for path in (tmp_path / "training" / "calib").iterdir():
+        added = f"lidar_height_m: {height_m}\nlidar_tilt_deg: 0 {pitch_deg}\n"
+        path.write_text(path.read_text() + added)
+    _, said = opened(tmp_path)
+    (summary,) = summarize_tree(tmp_path)
+    assert len(said) == (told is not None)
+    assert all(f"calib of {tmp_path / 'training'}: {told}" in each for each in said)
+    assert (f"warning: {told}" in str(summary)) == (told is not None)

@@ -232,7 +232,10 @@ def test_a_cloud_of_which_nothing_is_left_is_a_problem_of_check(tmp_path):
     write_recording(tmp_path, ("a", "b"), cloud=".npy")
     np.save(tmp_path / "points" / "a.npy", np.full((50, 4), np.nan))
     np.save(tmp_path / "points" / "b.npy", np.zeros((0, 4)))  # a sweep of zero points is a sweep
-    with pytest.warns(UserWarning, match="none is left"):
+    with (
+        pytest.warns(UserWarning, match="none is left"),
+        pytest.warns(UserWarning, match="b.npy: holds no point, of 2 point clouds"),
+    ):
         (problem,) = check_tree(tmp_path)
     assert problem.path.name == "a.npy"
     assert problem.problem == "holds no point: all 50 rows are not finite or at 0, 0, 0"

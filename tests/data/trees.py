@@ -108,12 +108,12 @@ def write_depth_drive(root: Path, raw_root: Path, split: str = "val") -> str:
 
 
 def write_drive(folder: Path, num_frames: int = 3, *, official: bool = True) -> Path:
-    """A raw drive without poses, its first sweep empty; times and a day only where official."""
+    """A raw drive without poses; times and a day only where official."""
     images = folder / "image_02" / "data" if official else folder / "image_02"
     sweeps = folder / "velodyne_points" / "data" if official else folder / "velodyne"
     for number in range(num_frames):
         write_rgb(images / f"{number:010}.png", picture(number))
-        write_points(sweeps / f"{number:010}.bin", points(24 + number if number else 0))
+        write_points(sweeps / f"{number:010}.bin", points(24 + number))
     write_raw_calibration(folder.parent if official else folder, calibration())
     if official:
         times = [f"2011-09-26 13:02:25.{number}64389445\n" for number in range(num_frames)]

@@ -41,6 +41,7 @@ def agree(got, expected):
             assert got[name] == pytest.approx(value, rel=1e-9, abs=1e-9), name
 
 
+@pytest.mark.filterwarnings("ignore:.* images have no predicted depth")
 @settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), density=st.sampled_from([0.02, 0.1, 0.5, 0.95, 1.0]))
 def test_the_report_agrees_with_a_calculation_pixel_by_pixel(tmp_path_factory, seed, density):
@@ -76,7 +77,10 @@ def test_images_without_any_predicted_pixel_count_in_the_official_mean_only(tmp_
     for name, prediction in (("a", 11.0), ("b", 0.0)):
         write_depth_png(tmp_path / "truth" / f"{name}.png", np.full((2, 2), 10.0))
         write_depth_png(tmp_path / "predictions" / f"{name}.png", np.full((2, 2), prediction))
-    report = evaluate_depth(tmp_path / "predictions", tmp_path / "truth")
+    with pytest.warns(
+        UserWarning, match=r"1 of 2 images have no predicted depth .* \(b\): over all"
+    ):
+        report = evaluate_depth(tmp_path / "predictions", tmp_path / "truth")
     assert report.mean.mae_mm == (1000 + 11000) / 2
     assert report.predicted_pixels_only.mae_mm == 1000
     assert report.mean.coverage == 0.5
@@ -176,6 +180,15 @@ def test_predictions_without_ground_truth_are_counted_but_not_scored(tmp_path):
     assert report.unused_predictions == 1
     assert list(report.to_json()["per_image"]) == ["a", "c"]
     assert "1 predictions without ground truth left out" in report.table().title
+
+
+def test_suffixes_in_capitals_are_read_too(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a", "b", "c"])
+    (truth / "b.png").rename(truth / "b.PNG")
+    (predictions / "c.png").rename(predictions / "c.PNG")
+    report = evaluate_depth(predictions, truth)
+    assert list(report.to_json()["per_image"]) == ["a", "b", "c"]
+    assert report.unused_predictions == 0
 
 
 def test_files_that_are_still_being_written_do_not_count(tmp_path):

@@ -181,6 +181,15 @@ def test_a_missing_result_file_is_an_error_that_names_the_frame(street):
         evaluate_objects(results, labels)
 
 
+@pytest.mark.parametrize("missing_as_empty", [False, True])
+def test_result_files_that_end_in_capitals_are_told_not_taken_as_missing(street, missing_as_empty):
+    results, labels = street
+    (results / "000007.txt").rename(results / "000007.TXT")
+    told = r"1 file ends in capitals, such as 000007\.TXT; rename them to NAME\.txt"
+    with pytest.raises(ValueError, match=told):
+        evaluate_objects(results, labels, missing_as_empty=missing_as_empty)
+
+
 def test_a_list_of_samples_evaluates_the_frames_that_it_names(street, tmp_path):
     results, labels = street
     for path in results.glob("00002*.txt"):

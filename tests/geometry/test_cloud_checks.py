@@ -137,3 +137,21 @@ def test_negative_intensities_may_be_coordinates():
     problem, remedy = cloud_fault(points, 1.0)
     assert problem.startswith("intensities from -")
     assert "columns in the order x, y, z, intensity" in remedy
+
+
+def test_points_in_decimetres_or_in_whole_metres_are_doubted():
+    points = np.random.default_rng(0).uniform((4, -20, -2), (60, 20, 3), (500, 3))
+    assert shape_doubt(points) is None
+    problem, remedy = shape_doubt(10 * points)
+    assert "none nearer than " in problem
+    assert "decimetres" in problem
+    assert remedy == "write x, y, z in metres"
+    problem, _ = shape_doubt(points.round())
+    assert problem == "holds 500 points at whole metres: their coordinates were rounded"
+
+
+def test_points_that_are_there_three_times_are_doubted_those_of_two_returns_are_not():
+    points = np.random.default_rng(0).uniform((4, -20, -2), (60, 20, 3), (500, 3))
+    assert hollow_doubt(np.concatenate((points, points))) is None
+    problem, _ = hollow_doubt(np.concatenate((points, points, points)))
+    assert problem == "holds 1500 points at only 500 places"

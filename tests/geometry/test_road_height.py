@@ -128,3 +128,8 @@ def test_a_height_of_points_in_feet_is_doubted_and_an_origin_on_the_road_is_not(
 def test_a_given_height_is_doubted_from_a_quarter_of_a_metre(error_m, is_doubted):
     points = road(np.random.default_rng(0), height_m=1.73, slope_x=0.0, slope_y=0.0)
     assert bool(mount_doubts([points], 1.73 + error_m, None)) == is_doubted
+
+
+def test_a_height_below_the_road_is_doubted_one_on_it_is_not():
+    assert "no LiDAR is below the road" in describe_lowness(-0.17)
+    assert not describe_lowness(-0.05)

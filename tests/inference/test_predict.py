@@ -369,7 +369,8 @@ def test_a_sweep_without_points_gives_a_map_without_depths(data, tmp_path):
     write_points(data / "training" / "velodyne" / "000000.bin", torch.zeros(0, 4))
     for method in ("nearest", "linear", "classical", "adaptive"):
         out = tmp_path / method
-        predict(TASK, DepthCompleter(method), data, out, sample_list=["000000"])
+        with pytest.warns(UserWarning, match="clouds of 1 of 1 frames hold no point"):
+            predict(TASK, DepthCompleter(method), data, out, sample_list=["000000"])
         assert not read_depth_png(out / "000000.png").any()
 
 
@@ -465,6 +466,24 @@ def test_frames_without_a_sensor_among_others_are_counted(data, out):
     for name in ("000002", "000004"):
         (data / "training" / "velodyne" / f"{name}.bin").unlink()
     with pytest.warns(UserWarning, match="no point clouds for 2 of 6 frames, the first is 000002"):
+        predict(TASK, BOTH, data, out, workers=1)
+
+
+def test_frames_whose_point_clouds_hold_no_point_are_counted(data, out):
+    for name in ("000003", "000005"):
+        (data / "training" / "velodyne" / f"{name}.bin").write_bytes(b"")
+    match = "clouds of 2 of 6 frames hold no point, the first is 000003; .* the LiDAR delivered"
+    with pytest.warns(UserWarning, match=match):
+        predict(TASK, BOTH, data, out, workers=1)
+
+
+def test_a_frame_whose_points_miss_the_image_is_told_wherever_it_is(data, out):
+    path = data / "training" / "velodyne" / "000001.bin"
+    points = read_points(path)
+    points[:, 0] *= -1
+    write_points(path, points)
+    match = r"sample 000001: none of its \d+ points falls into the image; check its calibration"
+    with pytest.warns(UserWarning, match=match):
         predict(TASK, BOTH, data, out, workers=1)
 
 

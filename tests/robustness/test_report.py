@@ -204,6 +204,20 @@ def test_notes_of_a_run_come_back_from_its_file_and_stand_in_every_report(two, t
     assert "notes" not in json.loads(two[0].read_text())
 
 
+def test_runs_are_named_by_their_folders_and_a_folder_without_a_record_is_told(
+    two, tmp_path, capsys
+):
+    folders = [str(path.parent) for path in two]
+    assert main(["robustness", "--compare", *folders]) == 0
+    by_folders = capsys.readouterr().out
+    assert main(["robustness", "--compare", *map(str, two)]) == 0
+    assert capsys.readouterr().out == by_folders
+    (tmp_path / "empty").mkdir()
+    assert main(["robustness", "--compare", folders[0], str(tmp_path / "empty")]) == 2
+    said = capsys.readouterr().err
+    assert f"{tmp_path / 'empty'}: holds no robustness.json; finish the run, or give" in said
+
+
 def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys):
     other = record_of(AP, 61.0, TABLE, suite="others")
     RobustnessReport(record=other).write(tmp_path / "other")

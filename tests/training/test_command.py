@@ -225,6 +225,8 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named, is_recipe_last)
         (["--config", "toy", "--data.root", "/gone"], "/gone: does not exist"),
         (["--config", "toy", "--checkpoint_every_n_steps", "0"], "must be at least 1, got 0"),
         (["--config", "toy", "--ckpt_path", "last"], "there is no checkpoint runs/toy/last.ckpt"),
+        (["--config", "toy", "--ckpt_path", "depth-best"],
+         "^depth-best holds weights without the state of a training; .*initial_weights depth-best"),
         (["--config", "toy", "--model", "tests.training.toy.Nothing"], "Nothing"),
         (["--config", "toy", "--model.optimizer.learning_rate", "null"],
          "^model.init_args.optimizer.learning_rate must not be null; give it a value, or leave"),

@@ -77,3 +77,16 @@ def test_scores_that_are_no_numbers_are_null_in_the_report(recipes, monkeypatch)
 def test_testing_without_any_weights_is_refused(recipes):
     with pytest.raises(ValueError, match=r"there is no checkpoint runs/toy/last\.ckpt"):
         run_training("test", ["--config", "toy"], recipes)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("runs/toy", r"runs/toy is the folder of a run; give runs/toy/last\.ckpt"),
+        ("runs/toy/weights.safetensors", "weights.safetensors holds weights without the state of"),
+    ],
+)
+def test_a_run_given_as_its_checkpoint_is_told_its_file(recipes, given, told):
+    run_training("fit", ["--config", "toy"], recipes)
+    with pytest.raises(ValueError, match=told):
+        run_training("validate", ["--config", "toy", "--ckpt_path", given], recipes)

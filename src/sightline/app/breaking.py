@@ -11,8 +11,9 @@ from sightline.augmentation.faults import TurnedLidar, fault_rng
 from sightline.corruptions.corruption import Corruption
 from sightline.corruptions.kinds import find_kind
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.open import SampleDataset
-from sightline.structures.sample import CameraLidarSample
+from sightline.data.kitti_trees import Part
+from sightline.data.open import SampleDataset, has_file
+from sightline.structures.sample import CameraLidarSample, Sensor
 
 _LIST: Final = "frame.txt"
 
@@ -33,10 +34,10 @@ def break_sample(sample: CameraLidarSample, broken: Breakage) -> CameraLidarSamp
 def reproducing_commands(state: PageState, data: Path, dataset: SampleDataset) -> str:
     """Write commands that give the same predictions: of the shell, else a script in Python.
 
-    `corrupt` writes object trees alone, and no command turns a LiDAR by a given angle.
+    `corrupt` writes object trees alone and refuses frames without the sensor of a fault, and no
+    command turns a LiDAR by a given angle.
     """
-    is_sound = not state.broken.faults and not state.broken.yaw_deg
-    if state.broken.yaw_deg or not (is_sound or isinstance(dataset, KittiObjectDataset)):
+    if state.broken.yaw_deg or not _can_be_corrupted(state.broken, dataset):
         return _script(state, data)
     folder, lines = str(data), [f"printf '%s\\n' {shlex.quote(state.broken.frame)} > {_LIST}"]
     for number, (fault, _) in enumerate(_in_order(state.broken), 1):
@@ -49,6 +50,18 @@ def reproducing_commands(state: PageState, data: Path, dataset: SampleDataset) -
     weights = " ".join(f"--{task} {shlex.quote(chosen)}" for task, chosen in state.weights)
     lines.append(f"sightline perceive {shlex.quote(folder)} found --sample-list {_LIST} {weights}")
     return "\n".join(lines)
+
+
+def _can_be_corrupted(broken: Breakage, dataset: SampleDataset) -> bool:
+    """Whether `corrupt` can make the faults."""
+    if not broken.faults:
+        return True
+    position = list(dataset.sample_ids).index(broken.frame)
+    sensors = {sensor for _, corruption in _in_order(broken) for sensor in corruption.sensors}
+    parts: dict[Sensor, Part] = {"camera": "image", "lidar": "points"}
+    return isinstance(dataset, KittiObjectDataset) and all(
+        has_file(dataset, position, parts[sensor]) for sensor in sensors
+    )
 
 
 def _script(state: PageState, data: Path) -> str:

@@ -69,7 +69,8 @@ class Workers:
 
     def __init__(self, maker: PartMaker, count: int) -> None:
         """Start the processes."""
-        self._maker = maker
+        # by value: multiprocessing would hand over tensors in /dev/shm, which may be full
+        self._maker = pickle.dumps(maker)
         _start_forkserver()
         self._idle = [self._started() for _ in range(count)]
         self._waiting: list[_Waiting] = []
@@ -215,8 +216,9 @@ def _ask(worker: _Worker, task: Task) -> Answer | str | None:
     return answer
 
 
-def _work(maker: PartMaker, channel: Connection) -> None:
+def _work(pickled_maker: bytes, channel: Connection) -> None:
     """Compute the tasks that come through the channel, until an empty one or the parent's end."""
+    maker: PartMaker = pickle.loads(pickled_maker)  # noqa: S301 - from our own parent
     ignore_interrupts()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD_SIGNALS)
     take_one_thread()

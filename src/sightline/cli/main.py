@@ -207,6 +207,8 @@ def main(arguments: list[str] | None = None) -> int:
             return fail(HOW_TO_FINISH, Interruption("", number).exit_status)
         if isinstance(error, (ValueError, OSError)):
             return fail(_fault_of_system(error) or str(error), REFUSED)
+        if isinstance(error, UserWarning):
+            return fail(f"{error} (a warning, which PYTHONWARNINGS makes an error)", REFUSED)
         if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):
             return fail(
                 f"{error}: a link that leads to itself; remove it, or give another path", REFUSED

@@ -77,7 +77,7 @@ def robustness(
         workers: Number of processes with one thread each. Any number gives the same files.
         driver: Kind of workers: processes of this machine (local), or of a Ray cluster (ray),
             one CPU each, by pip install '.[ray]'; docs/guides/scale.md tells how.
-        compare: The robustness.json of two runs or more to compare.
+        compare: Two runs or more to compare: their folders, or the robustness.json in them.
         page: With --compare: page (.html) with the charts.
     """
     if compare is not None:
@@ -155,8 +155,9 @@ def _chosen_task(task: str | None, weights: str | None) -> "BenchTask":
 
 def _compare(paths: tuple[str, ...], page: Path | None) -> None:
     from sightline.robustness.compare import compare_runs
+    from sightline.robustness.record import record_file
 
-    check_places({"--page": page}, data=[Path(path) for path in paths])
+    check_places({"--page": page}, data=[record_file(Path(path)) for path in paths])
     comparison = compare_runs([Path(path) for path in paths])
     deliver(comparison, None)
     if page is not None:

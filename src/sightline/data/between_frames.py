@@ -3,6 +3,7 @@
 import hashlib
 import math
 import stat
+import warnings
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import partial
@@ -23,7 +24,7 @@ from sightline.data.kitti_trees import (
 )
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
 from sightline.data.label_fit import visible_objects
-from sightline.data.point_files import read_cloud
+from sightline.data.point_files import holds_no_point, read_cloud
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.data.recording_files import CALIBRATION_SUFFIXES
 from sightline.data.velodyne import read_sweep
@@ -60,6 +61,7 @@ def check_depth_frames(frames: Sequence[DepthFrame]) -> list[Problem]:
 
 def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
     """Check frames of a recording against each other; sizes of images are checked by frame."""
+    _warn_of_empty_clouds([frame.points for frame in frames if frame.points is not None])
     return [
         *check_repeats(frames),
         *check_orientations(frames),
@@ -70,6 +72,7 @@ def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
 
 def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:
     clouds = [frame.points for frame in frames if frame.points is not None]
+    _warn_of_empty_clouds(clouds)
     return [
         *check_repeats(frames),
         *check_orientations(frames),
@@ -124,7 +127,11 @@ def check_repeats(
         cloud = frame.sparse if isinstance(frame, DepthFrame) else frame.points
         if cloud is not None:
             by_camera[_camera(frame)].append(cloud)
-    repeated_clouds = [group for each in by_camera.values() for group in _equal_files(each)]
+    repeated_clouds = [
+        group
+        for each in by_camera.values()
+        for group in _equal_files([path for path in each if not holds_no_point(path)])
+    ]
     repeated_pictures = [
         group for group in _equal_files(pictures) if not _is_blank_or_unreadable(group[0])
     ]
@@ -170,6 +177,17 @@ def check_orientations(
             "remove the tag",
         )
     ]
+
+
+def _warn_of_empty_clouds(clouds: Sequence[Path]) -> None:
+    """Warn of point clouds of zero points among others; where all are empty, that is a problem."""
+    empty = [path for path in clouds if holds_no_point(path)]
+    if 0 < len(empty) < len(clouds):
+        warnings.warn(
+            f"{empty[0]}: holds no point{_more(empty)}, of {len(clouds)} point clouds: check "
+            "whether the LiDAR delivered points",
+            stacklevel=3,
+        )
 
 
 def _check_emptiness(paths: Sequence[Path], described: str, remedy: str) -> list[Problem]:

@@ -74,8 +74,8 @@ def check_sample_frames(
         *shared,
         *(each for found in findings for each in (*found.implausible, *found.nearly_empty)),
     ]
-    doubts += [] if _is_corrupted(root) else check_repeats(selected)
-    doubts += [] if _is_corrupted(root) else check_orientations(selected)
+    doubts += [] if is_corrupted(root) else check_repeats(selected)
+    doubts += [] if is_corrupted(root) else check_orientations(selected)
     _warn_of_doubts(doubts, len(selected))
     _warn_of_missing_data(root, selected, findings)
 
@@ -84,7 +84,8 @@ def _points_file(frame: ObjectFrame | DepthFrame | DriveFrame) -> Path | None:
     return frame.sparse if isinstance(frame, DepthFrame) else frame.points
 
 
-def _is_corrupted(root: Path) -> bool:
+def is_corrupted(root: Path) -> bool:
+    """Whether a tree holds corrupted sensors, which may lack data on purpose."""
     return any((root / split / CORRUPTED).is_dir() for split in ("", *KITTI_SPLITS))
 
 
@@ -135,7 +136,7 @@ def _warn_of_missing_data(
 
     Corrupted data sets are exempt: they lack it on purpose.
     """
-    if _is_corrupted(root):
+    if is_corrupted(root):
         return
     images = [
         found.has_blank_image

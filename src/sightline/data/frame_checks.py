@@ -16,6 +16,7 @@ from sightline.data.kitti_calibration import (
     check_matrices,
     read_intrinsics,
     read_object_matrices,
+    read_object_pose,
     read_rectified_intrinsics,
 )
 from sightline.data.kitti_labels import read_labels
@@ -80,6 +81,7 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
     matrices = read_or_note(read_object_matrices, frame.calibration, found.unreadable)
     if matrices is not None and frame.calibration is not None:
         found.implausible += check_matrices(matrices, size, frame.calibration)
+        read_or_note(read_object_pose, frame.calibration, found.unreadable)
     points = _examine_sweep(frame.points, found)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     if points is not None and frame.points is not None and matrices is not None:

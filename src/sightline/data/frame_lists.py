@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -103,10 +103,25 @@ def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: s
     missing = [name for name in names if f"{name}{_SUFFIX}" not in present]
     if missing:
         elsewhere = locate_frame_files(folder, names) if len(missing) == len(names) else None
+        elsewhere = capital_suffixes(present, missing) or elsewhere
         raise ValueError(
             f"{folder} has no {kind} file for {len(missing):,} of {len(names):,} frames, the first "
             f"is {shortened(missing[0])}{_SUFFIX}: {elsewhere or remedy}"
         )
+
+
+def capital_suffixes(present: Iterable[str], missing: Collection[str]) -> str | None:
+    """Remedy where missing files are there with another case of the suffix; None: they are not."""
+    by_name = {
+        path.stem: path.name
+        for path in map(Path, present)
+        if path.suffix != _SUFFIX and path.suffix.lower() == _SUFFIX
+    }
+    found = [by_name[name] for name in sorted(by_name.keys() & set(missing))]
+    if not found:
+        return None
+    number = f"{len(found):,} files end" if len(found) > 1 else "1 file ends"
+    return f"{number} in capitals, such as {found[0]}; rename them to NAME{_SUFFIX}"
 
 
 def have_equal_files(first: Path, second: Path, names: Sequence[str]) -> bool:

@@ -1,5 +1,6 @@
 """Data set of the object benchmark: single frames with image, sweep, calibration and labels."""
 
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
@@ -8,6 +9,7 @@ from torch.utils.data import Dataset
 
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import read_object_pose
 from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth, read_image, read_object_calibration, read_points
 from sightline.data.kitti_labels import read_labels
@@ -20,7 +22,7 @@ from sightline.data.kitti_trees import (
     part_folder,
     suggest_frames,
 )
-from sightline.data.lidar_mount import pose_of_tree, stated_pose, warn_of_mount
+from sightline.data.lidar_mount import pose_of_tree, stated_mount_doubts, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
@@ -99,6 +101,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._pose = pose_of_tree(tuple(found.values()))
         warn_of_mount(self._pose, folder)
+        for doubt in stated_mount_doubts(self.frames):
+            warnings.warn(f"{part_folder('calibration')} of {folder}: {doubt}", stacklevel=3)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -126,7 +130,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         sized = frame.image or frame.depth or self._any_picture
         assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
         calibration = read_object_calibration(frame.calibration)
-        pose = stated_pose(frame) or self._pose
+        pose = read_object_pose(frame.calibration) or self._pose
         level_from_lidar = level_from_mount(calibration, pose.tilt)
         objects = None
         if frame.objects is not None:

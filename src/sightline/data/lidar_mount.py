@@ -35,6 +35,7 @@ _MIN_HEIGHT_DIFFERENCE_M: Final = 0.5
 """Smallest difference to KITTI's height to use: errors on KITTI reach 0.43 m for single clouds
 and 0.16 m for medians of three."""
 _NUM_ROAD_CLOUDS = 5  # clouds for the pose over the road, spread over a recording
+_LEVEL: Final = Tilt(roll_deg=0.0, pitch_deg=0.0)
 _KITTI_POSE: Final = LidarPose(height_m=None, tilt=None)
 
 
@@ -67,6 +68,25 @@ def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarP
 def stated_pose(frame: ObjectFrame) -> LidarPose | None:
     """Read the LiDAR's mount from a frame's calibration file; None: not given, or unreadable."""
     return read_or_note(read_object_pose, frame.calibration, [])
+
+
+def stated_mount_doubts(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+    """Describe a mount in calibration files that the road in the clouds contradicts; empty: none.
+
+    Of the first cloud, the last and one between, most must contradict it: single clouds of hills
+    look tilted.
+
+    Args:
+        frames: Frames of an object tree.
+    """
+    found: list[str] = []
+    given = 0
+    for frame in select_spread([each for each in frames if each.points is not None]):
+        pose, sweep = stated_pose(frame), read_or_note(read_sweep, frame.points, [])
+        if pose is not None and sweep is not None:
+            given += 1
+            found += mount_doubts([sweep], pose.height_m, pose.tilt or _LEVEL)[:1]
+    return (found[0],) if 2 * len(found) > given else ()
 
 
 def warn_of_mount(pose: LidarPose, folder: Path) -> None:

@@ -9,7 +9,11 @@ from typing import Any, Protocol, get_args, runtime_checkable
 
 from torch.utils.data import Dataset
 
-from sightline.data.entry_checks import check_sample_frames, warn_of_unread_files
+from sightline.data.entry_checks import (
+    check_sample_frames,
+    is_corrupted,
+    warn_of_unread_files,
+)
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -37,6 +41,7 @@ from sightline.data.kitti_trees import (
     suggest_frames,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
+from sightline.data.point_files import holds_no_point
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_files import is_recording
 from sightline.data.unread_files import (
@@ -241,20 +246,27 @@ def _check_samples(dataset: SampleDataset, path: Path, parts: Collection[Part]) 
 
 def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
     """Whether a data set of `open_dataset` has a file for a part of a sample; reads none."""
+    return _listed_file(dataset, index, part) is not None
+
+
+def _listed_file(dataset: SampleDataset, index: int, part: Part) -> Path | None:
     if isinstance(dataset, NamedSubset):
-        return has_file(dataset.dataset, dataset.positions[index], part)
+        return _listed_file(dataset.dataset, dataset.positions[index], part)
     assert isinstance(
         dataset, ExaminedDataset | KittiObjectDataset | KittiDepthDataset | KittiRawDrive
     ), f"{type(dataset).__name__} lists no files: it needs `frames` and `examine`"
     frame = dataset.frames[index]
     in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
-    return getattr(frame, in_frame, None) is not None
+    return getattr(frame, in_frame, None)
 
 
 def warn_of_missing_sensors(
     dataset: SampleDataset, path: Path, parts: Collection[Part], *, stacklevel: int
 ) -> None:
-    """Warn of frames without a file of a sensor that predictors use: the other one decides there.
+    """Warn of frames without data of a sensor that predictions use: the other one decides there.
+
+    These are frames without its file, or whose point cloud holds no point (unless `sightline
+    corrupt` made it).
 
     Args:
         dataset: Data set of `open_dataset`.
@@ -262,14 +274,27 @@ def warn_of_missing_sensors(
         parts: Used parts.
         stacklevel: See `warnings.warn`.
     """
+    effect, total = "there predictions go by the other sensor alone", f"{len(dataset):,} frames"
     nouns: dict[Part, str] = {"image": "images", "points": "point clouds"}
-    for part, noun in nouns.items():
-        lacking = [at for at in range(len(dataset)) if not has_file(dataset, at, part)]
-        if part in parts and lacking:
-            problem = f"there are no {noun} for {len(lacking):,} of {len(dataset):,} frames"
+    for part in [each for each in nouns if each in parts]:
+        files = [_listed_file(dataset, index, part) for index in range(len(dataset))]
+        lacking = [index for index, file in enumerate(files) if file is None]
+        may_be_empty = part == "image" or is_corrupted(path)
+        empty = [
+            index
+            for index, file in enumerate([] if may_be_empty else files)
+            if file is not None and holds_no_point(file)
+        ]
+        if lacking:
+            problem = f"there are no {nouns[part]} for {len(lacking):,} of {total}"
             first = f"the first is {dataset.sample_ids[lacking[0]]}"
-            remedy = "there predictions go by the other sensor alone; give them if there are any"
-            warnings.warn(f"{path}: {problem}, {first}; {remedy}", stacklevel=stacklevel)
+            remedy = "give them if there are any"
+            warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+        if empty:
+            problem = f"the point clouds of {len(empty):,} of {total} hold no point"
+            first = f"the first is {dataset.sample_ids[empty[0]]}"
+            remedy = "check whether the LiDAR delivered points"
+            warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
 
 
 def label_file(dataset: SampleDataset, index: int) -> Path | None:

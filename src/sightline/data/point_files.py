@@ -2,6 +2,7 @@
 
 import io
 import math
+import stat
 import warnings
 from pathlib import Path
 from typing import Final
@@ -36,6 +37,7 @@ from sightline.geometry.cloud_checks import (
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
 """Suffixes of the files for `read_cloud`, in any case."""
 _ZIP_MARK: Final = b"PK"
+_MAX_EMPTY_BYTES: Final = 2048  # longer files hold points beside their header
 
 
 def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarray, "num_points 4"]:
@@ -75,6 +77,19 @@ def cloud_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
     if suffix == ".npy":
         return _read_npy(path)
     return columns_of(read_ply(path) if suffix == ".ply" else read_pcd(path), path)
+
+
+def holds_no_point(path: Path) -> bool:
+    """Whether a file is a sound point cloud of zero rows; long files are not read."""
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > _MAX_EMPTY_BYTES:
+            return False
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # its reader warns when the frame is read
+            return not len(cloud_rows(path))
+    except (FileError, OSError):
+        return False
 
 
 def checked_cloud(

@@ -42,7 +42,12 @@ from sightline.data.kitti_trees import (
     part_folder,
     selection_folder,
 )
-from sightline.data.lidar_mount import describe_height, describe_mount, pose_of_tree
+from sightline.data.lidar_mount import (
+    describe_height,
+    describe_mount,
+    pose_of_tree,
+    stated_mount_doubts,
+)
 from sightline.data.other_layouts import refuse_other_layouts
 from sightline.data.recording_checks import (
     check_recording_calibration,
@@ -298,7 +303,9 @@ def _describe_pose(
     if matrices is None:
         return ()
     pose = pose_of_tree(frames)
-    return *describe_mount(matrices, pose.tilt), *describe_height(pose)
+    stated = [frame for frame in frames if isinstance(frame, ObjectFrame)]
+    doubts = tuple(f"warning: {doubt}" for doubt in stated_mount_doubts(stated))
+    return *describe_mount(matrices, pose.tilt), *describe_height(pose), *doubts
 
 
 def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:

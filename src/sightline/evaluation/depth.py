@@ -218,6 +218,7 @@ def evaluate_depth(
         predictions, sparse=None if sparse is None else data_path(sparse), ends=ends
     )
     _warn_of_units(images, predictions, truth)
+    _warn_of_empty(images, predictions)
     report = DepthReport(
         images=images,
         unused_predictions=unused,
@@ -272,6 +273,18 @@ def _warn_of_units(images: Sequence[ImageReport], predictions: Path, truth: Path
     warnings.warn(f"{text}: write metres times {_STEPS_PER_M}, as KITTI does", stacklevel=3)
 
 
+def _warn_of_empty(images: Sequence[ImageReport], predictions: Path) -> None:
+    """Warn of images without a predicted pixel, which only one of both means includes."""
+    empty = [image.name for image in images if not image.compared]
+    if empty:
+        warnings.warn(
+            f"{predictions}: {len(empty):,} of {len(images):,} images have no predicted depth at a "
+            f"pixel with ground truth ({describe_absent(empty)}): over all pixels they are wholly "
+            "wrong, 'predicted pixels only' leaves them out; predict them, or score the others",
+            stacklevel=3,
+        )
+
+
 def _compared(images: Sequence[ImageReport]) -> list[dict[str, float | None]]:
     """Scores by which methods are told apart; unlike NaN, None equals None."""
     return [each.scores.to_json() for each in images]
@@ -316,7 +329,7 @@ def _depth_files(folder: Path) -> dict[str, Path]:
         fault = "is a file where the other is a folder" if folder.exists() else "does not exist"
         raise ValueError(f"{folder} {fault}: give two folders of depth PNGs, or two files")
     files: dict[str, Path] = {}
-    for path in sorted(folder.rglob("*.png")):
+    for path in sorted(folder.rglob("*.[pP][nN][gG]")):
         place = path.relative_to(folder)
         if any(part.startswith(".") for part in place.parts):
             continue  # hidden: unfinished files are in such folders

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sightline.data.frame_lists import (
+    capital_suffixes,
     have_equal_files,
     locate_frame_files,
     read_sample_list,
@@ -267,6 +268,9 @@ def _missing_results(results_dir: Path, names: Sequence[str]) -> set[str]:
             f"{results_dir} has no result file of any of {len(names):,} frames; "
             f"{elsewhere or 'name the folder of the results'}"
         )
+    capitals = capital_suffixes((path.name for path in results_dir.iterdir()), missing)
+    if capitals:
+        raise ValueError(f"{results_dir}: {capitals}")
     return missing
 
 

@@ -42,6 +42,8 @@ _FEET_M: Final = (0.3, 0.7)
 """Heights of a car's LiDAR whose points are in feet taken for metres: those of KITTI's 90 frames
 are 0.41 to 0.67 (but for one), and no sound one is below 1.5. An origin on the road lies below."""
 
+_BELOW_ROAD_M = -0.1  # an origin on the road may be measured a little below it
+
 _TILTS_AGREE_DEG = 4.0  # between given and measured mount
 _HEIGHTS_AGREE_M = 0.25
 """Difference between given and measured height from which one is doubted. Of KITTI's 90 sweeps, one
@@ -118,6 +120,8 @@ def mount_doubts(
 
 def describe_lowness(height_m: float) -> str:
     """Describe the causes of a height that few LiDARs have, in a clause; empty: plausible."""
+    if height_m < _BELOW_ROAD_M:
+        return "; no LiDAR is below the road: give lidar_height_m"
     if not _FEET_M[0] < height_m < _FEET_M[1]:
         return ""
     return "; few are so low: give points in metres if these are in feet, else lidar_height_m"

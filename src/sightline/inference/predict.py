@@ -1,5 +1,6 @@
 """Prediction of a whole data set to files for each sample, resumable and in parallel."""
 
+import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -14,6 +15,7 @@ from sightline.data.open import (
     sweeps_folder,
     warn_of_missing_sensors,
 )
+from sightline.data.pixels import is_in_view
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.crew import Driver
@@ -187,15 +189,28 @@ class _SampleWork:
         return f"sample {self.name}"
 
     def run(self) -> None:
-        sample = with_field(self.dataset[self.index], around=self.around)
+        sample = read_sample(self.dataset, self.index, around=self.around)
         prediction = self.predictor(sample)
         for change in self.changes:
             prediction = change(prediction)
         write_prediction(self.places, sample, prediction)
 
 
-def with_field(sample: CameraLidarSample, *, around: bool | None) -> CameraLidarSample:
-    """Set whether a sample's whole turn is searched; None: as it is."""
+def read_sample(dataset: SampleDataset, index: int, *, around: bool | None) -> CameraLidarSample:
+    """Read a frame to predict, and set whether its whole turn is searched; None: as it is.
+
+    Warns if the image shows no point of its cloud: a calibration or cloud of this frame alone is
+    not among the few frames that are checked when the data set is opened.
+    """
+    sample = dataset[index]
+    if sample.points is not None and len(sample.points):
+        points, matrix = sample.points.numpy(), sample.calibration.image_from_lidar.numpy()
+        if not is_in_view(points, matrix, sample.image_size).any():
+            warnings.warn(
+                f"sample {sample.sample_id}: none of its {len(points):,} points falls into the "
+                "image; check its calibration and point cloud by `sightline check`",
+                stacklevel=2,
+            )
     return sample if around is None else replace(sample, all_around=around)
 
 

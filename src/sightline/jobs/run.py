@@ -189,7 +189,7 @@ class _Attempt:
             work.run()
         except DiskError as error:
             return f"{work}: {error}\n{_RUN_AGAIN}"
-        except (ValueError, OSError) as error:
+        except (ValueError, OSError, UserWarning) as error:  # a warning as an error: `python -W`
             return f"{work}: {error}\n{self.way_on}"
         except Exception as error:
             if (fault := memory_fault(error)) is None:

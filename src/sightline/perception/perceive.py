@@ -27,7 +27,7 @@ from sightline.inference.predict import (
     output_claims,
     output_places,
     predicted_samples,
-    with_field,
+    read_sample,
     write_prediction,
 )
 from sightline.jobs.crew import Driver
@@ -283,7 +283,7 @@ class _FrameWork:
         return f"sample {self.name}"
 
     def run(self) -> None:
-        sample = with_field(self.dataset[self.index], around=self.around)
+        sample = read_sample(self.dataset, self.index, around=self.around)
         predictions = self.perceiver.predict_by_task(sample)
         sample = undo_turn(sample, predictions.undone_turn or LidarTurn())
         for task, prediction in predictions.by_task.items():

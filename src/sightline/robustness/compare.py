@@ -151,7 +151,7 @@ def compare_runs(paths: Sequence[Path]) -> Comparison:
     """
     if len(paths) < 2:
         raise ValueError(
-            f"a comparison needs two runs or more, got {len(paths)}; give two robustness.json"
+            f"a comparison needs two runs or more, got {len(paths)}; give the folders of two"
         )
     records = [read_record(path) for path in paths]
     shared = [name for name in records[0].cases if all(name in each.cases for each in records)]

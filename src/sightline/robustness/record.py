@@ -146,12 +146,28 @@ class Record:
         }
 
 
-def read_record(path: Path) -> Record:
-    """Read the record from a run's file.
+def record_file(path: Path) -> Path:
+    """File of the record, given the file itself or the run's folder.
 
     Raises:
-        FileError: The file is not a record.
+        FileError: The folder has no record.
     """
+    if not path.is_dir():
+        return path
+    file = path / RECORD_NAME
+    if not file.exists():
+        remedy = "finish the run, or give the folder of another run of `sightline robustness`"
+        raise FileError(path, f"holds no {RECORD_NAME}", remedy)
+    return file
+
+
+def read_record(path: Path) -> Record:
+    """Read the record from a run's file or folder.
+
+    Raises:
+        FileError: The file is not a record, or the folder has none.
+    """
+    path = record_file(path)
     text = read_text(path)
     try:
         record = _parse(json.loads(text))

@@ -8,9 +8,31 @@ from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 
 from sightline.files.atomic import atomic_path
+from sightline.files.weights_header import has_weights, shipped_names
 from sightline.training.interruption import DeferredInterruption
 
+_LAST = "last.ckpt"
 _VALIDATION_DUE_KEY = "sightline_owed_validation"
+
+
+def check_checkpoint_file(path: Path) -> None:
+    """Refuse a path that leads to no checkpoint file, with what it leads to.
+
+    Raises:
+        ValueError: There is no such file, or it is the folder of a run, or weights alone.
+    """
+    if str(path) in shipped_names() or (path.suffix == ".safetensors" and has_weights(path)):
+        raise ValueError(
+            f"{path} holds weights without the state of a training; name the .ckpt of a run with "
+            f"--ckpt_path, or take the weights by --model.init_args.initial_weights {path}"
+        )
+    if (path / _LAST).is_file():
+        raise ValueError(f"{path} is the folder of a run; give {path / _LAST}")
+    if not path.is_file():
+        raise ValueError(
+            f"there is no checkpoint {path}; name one with --ckpt_path, or the folder of "
+            "another run with --run_folder"
+        )
 
 
 class LastCheckpoint(Checkpoint):
@@ -32,7 +54,7 @@ class LastCheckpoint(Checkpoint):
         """
         if every_n_steps < 1:
             raise ValueError(f"checkpoint_every_n_steps must be at least 1, got {every_n_steps}")
-        self.path = folder / "last.ckpt"
+        self.path = folder / _LAST
         self._every_n_steps = every_n_steps
         self._step = 0
         self._interruption = DeferredInterruption()

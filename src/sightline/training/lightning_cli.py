@@ -39,6 +39,7 @@ from sightline.training.callbacks import (
 )
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
+from sightline.training.last_checkpoint import check_checkpoint_file
 from sightline.training.module import STEP, TrainingModule
 from sightline.training.nulls import check_nulls
 from sightline.training.progress import RunProgress
@@ -270,11 +271,7 @@ class _TrainingCLI(LightningCLI):
         if given is None:
             return
         path = folder / f"{given}.ckpt" if given in ("best", "last") else Path(given)
-        if not path.is_file():
-            raise ValueError(
-                f"there is no checkpoint {path}; name one with --ckpt_path, or the folder of "
-                "another run with --run_folder"
-            )
+        check_checkpoint_file(path)
         read_checkpoint_weights(path)  # raises one-line errors
         config["ckpt_path"] = str(path)
         self._warn_of_other_settings(path.parent / _CONFIG_NAMES["fit"], config)

@@ -410,3 +410,60 @@ def test_a_cycle_without_the_entry_of_attributes_is_not_taken_for_a_parked_one(t
     (sample,) = open_dataset(tmp_path / "out")
     assert "Cyclist" in sample.objects.class_names
     assert "Misc" not in sample.objects.class_names
+
+
+def test_rotations_with_w_last_are_told_by_boxes_that_lean(nuscenes, tmp_path):
+    assert "lean" not in str(import_recording(nuscenes, tmp_path / "sound"))
+    write_nuscenes(tmp_path / "data")
+
+    def reorder(rows):
+        for row in rows:
+            row["rotation"] = [*row["rotation"][1:], row["rotation"][0]]
+
+    edit(tmp_path / "data", "sample_annotation", reorder)
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert "annotations lean by more than 20 degrees against the LiDAR" in report
+    assert "quaternions w, x, y, z" in report
+
+
+@pytest.mark.parametrize("change", ["twice", "length first"])
+def test_faulty_annotations_are_told_by_their_table_not_by_the_image(tmp_path, change):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+
+    def spoil(rows):
+        if change == "twice":
+            rows.extend([dict(row, token=row["token"] + "b") for row in rows])
+        for row in rows if change == "length first" else ():
+            width, length, height = row["size"]
+            row["size"] = [length, width, height]
+
+    edit(tmp_path / "data", "sample_annotation", spoil)
+    told = r"sample_annotation\.json: gives an .* \(frame scene-0001-000\); .*width, length, height"
+    with pytest.raises(FileError, match=told):
+        import_recording(tmp_path / "data", tmp_path / "out")
+
+
+def test_frames_of_a_scene_of_over_a_thousand_samples_are_in_order(tmp_path):
+    root = write_nuscenes(tmp_path / "data", num_samples=1)
+    (sample,) = json.loads((root / "v1.0-mini" / "sample.json").read_text())
+    rows = json.loads((root / "v1.0-mini" / "sample_data.json").read_text())
+
+    def many(rows, key):
+        return [
+            {**row, key: f"{row[key]}+{number}" if number else row[key]}
+            | {"timestamp": row["timestamp"] + number, "token": f"{row['token']}+{number}"}
+            for number in range(1001)
+            for row in rows
+        ]
+
+    samples = [
+        {**sample, "token": sample["token"] + (f"+{number}" if number else "")}
+        | {"timestamp": sample["timestamp"] + number}
+        for number in range(1001)
+    ]
+    edit(root, "sample", lambda old: old.__setitem__(slice(None), samples))
+    edit(root, "sample_data", lambda old: old.__setitem__(slice(None), many(rows, "sample_token")))
+    moments = find_tables(root).moments("CAM_FRONT", "LIDAR_TOP").moments
+    names = [moment.name for moment in moments]
+    assert names == sorted(names)
+    assert names[-1] == "scene-0001-1000"

@@ -71,7 +71,12 @@ def import_nuscenes(
         _calibration(moment)
     with staging_folder() as staged:
         _Frames(staged, max_intensity).write(moments[0])
-        check_staged(staged, moments[0].image)
+        check_staged(
+            staged,
+            moments[0].image,
+            points=moments[0].sweep,
+            objects=tables.folder / "sample_annotation.json",
+        )
     acquire_output_dir(out, settings, results=RESULTS)
     write_times(out, {moment.name: moment.time_s for moment in moments})
     present = names_present(out, CALIBRATIONS, IMAGES, LABELS, POINTS)

@@ -180,9 +180,10 @@ class _Reader:
             (scenes.of(row, "scene_token").text("name"), row.time_us("timestamp"), token)
             for token, row in self._samples.rows.items()
         ]
-        counts: Counter[str] = Counter()
+        totals, counts = Counter(scene for scene, _, _ in keyed), Counter[str]()
         for scene, _, token in sorted(keyed, key=lambda each: each[:2]):
-            yield token, f"{scene}-{counts[scene]:03}"
+            width = max(3, len(str(totals[scene] - 1)))  # frames are read in alphabetical order
+            yield token, f"{scene}-{counts[scene]:0{width}}"
             counts[scene] += 1
 
     def _moment(self, name: str, image: Row, sweep: Row, labelled: Sequence[Row]) -> Moment:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -69,6 +69,7 @@ _CYCLES_WITHOUT_RIDER_INFO: Final = ("bicycle", "motorcycle")
 """Last words of cycle categories that do not distinguish riders."""
 _OCCLUSIONS: Final = {4: 0.0, 3: 1.0, 2: 1.0, 1: 2.0}  # by visibility; else unknown, 3
 _DONT_CARE: Final = "DontCare"
+_MAX_LEAN_DEG: Final = 20.0  # of an object on a slope against the LiDAR
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,6 +83,8 @@ class LabelTally:
     """Annotations of categories without a class of KITTI."""
     outside: int = 0
     """Annotations of known categories outside the image."""
+    leaning: int = 0
+    """Annotations of known categories that do not stand upright."""
 
     def __add__(self, other: "LabelTally") -> "LabelTally":
         """Return the sums."""
@@ -90,6 +93,7 @@ class LabelTally:
             classes=self.classes + other.classes,
             categories_left_out=self.categories_left_out + other.categories_left_out,
             outside=self.outside + other.outside,
+            leaning=self.leaning + other.leaning,
         )
 
     def lines(self) -> tuple[str, ...]:
@@ -107,6 +111,12 @@ class LabelTally:
             lines.append(
                 f"left out {number} annotations of categories without a KITTI class: "
                 f"{_counted(self.categories_left_out)}"
+            )
+        if self.leaning:
+            lines.append(
+                f"warning: {self.leaning} annotations lean by more than {_MAX_LEAN_DEG:g} degrees "
+                "against the LiDAR, so their labels are probably wrong: rotations in "
+                "sample_annotation, ego_pose and calibrated_sensor are quaternions w, x, y, z"
             )
         if not labels:
             lines.append(
@@ -174,7 +184,9 @@ def kitti_from_annotations(
         locations=np.where(is_detectable[:, None], locations[kept], NO_LOCATION),
         rotation_y=np.where(is_detectable, rotations[kept], NO_ROTATION),
     )
-    return objects, _tally(annotations, class_names, outside=len(known) - len(kept))
+    counts = _tally(annotations, class_names, outside=len(known) - len(kept))
+    leaning = sum(_lean_deg(each, lidar_from_world) > _MAX_LEAN_DEG for each, _ in known)
+    return objects, replace(counts, leaning=leaning)
 
 
 def _tally(
@@ -226,6 +238,12 @@ def _box_in_lidar(annotation: Annotation, lidar_from_world: Rigid) -> Float64[np
     lidar_from_box = lidar_from_world @ annotation.world_from_box
     yaw = np.arctan2(lidar_from_box[1, 0], lidar_from_box[0, 0])
     return np.array((*lidar_from_box[:3, 3], *annotation.size_lwh, yaw))
+
+
+def _lean_deg(annotation: Annotation, lidar_from_world: Rigid) -> float:
+    """Compute the angle between a box's upright axis and the LiDAR's z axis."""
+    upright = lidar_from_world[2, :3] @ annotation.world_from_box[:3, 2]
+    return float(np.degrees(np.arccos(np.clip(upright, -1, 1))))
 
 
 def _is_visible(image_box: ImageBox) -> bool:

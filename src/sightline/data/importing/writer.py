@@ -44,6 +44,10 @@ from sightline.jobs.output_dirs import check_outside_dataset
 
 RESULTS = (f"{IMAGES}/*", f"{POINTS}/*", f"{LABELS}/*", f"{CALIBRATIONS}*", TIMES_NAME)
 """File patterns of an import."""
+_ANNOTATIONS_REMEDY = (
+    "correct the sample's annotations (sizes are width, length, height; each object has one row), "
+    "or extract nuScenes' metadata archive again"
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -175,12 +179,20 @@ def staging_folder() -> Iterator[Path]:
         yield Path(folder)
 
 
-def check_staged(folder: Path, source: Path | str) -> None:
+def check_staged(
+    folder: Path,
+    source: Path | str,
+    *,
+    points: Path | None = None,
+    objects: Path | None = None,
+) -> None:
     """Check the frame in a folder with the checks of the recording's reader.
 
     Args:
         folder: A recording of one frame.
         source: Source of the frame, named in errors instead of the frame's files.
+        points: Source of its cloud. None: `source`.
+        objects: nuScenes' table of its labels. None: `source`.
 
     Raises:
         FileError: The frame cannot be read, or its calibration is invalid.
@@ -201,6 +213,11 @@ def check_staged(folder: Path, source: Path | str) -> None:
         doubts = [error.problem]
     if doubts:
         problem, remedy = doubts[0].problem, doubts[0].remedy
+        if doubts[0].path == frame.objects and objects is not None:
+            source, remedy = objects, _ANNOTATIONS_REMEDY
+            problem = f"{problem} (frame {frame.sample_id})"
+        elif doubts[0].path == frame.points and points is not None:
+            source = points
         raise FileError(source, f"gives an unusable recording: it {problem}", remedy)
 
 
