@@ -67,6 +67,27 @@ def test_saturation_leaves_grey_alone_and_moves_colours_along_their_distance_to_
     assert torch.equal(jittered(grey, seed, saturation=0.5), grey.image)
 
 
+@few
+@given(seeds)
+def test_a_turned_hue_keeps_grey_the_largest_and_the_smallest_value(seed):
+    sample = sample_of(seed)
+    image = jittered(sample, seed, hue_deg=180.0).int()
+    before = sample.image.int()
+    assert (image != before).any()
+    assert (image.amax(dim=0) == before.amax(dim=0)).all()
+    assert (image.amin(dim=0) - before.amin(dim=0)).abs().max() <= 2  # of 8-bit saturations
+    grey = replace(sample, image=sample.image[:1].repeat(3, 1, 1))
+    assert torch.equal(jittered(grey, seed, hue_deg=180.0), grey.image)
+
+
+@pytest.mark.parametrize(("hue_deg", "numbers"), [(0.0, 4), (90.0, 5)])
+def test_only_a_hue_takes_a_fifth_number(hue_deg, numbers):
+    used, expected = np.random.default_rng(1), np.random.default_rng(1)
+    jitter_color(sample_of(), used, ColorJitterConfig(hue_deg=hue_deg))
+    expected.uniform(size=numbers)
+    assert used.random() == expected.random()
+
+
 def test_colours_change_by_seed_and_the_given_image_stays():
     sample = sample_of()
     before = sample.image.clone()

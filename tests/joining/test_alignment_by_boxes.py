@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from sightline.joining.alignment_by_boxes import turn_by_boxes
+from sightline.joining.alignment_by_boxes import DetectedFrame, confirm_turn, turn_by_boxes
 from sightline.joining.scene import make_scene
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Detections2D
@@ -66,3 +66,35 @@ def test_boxes_cut_by_the_border_tell_nothing_of_yaw():
     assert box[0] == 0  # cut on the left
     shifted = detections2d(("Car", 0.9, (box[0], box[1], box[2] - 90, box[3])))
     assert not turn_by_boxes(sample, shifted, near)
+
+
+def detected(sample, **angles):
+    """Frame whose LiDAR was turned, with the boxes of both detectors."""
+    return DetectedFrame(misaligned(sample, **angles), image_boxes(sample), detections3d(*CARS))
+
+
+@pytest.mark.parametrize(
+    "turn",
+    [
+        LidarTurn(yaw_deg=1.0),
+        LidarTurn(pitch_deg=-0.6),
+        LidarTurn(yaw_deg=-0.5, pitch_deg=0.5, roll_deg=0.8),
+    ],
+)
+def test_boxes_confirm_the_true_rotation(turn):
+    sample = make_sample([9.0, 0, -1.7, 0])
+    angles = turn.to_json()
+    assert confirm_turn(turn, [detected(sample, **angles)] * 3) == turn
+
+
+def test_boxes_drop_the_angles_that_move_them_apart():
+    frames = [detected(make_sample([9.0, 0, -1.7, 0]), yaw_deg=1.0)] * 3
+    false_pitch = LidarTurn(yaw_deg=1.0, pitch_deg=1.64)
+    assert confirm_turn(false_pitch, frames) == LidarTurn(yaw_deg=1.0)
+    assert not confirm_turn(LidarTurn(yaw_deg=-1.0, pitch_deg=1.64), frames)
+
+
+def test_without_pairs_of_boxes_the_rotation_stays():
+    sample, turn = make_sample([9.0, 0, -1.7, 0]), LidarTurn(yaw_deg=1.0)
+    assert confirm_turn(turn, [DetectedFrame(sample, None, None)] * 3) == turn
+    assert confirm_turn(turn, []) == turn

@@ -15,6 +15,7 @@ from sightline.joining.lateness import Advance, measure_advance
 from sightline.joining.models import read_models
 from sightline.joining.recording import measure_recording
 from sightline.joining.scene import make_scene
+from sightline.structures.lidar_turn import LidarTurn
 from tests.joining.scenes import detections2d, detections3d, make_sample, own_score_models
 
 PLACES = ((14.0, 3.0), (22.0, -4.0), (30.0, 6.0))
@@ -124,6 +125,19 @@ def test_without_edges_detections_tell_whether_sweeps_are_late(monkeypatch, by_e
     assert found == expected
     assert len(asked) == 15
     assert Alignment.from_json(found.to_json()) == found
+
+
+def test_a_rotation_that_the_boxes_contradict_is_not_undone(monkeypatch):
+    false = Alignment(turn=LidarTurn(pitch_deg=1.64))
+    monkeypatch.setattr("sightline.joining.recording.measure_alignment", lambda *_: false)
+
+    def detect(_):
+        return seen(), cars(0.0)
+
+    samples = [make_sample()] * 6
+    assert measure_recording(samples, detect, AlignmentConfig()) == Alignment()
+    unseen = measure_recording(samples, lambda _: (None, None), AlignmentConfig())
+    assert unseen == false
 
 
 def test_states_are_described():

@@ -21,6 +21,7 @@ from sightline.data.rings import NUM_RINGS, rings_of_any_order
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.ranges import check_range
 from sightline.geometry.transforms import rotation_about_axes, wrap_angle
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
@@ -201,6 +202,8 @@ class ColorJitterConfig:
     """Exponent of the values in [0, 1]."""
     saturation: float = 0.3
     """Factor on the distance to grey."""
+    hue_deg: float = 0.0
+    """Largest turn of the hue [deg], uniform in both directions: 180 makes any colour of any."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -208,6 +211,7 @@ class ColorJitterConfig:
             value = getattr(self, name)
             if not 0 <= value < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {value}")
+        check_range("hue_deg", self.hue_deg, 0, 180)
 
 
 def jitter_color(
@@ -215,7 +219,7 @@ def jitter_color(
     rng: np.random.Generator,
     config: ColorJitterConfig = ColorJitterConfig(),
 ) -> CameraLidarSample:
-    """Change the colours of the image: gamma, contrast, brightness, saturation, in this order.
+    """Change the image's colours: gamma, contrast, brightness, saturation, hue, in this order.
 
     Draws the same number of random numbers with and without an image.
     """
@@ -223,6 +227,7 @@ def jitter_color(
     brightness, contrast, gamma, saturation = (
         math.exp(rng.uniform(-1, 1) * math.log1p(spread)) for spread in spreads
     )
+    hue_deg = rng.uniform(-1, 1) * config.hue_deg if config.hue_deg else 0.0
     if sample.image is None:
         return sample
     image = sample.image.numpy()
@@ -232,7 +237,20 @@ def jitter_color(
     table = np.rint(255 * curve.clip(0, 1)).astype(np.uint8)
     flat = np.ascontiguousarray(image).reshape(len(image), -1)
     planes = cv2.LUT(flat, table).reshape(image.shape)
-    return replace(sample, image=torch.from_numpy(_saturate(planes, saturation)))
+    planes = _saturate(planes, saturation)
+    if hue_deg:
+        planes = _turn_hue(planes, hue_deg)
+    return replace(sample, image=torch.from_numpy(planes))
+
+
+def _turn_hue(
+    planes: UInt8[np.ndarray, "3 height width"], turn_deg: float
+) -> UInt8[np.ndarray, "3 height width"]:
+    hue, saturation, value = cv2.split(cv2.cvtColor(cv2.merge(list(planes)), cv2.COLOR_RGB2HSV))
+    half_degrees = 180  # OpenCV's hues of 8 bits are half degrees
+    turned = (hue.astype(np.int16) + round(turn_deg / 2)) % half_degrees
+    image = cv2.merge([turned.astype(np.uint8), saturation, value])
+    return np.stack(cv2.split(cv2.cvtColor(image, cv2.COLOR_HSV2RGB)))
 
 
 def _saturate(

@@ -1,6 +1,9 @@
-"""Rotation of the LiDAR against the camera in one frame, by boxes that both detectors found."""
+"""Rotation of the LiDAR against the camera by boxes that both detectors found."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -22,6 +25,15 @@ _DEVIATION_PX: Final = 1.5  # of the distance of both centres of a sound pair, a
 _DEVIATION_SHARE: Final = 0.06  # the same, as a share of the box's size
 _USUAL_PX: Final = 12.0  # shift by one degree in KITTI's image: expected where there is one
 _PASSES: Final = 2  # after the first, more pairs overlap
+_CLEARLY: Final = 1.05  # factor by which boxes must agree more without an angle to drop it
+
+
+class DetectedFrame(NamedTuple):
+    """Frame and what both detectors found in it; None: one cannot run."""
+
+    sample: CameraLidarSample
+    found2d: Detections2D | None
+    found3d: Detections3D | None
 
 
 class _Shift(NamedTuple):
@@ -54,6 +66,34 @@ def turn_by_boxes(
         right_deg, down_deg = np.degrees(np.arctan(shift.pixels / focal)).tolist()
         turn = LidarTurn(yaw_deg=turn.yaw_deg - right_deg, pitch_deg=turn.pitch_deg + down_deg)
     return turn
+
+
+def confirm_turn(turn: LidarTurn, frames: Sequence[DetectedFrame]) -> LidarTurn:
+    """Keep the angles of a measured rotation with which both detectors' boxes overlap most.
+
+    Edges can mislead: rings of sparse sweeps end below the true edges, all by the same angle.
+
+    Args:
+        turn: Rotation measured otherwise, such as by edges.
+        frames: Frames of the recording, as calibrated.
+
+    Returns:
+        The rotation, with angles set to 0 that clearly make the boxes disagree.
+    """
+    angles = turn.to_json()
+    choices = [
+        replace(turn, **{name: 0.0 for name, keep in zip(angles, kept, strict=True) if not keep})
+        for kept in product(*((True, False) if angle else (True,) for angle in angles.values()))
+    ]
+    overlaps = [sum(_overlap(frame, choice) for frame in frames) for choice in choices]
+    best = int(np.argmax(overlaps))
+    return choices[best] if overlaps[best] > _CLEARLY * overlaps[0] else turn
+
+
+def _overlap(frame: DetectedFrame, turn: LidarTurn) -> float:
+    """Sum the IoUs of the pairs of boxes in a frame whose rotation is undone."""
+    scene = make_scene(undo_turn(frame.sample, turn), frame.found2d, frame.found3d)
+    return float(gather_evidence(scene).iou[mutual_pairs(scene)].sum())
 
 
 def mutual_pairs(
