@@ -8,6 +8,7 @@ the first one in the same state; beside them the mean error that a network itsel
 last line is kept in benchmarks/results/hidden_sweep.json.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -156,7 +157,7 @@ def _row(
     row: dict[str, object] = {"state": state, "method": method}
     for part, found in scores.items():
         errors = found.errors
-        if found.expected_mm:
+        if found.expected_mm and math.isfinite(max(found.expected_mm)):  # infinite: no depth
             row[f"{part}_expected_mm"] = round(fmean(found.expected_mm), 1)
         if errors:
             for name in ("rmse_mm", "mae_mm", "median_mm"):
