@@ -9,7 +9,7 @@ from torch import Tensor, nn
 class ConvNorm(nn.Sequential):
     """Convolution that keeps the size (or divides it by `stride`), BatchNorm, optional ReLU.
 
-    Depthwise convolutions take longer on CPUs than dense ones.
+    Depthwise convolutions take longer on CPUs than dense ones. `momentum` is BatchNorm's.
     """
 
     def __init__(
@@ -20,12 +20,13 @@ class ConvNorm(nn.Sequential):
         stride: int = 1,
         *,
         relu: bool = True,
+        momentum: float = 0.1,
     ) -> None:
         layers: list[nn.Module] = [
             nn.Conv2d(
                 in_channels, out_channels, kernel_px, stride, padding=kernel_px // 2, bias=False
             ),
-            nn.BatchNorm2d(out_channels),
+            nn.BatchNorm2d(out_channels, momentum=momentum),
         ]
         super().__init__(*layers, *[nn.ReLU(inplace=True)] * relu)
 
@@ -33,10 +34,10 @@ class ConvNorm(nn.Sequential):
 class ResidualBlock(nn.Module):
     """Two convolutions beside the identity: He et al. 2016, with the ReLU after the sum."""
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, channels: int, *, momentum: float = 0.1) -> None:
         super().__init__()
-        self.first = ConvNorm(channels, channels)
-        self.second = ConvNorm(channels, channels, relu=False)
+        self.first = ConvNorm(channels, channels, momentum=momentum)
+        self.second = ConvNorm(channels, channels, relu=False, momentum=momentum)
         self.activate = nn.ReLU(inplace=True)
 
     def forward(

@@ -34,6 +34,7 @@ from sightline.detection3d.pillars.training import (
 )
 from sightline.detection3d.stages import UNCHANGED, FirstStage, Proposed, StageView
 from sightline.detection3d.sweeps import Sweep, SweepTruth
+from sightline.networks.residual import ConvNorm, ResidualBlock
 
 PILLAR_COUNT_SCALE = 0.5  # factor on log(1 + number of points)
 _INITIAL_HEAT = 0.03  # heat of every cell before training
@@ -157,35 +158,8 @@ def _local_statistics(
     return torch.where(count[:, None] > 0, statistics, 0.0)
 
 
-class PillarConv(nn.Sequential):
-    """Convolution, batch norm, ReLU. Depthwise convolutions take longer on CPUs than dense ones."""
-
-    def __init__(self, in_channels: int, out_channels: int, stride: int = 1) -> None:
-        super().__init__(
-            nn.Conv2d(in_channels, out_channels, 3, stride, padding=1, bias=False),
-            nn.BatchNorm2d(out_channels, momentum=_NORM_MOMENTUM),
-            nn.ReLU(inplace=True),
-        )
-
-
-class PillarBlock(nn.Module):
-    """Two convolutions beside the identity: He et al. 2016, with the ReLU after the sum."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.first = PillarConv(channels, channels)
-        self.second = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
-            nn.BatchNorm2d(channels, momentum=_NORM_MOMENTUM),
-        )
-        self.activate = nn.ReLU(inplace=True)
-
-    def forward(
-        self, maps: Float[Tensor, "batch channels rows columns"]
-    ) -> Float[Tensor, "batch channels rows columns"]:
-        """Compute maps of the same size and channels."""
-        changed: Tensor = self.activate(maps + self.second(self.first(maps)))
-        return changed
+_conv = partial(ConvNorm, momentum=_NORM_MOMENTUM)
+_block = partial(ResidualBlock, momentum=_NORM_MOMENTUM)
 
 
 class PillarNetwork(nn.Module):
@@ -200,21 +174,17 @@ class PillarNetwork(nn.Module):
         self.num_classes = len(config.classes)
         fine, middle, coarse = config.channels
         self.stages = nn.ModuleList(
-            nn.Sequential(
-                PillarConv(before, width, stride=2), *(PillarBlock(width) for _ in range(blocks))
-            )
+            nn.Sequential(_conv(before, width, stride=2), *(_block(width) for _ in range(blocks)))
             for before, width, blocks in zip(
                 (config.grid.channels, fine, middle), config.channels, config.blocks, strict=True
             )
         )
         width = config.head_channels
         self.coarse_to_middle = nn.Conv2d(coarse, middle, 1)
-        self.mix_middle = PillarConv(middle, middle)
+        self.mix_middle = _conv(middle, middle)
         self.middle_to_fine = nn.Conv2d(middle, width, 1)
         self.fine_to_head = nn.Conv2d(fine, width, 1)
-        self.tower = nn.Sequential(
-            nn.ReLU(inplace=True), PillarConv(width, width), PillarConv(width, width)
-        )
+        self.tower = nn.Sequential(nn.ReLU(inplace=True), _conv(width, width), _conv(width, width))
         self.heat = nn.Conv2d(width, self.num_classes, 1)
         self.center = nn.Conv2d(width, self.num_classes * CENTER_VALUES, 1)
         assert self.heat.bias is not None, "made with one"
