@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 import torch
 import torch.nn.functional as F
+from lightning import Trainer
 
 from sightline.depth_completion.config import DepthCompletionConfig, UNetConfig
 from sightline.depth_completion.task import DepthCompletion
@@ -107,13 +108,24 @@ def test_the_way_down_starts_as_the_camera_stream_of_a_detector(tmp_path):
         torch.testing.assert_close(given, same)
 
 
-def test_a_training_starts_from_the_named_detector():
-    shipped = DepthCompletionConfig(shift_conv=None, unet=UNetConfig(), presence_channel=True)
-    task = DepthCompletion(shipped, detector_weights=Path("detection2d-best"))
-    first = task.network.trunk.down.stem[0].weight
+def first_layer(task, stage="fit"):
+    task.trainer = Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)
+    task.setup(stage)
+    return task.network.trunk.down.stem[0].weight
+
+
+def test_a_training_starts_from_the_named_detector_unless_it_has_initial_weights():
+    config = DepthCompletionConfig(shift_conv=None, unet=UNetConfig(), presence_channel=True)
+    task = DepthCompletion(config, detector_weights=Path("detection2d-best"))
+    before = first_layer(task, "test").clone()
+    first = first_layer(task)
+    assert not torch.equal(before, first)
     assert first.shape[1] == 5
     assert first[:, :3].abs().min() > 0
     assert first[:, 3:].abs().max() == 0
+    shipped = {"initial_weights": Path("depth-image")}
+    both = DepthCompletion(**shipped, detector_weights=Path("detection2d-best"))
+    assert torch.equal(first_layer(both), first_layer(DepthCompletion(**shipped)))
 
 
 def test_files_without_such_a_stream_are_refused(tmp_path):
@@ -127,10 +139,7 @@ def test_files_without_such_a_stream_are_refused(tmp_path):
         start_from_detector(unet(), Path("detection2d-best"))
 
 
-def test_detector_weights_need_a_unet_and_no_other_start():
-    unet_config = DepthCompletionConfig(shift_conv=None, unet=UNetConfig())
-    for config, initial in ((DepthCompletionConfig(), None), (unet_config, Path("depth-image"))):
-        with pytest.raises(ValueError, match=r"detector_weights start a U-Net|depth-image holds"):
-            DepthCompletion(
-                config, initial_weights=initial, detector_weights=Path("detection2d-best")
-            )
+def test_detector_weights_need_a_unet():
+    task = DepthCompletion(DepthCompletionConfig(), detector_weights=Path("detection2d-best"))
+    with pytest.raises(ValueError, match=r"set network\.unet"):
+        task.setup("fit")

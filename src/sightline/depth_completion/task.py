@@ -49,7 +49,8 @@ class DepthCompletion(TrainingModule):
             optimizer: Settings of the optimiser.
             initial_weights: Weights of such a network to start from: name of shipped ones, file or
                 checkpoint.
-            detector_weights: Weights of an image detector whose camera stream a U-Net starts from.
+            detector_weights: Weights of an image detector whose camera stream a U-Net starts from,
+                unless there are initial weights.
 
         Raises:
             ValueError: The weights cannot be read or belong to another network.
@@ -62,13 +63,7 @@ class DepthCompletion(TrainingModule):
             initial_weights=initial_weights,
         )
         self.loss = loss
-        if detector_weights is not None:
-            trunk = self.network.trunk
-            if not isinstance(trunk, UNet) or initial_weights is not None:
-                raise ValueError(
-                    "detector_weights start a U-Net: set network.unet, and no initial_weights"
-                )
-            start_from_detector(trunk, detector_weights)
+        self.detector_weights = None if initial_weights is not None else detector_weights
 
     def network_config(self) -> DepthCompletionConfig:
         """The network's settings."""
@@ -92,12 +87,17 @@ class DepthCompletion(TrainingModule):
         return output
 
     def setup(self, stage: str) -> None:
-        """Check that examples have the network's completion and focal length.
+        """Check the examples, and load the detector's stream when a training starts.
 
         Raises:
-            ValueError: The examples have another completion or focal length.
+            ValueError: The examples have another completion or focal length than the network, or
+                the detector's weights cannot be loaded.
         """
         super().setup(stage)
+        if stage == "fit" and not self.is_resumed and self.detector_weights is not None:
+            if not isinstance(self.network.trunk, UNet):
+                raise ValueError("detector_weights start a U-Net: set network.unet")
+            start_from_detector(self.network.trunk, self.detector_weights)
         preparation = getattr(getattr(self.trainer, "datamodule", None), "preparation", None)
         if not isinstance(preparation, DepthExamples) or not self.network.takes_filled_depth:
             return
