@@ -80,6 +80,6 @@ def start_from_detector(network: UNet, source: Path) -> None:
         fill_network(network.down, stream)
     except ValueError as error:
         raise ValueError(
-            f"the camera stream of {source} is another than the network's way down ({error}); set "
+            f"the camera stream of {source} differs from the network's way down ({error}); set "
             "network.unet.channels and network.unet.blocks to the detector's"
         ) from error
