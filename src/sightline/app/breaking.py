@@ -53,7 +53,7 @@ def reproducing_commands(state: PageState, data: Path, dataset: SampleDataset) -
 
 
 def _can_be_corrupted(broken: Breakage, dataset: SampleDataset) -> bool:
-    """Whether `corrupt` can make the faults."""
+    """Whether `sightline corrupt` can make the faults that the page shows in a frame."""
     if not broken.faults:
         return True
     position = list(dataset.sample_ids).index(broken.frame)

@@ -85,7 +85,7 @@ def _points_file(frame: ObjectFrame | DepthFrame | DriveFrame) -> Path | None:
 
 
 def is_corrupted(root: Path) -> bool:
-    """Whether a tree holds corrupted sensors, which may lack data on purpose."""
+    """Whether `sightline corrupt` wrote a data tree, which may lack data on purpose."""
     return any((root / split / CORRUPTED).is_dir() for split in ("", *KITTI_SPLITS))
 
 

@@ -80,7 +80,7 @@ def cloud_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
 
 
 def holds_no_point(path: Path) -> bool:
-    """Whether a file is a sound point cloud of zero rows; long files are not read."""
+    """Whether a point cloud file is sound but has no points; long files are not read."""
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > _MAX_EMPTY_BYTES:

@@ -71,7 +71,8 @@ def turn_by_boxes(
 def confirm_turn(turn: LidarTurn, frames: Sequence[DetectedFrame]) -> LidarTurn:
     """Keep the angles of a measured rotation with which both detectors' boxes overlap most.
 
-    Edges can mislead: rings of sparse sweeps end below the true edges, all by the same angle.
+    Edges can mislead: rings of sparse sweeps end below the true edges, all by the same angle. Where
+    no pair of boxes overlaps, as without one of the detectors, the rotation stays unconfirmed.
 
     Args:
         turn: Rotation measured otherwise, such as by edges.
