@@ -1,40 +1,45 @@
-"""Processor time of joined objects beside its parts: `python -m benchmarks.joined_time DATA`.
+"""Time of all answers of a frame, and of joining them: `python -m benchmarks.joined_time DATA`.
 
-Medians over frames of the time of one thread, in which other jobs hardly show, with sound sensors
-and without either: both detectors, the join of their boxes, and `sightline.load("joined")`. Prints
-a row for each state, then one line of JSON.
+Wall time of `sightline.MultiTaskPredictor`, which `sightline perceive` runs, by task, with sound
+sensors and without either: medians over frames. Run it on an idle machine. Prints a row for each
+choice of weights and state, then one line of JSON.
 """
 
 import statistics
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import jsonargparse
-import torch
+import numpy as np
 
 from benchmarks.joined_frames import CASES
 from benchmarks.record import print_record
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.export.names import EngineName
-from sightline.joining.join import join_detections
-from sightline.joining.predictor import JoinedPredictor
+from sightline.joining.models import JOINED
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.structures.sample import CameraLidarSample
 
 _CASES: Final = ("clean", "camera_blank", "lidar_blank")
-_PARTS: Final = ("detection2d", "detection3d", "join", "joined")
+_WEIGHTS: Final = {
+    "best": ("detection2d-best", "detection3d-best", "depth-best"),
+    "best, fast depth": ("detection2d-best", "detection3d-best", "depth-fast-cpu"),
+    "fast": ("detection2d-fast-cpu", "detection3d-fast-cpu", "depth-fast-cpu"),
+}
+_TASKS: Final = ("detection2d", "detection3d", "depth-completion")
 
 
 def main(
     data: Path,
     sample_list: str = "sample_val",
     velodyne: Velodyne | None = None,
-    frames: int = 10,
+    frames: int = 24,
     engine: EngineName = "openvino",
+    threads: int = 2,
 ) -> None:
-    """Print a row for each state, then one line of JSON.
+    """Print a row for each choice of weights and state, then one line of JSON.
 
     Args:
         data: KITTI object tree.
@@ -42,50 +47,41 @@ def main(
         velodyne: Folder of the sweeps; None: velodyne, or else velodyne_reduced.
         frames: Number of frames, evenly spread over the list.
         engine: Inference engine.
+        threads: Number of threads of the engines and of PyTorch.
     """
-    torch.set_num_threads(1)
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne)
+    frames = min(frames, len(dataset))
     samples = [dataset[index * len(dataset) // frames] for index in range(frames)]
-    predictor = JoinedPredictor.load(engine=engine, threads=1)
-    predictor(samples[0])  # starts the engines
     results = []
-    for case in _CASES:
-        times = [_times(predictor, CASES[case](sample, 0)) for sample in samples]
-        medians = {part: round(statistics.median(t[part] for t in times), 1) for part in _PARTS}
-        more = [t["joined"] - t["detection2d"] - t["detection3d"] for t in times]
-        row = {"case": case, **medians, "more_than_detectors": round(statistics.median(more), 1)}
-        row["largest_join"] = round(max(t["join"] for t in times), 1)
-        results.append(row)
-        print(row, flush=True)
+    for name, weights in _WEIGHTS.items():
+        chosen = dict(zip(_TASKS, weights, strict=True))
+        predictor = MultiTaskPredictor.load(chosen, engine=engine, threads=threads)
+        for case in _CASES:
+            broken = [CASES[case](sample, 0) for sample in samples]
+            predictor.predict_by_task(broken[0])  # starts the engines
+            times = [_times(predictor, sample) for sample in broken]
+            medians: dict[str, str | float] = {
+                part: round(statistics.median(each[part] for each in times), 1)
+                for part in (*_TASKS, JOINED, "whole")
+                if part in times[0]
+            }
+            slowest = round(float(np.percentile([each["whole"] for each in times], 95)), 1)
+            row = {"weights": name, "case": case} | medians | {"percentile_95": slowest}
+            results.append(row)
+            print(row, flush=True)
     print_record(
-        {"frames": frames, "engine": engine, "threads": 1, "unit": "ms", "results": results},
+        {"frames": frames, "engine": engine, "threads": threads, "unit": "ms", "results": results},
         seed=None,
-        weights=[predictor.detector2d.name, predictor.detector3d.name],
+        weights=sorted({each for weights in _WEIGHTS.values() for each in weights}),
     )
 
 
-def _times(predictor: JoinedPredictor, sample: CameraLidarSample) -> dict[str, float]:
-    """Processor time [ms] of each part for a sample."""
-    found3d, refine = None, predictor.detector3d.refine_boxes
-    times = dict.fromkeys(_PARTS, 0.0)
-    times["detection2d"], result = _timed(lambda: predictor.detector2d(sample))
-    found2d = result.detections
-    if sample.points is not None:
-        times["detection3d"], found3d = _timed(lambda: predictor.detector3d(sample))
-    times["join"], _ = _timed(
-        lambda: join_detections(
-            sample, found2d, found3d, predictor.models, predictor.config, refine
-        )
-    )
-    times["joined"], _ = _timed(lambda: predictor(sample))
-    return times
-
-
-def _timed(run: Callable[[], Any]) -> tuple[float, Any]:
-    """Processor time [ms] of a call, and its result."""
-    start = time.process_time()
-    result = run()
-    return 1000 * (time.process_time() - start), result
+def _times(predictor: MultiTaskPredictor, sample: CameraLidarSample) -> dict[str, float]:
+    """Wall time [ms] of each task, of joining, and of the whole answer."""
+    start = time.perf_counter()
+    found = predictor.predict_by_task(sample)
+    whole = 1000 * (time.perf_counter() - start)
+    return {**found.milliseconds, "whole": whole}
 
 
 if __name__ == "__main__":

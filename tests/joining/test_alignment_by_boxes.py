@@ -94,7 +94,7 @@ def test_boxes_drop_the_angles_that_move_them_apart():
     assert not confirm_turn(LidarTurn(yaw_deg=-1.0, pitch_deg=1.64), frames)
 
 
-def test_without_pairs_of_boxes_the_rotation_stays():
-    sample, turn = make_sample([9.0, 0, -1.7, 0]), LidarTurn(yaw_deg=1.0)
-    assert confirm_turn(turn, [DetectedFrame(sample, None, None)] * 3) == turn
-    assert confirm_turn(turn, []) == turn
+def test_without_pairs_of_boxes_only_the_yaw_is_kept():
+    sample, turn = make_sample([9.0, 0, -1.7, 0]), LidarTurn(yaw_deg=1.0, pitch_deg=1.64)
+    for frames in ([DetectedFrame(sample, None, None)] * 3, []):
+        assert confirm_turn(turn, frames) == LidarTurn(yaw_deg=1.0)

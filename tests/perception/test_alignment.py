@@ -179,6 +179,18 @@ def test_frames_that_disagree_are_aligned_one_by_one(packaged, opened, tmp_path)
     assert all("undone_turn" not in line for line in lines_of(tmp_path / "alone"))
 
 
+def test_a_pitch_by_edges_is_undone_only_if_both_detectors_boxes_overlap(packaged, monkeypatch):
+    by_edges = LidarTurn(yaw_deg=0.3, pitch_deg=0.4)
+    monkeypatch.setattr(
+        "sightline.joining.recording.measure_alignment", lambda *_: Alignment(turn=by_edges)
+    )
+    both = perceiver(["a", "b"])  # weights that no models of joined scores know
+    assert both.aligned(packaged).alignment.turn == by_edges
+    for name, each in both.predictors.items():
+        alone = MultiTaskPredictor({name: each})
+        assert alone.aligned(packaged).alignment.turn == LidarTurn(yaw_deg=0.3)
+
+
 def test_an_unreadable_frame_is_left_to_the_job(packaged):
     class Damaged(Recording):
         def __getitem__(self, index):
@@ -207,11 +219,11 @@ def test_an_edited_alignment_is_measured_anew_and_refused(packaged, opened, tmp_
 
 
 def test_pictures_and_reading_use_the_corrected_calibration(packaged, opened, tmp_path):
-    recording = opened([rotate_extrinsics(each, 1.0) for each in packaged])
+    frames = opened([rotate_extrinsics(each, 1.0) for each in packaged])
     with pytest.warns(UserWarning, match="undone"):
         perceive("data", tmp_path / "out", perceiver=perceiver(), video=tmp_path / "v.mp4")
     assert (tmp_path / "v.mp4").stat().st_size > 0
-    found = read_perception(open_results([tmp_path / "out"]), recording[0])
+    found = read_perception(open_results([tmp_path / "out"]), frames[0])
     assert found.undone_turn.yaw_deg > 0.9
     car = torch.tensor(CAR[2:]).double()
     torch.testing.assert_close(found.detections3d.boxes.tensor[0], car, rtol=0, atol=0.02)

@@ -71,15 +71,17 @@ def turn_by_boxes(
 def confirm_turn(turn: LidarTurn, frames: Sequence[DetectedFrame]) -> LidarTurn:
     """Keep the angles of a measured rotation with which both detectors' boxes overlap most.
 
-    Edges can mislead: rings of sparse sweeps end below the true edges, all by the same angle. Where
-    no pair of boxes overlaps, as without one of the detectors, the rotation stays unconfirmed.
+    Edges can mislead: rings of sparse sweeps end below the true edges, all by the same angle. So
+    where no pair of boxes overlaps, as without one of the detectors, only the yaw is kept, which
+    follows from upright edges.
 
     Args:
         turn: Rotation measured otherwise, such as by edges.
         frames: Frames of the recording, as calibrated.
 
     Returns:
-        The rotation, with angles set to 0 that clearly make the boxes disagree.
+        The rotation, with angles set to 0 that clearly make the boxes disagree or that no box
+        confirms.
     """
     angles = turn.to_json()
     choices = [
@@ -88,6 +90,8 @@ def confirm_turn(turn: LidarTurn, frames: Sequence[DetectedFrame]) -> LidarTurn:
     ]
     overlaps = [sum(_overlap(frame, choice) for frame in frames) for choice in choices]
     best = int(np.argmax(overlaps))
+    if overlaps[best] == 0:
+        return LidarTurn(yaw_deg=turn.yaw_deg)
     return choices[best] if overlaps[best] > _CLEARLY * overlaps[0] else turn
 
 

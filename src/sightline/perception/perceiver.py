@@ -214,13 +214,11 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         return replace(predictions, objects=objects, undone_turn=turn or None)
 
     def _detect(self, sample: CameraLidarSample) -> tuple[Detections2D | None, Detections3D | None]:
-        """Detections of both detectors; none of either where they are not joined."""
-        if self.join_models is None:
-            return None, None
+        """Detections of both detectors; None: it was left out or lacks a sensor."""
         found = Perception.joined(
             find_task(name).perception(self.predictors[name](sample))
             for name in _JOINED_TASKS
-            if not lacking_parts(self.predictors[name], sample)
+            if name in self.predictors and not lacking_parts(self.predictors[name], sample)
         )
         return found.detections2d, found.detections3d
 
