@@ -32,7 +32,12 @@ from sightline.detection3d.pillars.regions import (
     flip_heading,
 )
 from sightline.detection3d.pillars.stage import mirror_pillars, pillar_features
-from sightline.detection3d.stages import UNCHANGED, StageView, mean_over_views
+from sightline.detection3d.stages import (
+    UNCHANGED,
+    StageView,
+    mean_over_joined_views,
+    mean_over_views,
+)
 from sightline.detection3d.sweeps import network_sweep
 from sightline.detection3d.task import Detection3D
 from sightline.geometry.transforms import wrap_angle
@@ -113,7 +118,8 @@ class _Output(NamedTuple):
     second: Tensor
 
 
-def test_the_mean_is_over_all_views_and_one_view_is_left_as_it_is():
+@pytest.mark.parametrize("average", [mean_over_views, mean_over_joined_views])
+def test_the_mean_is_over_all_views_and_one_view_is_left_as_it_is(average):
     tenfold = StageView(
         lambda inputs: {"x": 10 * inputs["x"]},
         lambda output: output._replace(first=-output.first),
@@ -123,11 +129,22 @@ def test_the_mean_is_over_all_views_and_one_view_is_left_as_it_is():
     def run(given_inputs):
         return _Output(given_inputs["x"], given_inputs["x"] + 1)
 
-    both = mean_over_views(run, inputs, (UNCHANGED, tenfold))
+    both = average(run, inputs, (UNCHANGED, tenfold))
     assert both.first.tolist() == [-4.5, -9.0]
     assert both.second.tolist() == [6.5, 12.0]
-    one = mean_over_views(run, inputs, (UNCHANGED,))
-    assert one.first is inputs["x"]
+    one = average(run, inputs, (UNCHANGED,))
+    assert torch.equal(one.first, inputs["x"])
+
+
+def test_the_rows_of_all_views_are_run_at_once():
+    counts = []
+
+    def run(given_inputs):
+        counts.append(len(given_inputs["x"]))
+        return _Output(given_inputs["x"], given_inputs["x"])
+
+    mean_over_joined_views(run, {"x": torch.ones(3)}, (UNCHANGED, UNCHANGED))
+    assert counts == [6]
 
 
 def test_a_network_that_answers_by_the_front_alone_is_asked_from_both_ends():
@@ -138,8 +155,8 @@ def test_a_network_that_answers_by_the_front_alone_is_asked_from_both_ends():
         count = len(inputs["points"])
         return RegionOutput(torch.ones(count, 8), torch.full((count,), 3.0), torch.zeros(count))
 
-    output = mean_over_views(always, {"points": torch.zeros(2, 4, 9), "context": context},
-                             RegionStage.views)  # fmt: skip
+    inputs = {"points": torch.zeros(2, 4, 9), "context": context}
+    output = mean_over_joined_views(always, inputs, RegionStage.views)
     assert output.front_logits.tolist() == [0, 0]
     assert output.values[0].tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
 

@@ -27,6 +27,7 @@ from sightline.detection3d.stages import (
     SecondStage,
     Stage,
     autocast_disabled,
+    mean_over_joined_views,
     mean_over_views,
 )
 from sightline.detection3d.suppression import suppress_boxes
@@ -73,7 +74,8 @@ class Detector3D(nn.Module):
     def runner(self, stage: Stage, run: Run | None, *, in_use: bool) -> Run:
         """Run a stage by `run` or by PyTorch; in use on both views if the settings require it."""
         views = stage.views if in_use and self.config.flip_test else stage.views[:1]
-        return partial(mean_over_views, run or (lambda inputs: stage(**inputs)), views=views)
+        average = mean_over_joined_views if stage is self.second else mean_over_views
+        return partial(average, run or (lambda inputs: stage(**inputs)), views=views)
 
     def is_named(
         self, classes: Int64[Tensor, " num_boxes"], names: Sequence[str]

@@ -259,13 +259,19 @@ def _calibrated(rows: list[_Row], kind: str, kind_3d: str, models: JoinModels) -
 
     The score of an object outside the image is that of its 3D box.
     """
+    names = np.array([row.name for row in rows])
+    scores = np.array([row.score for row in rows])
+    scores3d = np.array([row.score3d for row in rows])
+    for name in {row.name for row in rows}:
+        chosen = names == name
+        scores[chosen] = models.calibrators[kind][name](scores[chosen])
+        scores3d[chosen] = models.calibrators[kind_3d][name](scores3d[chosen])
     calibrated = []
-    for row in rows:
-        in_image, in_space = (models.calibrators[each][row.name] for each in (kind, kind_3d))
-        score3d = float(in_space(np.array([row.score3d]))[0]) if row.origin != "none" else 0.0
-        score = float(in_image(np.array([row.score]))[0])
+    for row, score, score3d in zip(rows, scores.tolist(), scores3d.tolist(), strict=True):
+        in_space = score3d if row.origin != "none" else 0.0
         is_outside = bool(np.isnan(row.box2d).any())
-        calibrated.append(row._replace(score=score3d if is_outside else score, score3d=score3d))
+        in_image = in_space if is_outside else score
+        calibrated.append(row._replace(score=in_image, score3d=in_space))
     return calibrated
 
 
@@ -273,22 +279,14 @@ def _without_repeats(rows: list[_Row], config: JoinConfig) -> list[_Row]:
     """Leave out objects with an image box alone that repeat a surer one of their class."""
     rows = sorted(rows, key=lambda row: -row.score)
     boxes = np.array([row.box2d for row in rows]).reshape(-1, 4)
-    iou = image_iou(boxes, boxes)
+    names = np.array([row.name for row in rows])
+    is_measured = np.array([row.origin in _FROM_RETURNS for row in rows], dtype=bool)
+    limits = np.where(is_measured & config.sweep_in_image, config.min_iou, config.max_iou)
+    repeats = (image_iou(boxes, boxes) > limits) & (names[:, None] == names)
     kept: list[int] = []
-    for index, row in enumerate(rows):
-        surer = [each for each in kept if rows[each].name == row.name]
-        limits = [
-            config.min_iou
-            if rows[each].origin in _FROM_RETURNS and config.sweep_in_image
-            else config.max_iou
-            for each in surer
-        ]
-        is_repeat = (
-            config.associate
-            and row.origin not in _FROM_RETURNS
-            and bool((iou[index, surer] > limits).any())
-        )
-        if not is_repeat:
+    for index in range(len(rows)):
+        may_repeat = config.associate and not is_measured[index]
+        if not (may_repeat and repeats[index, kept].any()):
             kept.append(index)
     return [rows[index] for index in kept]
 
