@@ -48,6 +48,11 @@ def pytest_unconfigure() -> None:
     gc.unfreeze()
 
 
+def pytest_runtest_setup() -> None:
+    """Starts the shape checks of each test anew."""
+    shape_checks.begin_test()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def own_cache_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Converted networks are kept for all processes of a run, where an earlier run left nothing."""

@@ -2,7 +2,8 @@
 
 `--jaxtyping-packages` decorates every function with `jaxtyping.jaxtyped`. That binds the arguments
 of each call, and checks them again together with the returned value: half of what the tests took.
-Here arguments and value are checked once, and only calls with arrays keep account of axes.
+Here arguments and value are checked once, only calls with arrays keep account of axes, and of
+these the first `MAX_CHECKED` of each function in a test are checked: loops repeat their shapes.
 """
 
 import inspect
@@ -11,7 +12,7 @@ from contextlib import suppress
 from dataclasses import is_dataclass
 from functools import update_wrapper, wraps
 from types import FunctionType
-from typing import Any, get_args, get_type_hints
+from typing import Any, Final, get_args, get_type_hints
 
 import jaxtyping
 import torch
@@ -19,6 +20,9 @@ from beartype import BeartypeConf, FrozenDict, beartype
 from jaxtyping import AbstractArray, TypeCheckError
 from jaxtyping._import_hook import Typechecker
 
+MAX_CHECKED: Final = 50
+
+_num_checked: dict[FunctionType, int] = {}
 _jaxtyped = jaxtyping.jaxtyped
 _beartyped = beartype(
     conf=BeartypeConf(
@@ -32,6 +36,11 @@ _new_axes = _jaxtyped("context")
 def install() -> None:
     """Replace the decorator that jaxtyping's import hook writes into the project's modules."""
     jaxtyping.jaxtyped = _dispatch
+
+
+def begin_test() -> None:
+    """Check the next `MAX_CHECKED` calls of each function with arrays."""
+    _num_checked.clear()
 
 
 def _dispatch(*target: Any, **settings: Any) -> Any:
@@ -62,14 +71,16 @@ def checked(target: Any) -> Any:
     return _with_own_axes(once, target) if axes else once
 
 
-def _with_own_axes(
-    checked_once: Callable[..., Any], function: Callable[..., Any]
-) -> Callable[..., Any]:
-    """Keep the axes of each call apart from those of its caller."""
+def _with_own_axes(checked_once: Callable[..., Any], function: FunctionType) -> Callable[..., Any]:
+    """Check the first calls, and keep the axes of each apart from those of its caller."""
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         __tracebackhide__ = True
+        count = _num_checked.get(function, 0)
+        if count >= MAX_CHECKED:
+            return function(*args, **kwargs)
+        _num_checked[function] = count + 1
         with _new_axes:
             return checked_once(*args, **kwargs)
 

@@ -9,7 +9,7 @@ import pytest
 from jaxtyping import Float64, TypeCheckError
 from numpy import ndarray
 
-from tests.shape_checks import checked
+from tests.shape_checks import MAX_CHECKED, begin_test, checked
 
 ROWS = np.zeros((2, 3))
 
@@ -116,3 +116,13 @@ def test_checks_written_in_the_source_stay_jaxtypings():
 
     plain = jaxtyping.jaxtyped(function, typechecker=None)
     assert plain.__globals__["__name__"] == "jaxtyping._decorator"
+
+
+def test_the_first_calls_of_a_test_are_checked_and_no_more():
+    for _ in range(MAX_CHECKED):
+        with pytest.raises(TypeCheckError):
+            shorten(ROWS)
+    assert len(shorten(ROWS)) == 1
+    begin_test()
+    with pytest.raises(TypeCheckError):
+        shorten(ROWS)
