@@ -1,5 +1,6 @@
 import json
 import math
+import shutil
 import subprocess
 import sys
 
@@ -91,6 +92,18 @@ def test_two_files_are_scored_as_a_set_of_one(tmp_path):
     report = evaluate_depth(predictions / "a.png", truth / "a.png").to_json()
     agree(report["mean"], reference.scores(*lists["a"]))
     assert list(report["per_image"]) == ["a"]
+
+
+@pytest.mark.parametrize("name", [".", "a.png"])
+def test_predictions_that_are_the_ground_truth_are_refused_and_copies_are_doubted(tmp_path, name):
+    truth = tmp_path / "truth"
+    write_depth_png(truth / "a.png", np.full((20, 10), 9.0, np.float32))
+    (tmp_path / "link").symlink_to(truth)
+    with pytest.raises(ValueError, match=r"named both as the results and as the ground truth"):
+        evaluate_depth(tmp_path / "link" / name, truth / name)
+    shutil.copytree(truth, tmp_path / "copies")
+    with pytest.warns(UserWarning, match=r"so every error is 0: they are copies"):
+        evaluate_depth(tmp_path / "copies" / name, truth / name)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
