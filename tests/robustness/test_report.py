@@ -155,6 +155,11 @@ def two(tmp_path):
 
 def test_two_runs_are_printed_and_drawn_side_by_side(two, tmp_path, capsys):
     page = tmp_path / "both.html"
+    page_of_run = two[0].with_name("report.html")
+    before = page_of_run.read_text()
+    assert main(["robustness", "--compare", *map(str, two), "-o", str(page_of_run)]) == 2
+    assert "would change the file" in capsys.readouterr().err
+    assert page_of_run.read_text() == before
     assert main(["robustness", "--compare", *map(str, two), "-o", str(page)]) == 0
     shown = capsys.readouterr().out
     assert re.search(r"camera_fog-1 +70\.0 +40\.0 +\+30\.0", shown)
