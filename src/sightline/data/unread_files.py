@@ -53,8 +53,10 @@ _FOLDER_ALIASES: dict[Part, tuple[str, ...]] = {
         *("points", "point", "velodyne", "velodynepoints", "lidar", "lidars", "laser", "cloud"),
         *("clouds", "pointcloud", "pointclouds", "pcd", "pcds", "sweeps", "scans"),
     ),
+    "objects": ("label", "labels", "annotation", "annotations", "groundtruth", "gt"),
+    "calibration": ("calib", "calibs", "calibration", "calibrations"),
 }
-"""Other common names of a sensor's folder, only letters."""
+"""Other common names of a part's folder, only letters."""
 _OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
 """Folders of other cameras and of a depth benchmark's selection."""
 _MAX_LISTED = 4  # suffixes listed in an error
@@ -226,7 +228,9 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
                 if is_missing
                 else f"move them to {place.folder.name}, or the folder away",
             )
-            return UnreadFiles(problem=described, part=place.part, all_unread=is_missing)
+            is_needed = place.part != "objects"  # labels may be missing
+            all_unread = is_missing and is_needed
+            return UnreadFiles(problem=described, part=place.part, all_unread=all_unread)
     return None
 
 
