@@ -233,6 +233,7 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
     assert err.count("\n") == 1
     for arguments, message in (
         (["--compare", str(two[0])], "a comparison needs two runs or more, got 1"),
+        (["--compare", "x", "y"], "no such file or directory; give the robustness.json of a run"),
         (["out"], "robustness needs a data set"),
         (["--data", "x"], "robustness needs a folder for the run"),
         (["--data", "x", "out", "-o", "page.html"], "--page draws finished runs"),

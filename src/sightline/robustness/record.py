@@ -179,7 +179,7 @@ def read_record(path: Path) -> Record:
         FileError: The file is not a record, or the folder has none.
     """
     path = record_file(path)
-    text = read_text(path)
+    text = read_text(path, remedy=_REMEDY)
     try:
         record = _parse(json.loads(text))
     except (
