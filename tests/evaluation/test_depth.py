@@ -273,3 +273,12 @@ def test_scoring_depth_needs_no_torch():
     # a command should not wait seconds for a library that it makes no use of
     code = "import sys, sightline.evaluation.depth; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_folder_of_the_ground_truth_in_the_given_one_is_named(tmp_path):
+    _, truth, _ = write_set(tmp_path / "data", names=["a"])
+    truth.rename(tmp_path / "data" / "groundtruth_depth")
+    write_depth_png(tmp_path / "found" / "a.png", np.ones((3, 4), np.float32))
+    told = r"lacks predictions for 2 of the 2 images .*, or score against .*/data/groundtruth_depth"
+    with pytest.raises(ValueError, match=told):
+        evaluate_depth(tmp_path / "found", tmp_path / "data")

@@ -175,9 +175,11 @@ def find_trees(root: Path) -> list[Tree]:
 
 
 def _object_tree_of_one_split(root: Path) -> Tree | None:
-    """Tree of a folder that is a split; labels and calibrations alone make no recording one."""
+    """Tree of a folder that is a split; no recording or raw drive with folders of such names."""
     is_other = is_recording(root) or lacks_calibration(root)
     if is_other and not any((root / name).is_dir() for name in ("image_2", "velodyne")):
+        return None
+    if not (root / "calib").is_dir() and list_drive(root).calibration is not None:
         return None
     return _object_tree(root)
 

@@ -60,6 +60,7 @@ _ROWS = (
     "sqRel",
     "coverage",
 )
+_TRUTH_FOLDER = "groundtruth_depth"  # of the depth benchmark's selection
 _UNITS = {"metres": 1, "centimetres": 100, "millimetres": 1000}
 _STEPS_PER_M = 256  # of KITTI's files
 _WRONG_RATIOS = {
@@ -334,10 +335,11 @@ def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_P
     for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
         missing = sorted(true.keys() - files.keys())
         if folder is not None and missing:
+            maps = next(truth.rglob(_TRUTH_FOLDER), None) if truth.name != _TRUTH_FOLDER else None
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true)} images with "
                 f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
-                "score against a folder with the ground truth of fewer images"
+                f"score against {maps or 'a folder with the ground truth of fewer images'}"
             )
     pairs = [_Pair(name, predicted[name], true[name], given.get(name)) for name in sorted(true)]
     return pairs, len(predicted) - len(true)

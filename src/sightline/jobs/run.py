@@ -200,7 +200,9 @@ class _Attempt:
         except DiskError as error:
             return f"{work}: {error}\n{_RUN_AGAIN}"
         except (ValueError, OSError, UserWarning) as error:  # a warning as an error: `python -W`
-            return f"{work}: {error}\n{self.way_on}"
+            text = str(error)
+            named = text if text.startswith(f"{work} ") else f"{work}: {text}"
+            return f"{named}\n{self.way_on}"
         except Exception as error:
             if (fault := memory_fault(error)) is None:
                 raise
