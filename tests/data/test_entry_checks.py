@@ -1,6 +1,7 @@
 import shutil
 import warnings
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -343,3 +344,11 @@ def test_a_sensor_behind_a_link_to_nothing_is_not_taken_for_one_that_lacks(tree,
         open_dataset(tree)
     assert caught.value.problem.path == lost
     assert caught.value.problem in list(check_tree(tree))
+
+
+def test_grey_images_are_told_as_where_arrays_are_given(tree):
+    for path in (tree / "image_2").iterdir():
+        grey = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)
+        cv2.imwrite(str(path), grey)
+    with pytest.warns(UserWarning, match=r"training: checked images are grey: .* on colour"):
+        open_dataset(tree)

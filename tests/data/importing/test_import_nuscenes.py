@@ -452,6 +452,15 @@ def test_rotations_with_w_last_are_told_by_boxes_that_lean(nuscenes, tmp_path):
     assert "quaternions w, x, y, z" in report
 
 
+def test_a_wrong_size_in_the_tables_is_not_taken_for_a_wrong_calibration(tmp_path):
+    root = write_nuscenes(tmp_path / "data")
+    edit(root, "sample_data", lambda rows: [row.update(width=100) for row in rows])
+    with pytest.raises(
+        FileError, match=r"is 375x1242 .*, expected 375x100 as in its row of sample"
+    ):
+        import_recording(root, tmp_path / "out")
+
+
 def test_labels_of_a_lidar_that_looks_down_are_those_of_a_level_one(nuscenes, tmp_path):
     import_recording(nuscenes, tmp_path / "level")
     root = write_nuscenes(tmp_path / "data")

@@ -79,6 +79,7 @@ def import_nuscenes(
         "lidar": lidar,
         "max_intensity": max_intensity,
     }
+    _image_size(moments[0])  # else a wrong size in the tables looks like a wrong calibration
     for moment in moments:
         _calibration(moment)
     with staging_folder() as staged:
@@ -153,14 +154,7 @@ class _Frames:
     def write(self, moment: Moment) -> tuple[LabelTally, CloudTally]:
         new_from_old, _ = turn_ahead(moment.mount)
         calibration = turned_calibration(_calibration(moment), new_from_old)
-        size = read_image_size(moment.image)
-        if size != moment.image_size:
-            raise FileError(
-                moment.image,
-                f"is {size[0]}x{size[1]} (height x width), expected {moment.image_size[0]}x"
-                f"{moment.image_size[1]} as in its table",
-                _REMEDY,
-            )
+        size = _image_size(moment)
         sweep = _read_sweep(moment.sweep)
         echoes, clouds = count_echoes(moment.name, sweep, self.max_intensity, moment.sweep)
         points = moved_cloud(echoes, new_from_old)
@@ -179,6 +173,23 @@ class _Frames:
         atomic_link(self.out / IMAGES / f"{moment.name}{suffix}", moment.image)
         write_cloud(self.out, moment.name, points)
         return tally, clouds
+
+
+def _image_size(moment: Moment) -> tuple[int, int]:
+    """Height, width [px] of a frame's image.
+
+    Raises:
+        FileError: The image has another size than in its table.
+    """
+    size = read_image_size(moment.image)
+    if size != moment.image_size:
+        raise FileError(
+            moment.image,
+            f"is {size[0]}x{size[1]} (height x width), expected {moment.image_size[0]}x"
+            f"{moment.image_size[1]} as in its row of sample_data.json",
+            _REMEDY,
+        )
+    return size
 
 
 def _level_from_lidar(tilt: Tilt, new_from_old: Rigid) -> Rigid:
