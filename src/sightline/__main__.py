@@ -17,12 +17,13 @@ def run() -> int:
 
         keep_interrupts()
         from sightline.cli.main import main
-        from sightline.cli.output import format_warning
+        from sightline.cli.output import first_of_each_kind, format_warning
 
         warnings.formatwarning = format_warning
         if isinstance(sys.stdout, TextIOWrapper):  # a name need not fit the terminal's encoding
             sys.stdout.reconfigure(errors="backslashreplace")
-        return main()
+        with first_of_each_kind():
+            return main()
     except KeyboardInterrupt as error:
         print("sightline: interrupted", file=sys.stderr)
         return getattr(error, "exit_status", 130)  # 130 of Ctrl-C, by Python's own handler too

@@ -93,3 +93,10 @@ def test_files_never_replace_each_other_or_what_is_scored(folders, tmp_path, cap
     for _ in range(2):  # a report beside them may be written anew
         command = ["evaluate", "objects", *folders, "--missing-as-empty"]
         assert main([*command, "--json", str(beside)]) == 0
+
+
+@pytest.mark.parametrize("command", ["objects", "proposals", "calibration"])
+def test_results_are_not_scored_against_themselves(command, tmp_path, capsys):
+    (tmp_path / "000000.txt").write_text("Car 0 0 0 1 1 50 50 1.5 1.6 4 0 1.6 20 0 0.9\n")
+    assert main(["evaluate", command, str(tmp_path), f"{tmp_path}/."]) == 2
+    assert "named both as the results and as the labels" in capsys.readouterr().err

@@ -9,7 +9,14 @@ import pytest
 from rich.table import Table
 
 import sightline.cli
-from sightline.cli.output import fail, format_warning, gathered_warnings, say, show_table
+from sightline.cli.output import (
+    fail,
+    first_of_each_kind,
+    format_warning,
+    gathered_warnings,
+    say,
+    show_table,
+)
 
 FORGED = "000001\x1b[2J\x1b]0;owned\x07\nno problems\u202e\udce9"
 
@@ -43,6 +50,20 @@ def test_warnings_of_a_command_are_gathered_by_kind_with_their_number(capsys):
     assert lines_of(capsys.readouterr().err) == [
         "sightline: warning: a.npy: 97 points are left out (3 like it)",
         "sightline: warning: another",
+    ]
+
+
+def test_the_first_warning_of_a_kind_is_printed_at_once_and_the_others_are_counted(capsys):
+    with first_of_each_kind():
+        warnings.simplefilter("always")
+        for name in ("a", "a", "b", "c"):
+            warnings.warn(f"{name}.npy: {ord(name)} points are left out", stacklevel=1)
+        first = "sightline: warning: a.npy: 97 points are left out"
+        assert lines_of(capsys.readouterr().err) == [first]
+        warnings.warn("another\n", stacklevel=1)
+    assert lines_of(capsys.readouterr().err) == [
+        "sightline: warning: another",
+        "sightline: warning: 2 more like this: a.npy: 97 points are left out",
     ]
 
 

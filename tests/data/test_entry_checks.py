@@ -1,6 +1,7 @@
 import shutil
 import warnings
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -241,6 +242,7 @@ def test_clouds_that_stand_on_their_head_are_doubted_in_kittis_tree_before_anyth
         ("velodyne", "lidar"),
         ("image_2", "image_02"),
         ("image_2", "images"),
+        ("calib", "calibration"),
     ],
 )
 def test_a_sensors_folder_of_another_name_is_called_so_in_kittis_tree(tree, own, other):
@@ -248,6 +250,16 @@ def test_a_sensors_folder_of_another_name_is_called_so_in_kittis_tree(tree, own,
     with pytest.raises(FileError, match=f"{other}.* holds 3 files that are not read.*{own}"):
         open_dataset(tree)
     assert any(other in str(problem) for problem in check_tree(tree))
+
+
+def test_labels_in_a_folder_of_another_name_are_told_where_labels_are_used(tree, recwarn):
+    (tree / "label_2").rename(tree / "label_02")
+    open_dataset(tree, parts=("image", "points"))
+    assert not recwarn
+    told = "label_02: holds 3 files that are not read, expected them in label_2; rename"
+    with pytest.warns(UserWarning, match=told):
+        assert open_dataset(tree)[0].objects is None
+    assert [told in str(problem) for problem in check_tree(tree)] == [True]
 
 
 @pytest.mark.parametrize(
@@ -332,3 +344,11 @@ def test_a_sensor_behind_a_link_to_nothing_is_not_taken_for_one_that_lacks(tree,
         open_dataset(tree)
     assert caught.value.problem.path == lost
     assert caught.value.problem in list(check_tree(tree))
+
+
+def test_grey_images_are_told_as_where_arrays_are_given(tree):
+    for path in (tree / "image_2").iterdir():
+        grey = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)
+        cv2.imwrite(str(path), grey)
+    with pytest.warns(UserWarning, match=r"training: checked images are grey: .* on colour"):
+        open_dataset(tree)

@@ -98,6 +98,10 @@ def test_a_depth_map_is_no_picture(tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), (depth_map() * 256).astype(np.uint16))
     with pytest.raises(ValueError, match=r"0\.png: has 16 bits .* probably a depth map"):
         read_rgb(tmp_path / "0.png")
+    cv2.imwrite(str(tmp_path / "1.png"), picture().astype(np.uint16) * 257)
+    told = r"1\.png: has 16 bits per channel, expected a picture of 8; convert the camera's images"
+    with pytest.raises(ValueError, match=told):
+        read_rgb(tmp_path / "1.png")
 
 
 @pytest.mark.parametrize("name", ["0.png", "0.jpg"])

@@ -1,14 +1,17 @@
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sightline.data.check import check_tree
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
+from sightline.files.problem import FileError
 from tests.data.trees import IMAGE_SIZE, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree
 from tests.inference.trees import write_object_tree
@@ -100,6 +103,31 @@ def test_an_object_split_under_another_name_is_refused_with_the_remedy(tmp_path)
     (tmp_path / "training").rename(tmp_path / "mine")
     with pytest.raises(ValueError, match="rename it to training or testing"):
         open_dataset(tmp_path / "mine")
+
+
+def test_a_raw_drive_whose_images_are_in_image_2_is_called_so(tmp_path):
+    drive = write_drive(tmp_path / DRIVE, official=False)
+    (drive / "image_02").rename(drive / "image_2")
+    told = r"image_2: holds 3 files that are not read, expected them in image_02; rename"
+    with pytest.raises(FileError, match=told):
+        open_dataset(drive)
+    (problem,) = check_tree(drive)
+    assert re.search(told, str(problem))
+
+
+@pytest.mark.parametrize("part", ["image", "points"])
+def test_gaps_of_a_needed_sensor_in_a_drive_are_found_before_the_work(tmp_path, part):
+    drive = write_drive(tmp_path / DRIVE, official=False)
+    folder = drive / {"image": "image_02", "points": "velodyne"}[part]
+    next(folder.glob("0000000001.*")).unlink()
+    nouns = {"image": "images", "points": "point clouds"}
+    told = rf"lacks {nouns[part]} of 1 of 3 frames \(0000000001\); add them or name a list"
+    with pytest.raises(ValueError, match=told):
+        open_dataset(drive, parts=("image", "points"), needs=(part,))
+    others = ["0000000000", "0000000002"]
+    settings = {"parts": ("image", "points"), "sample_list": others}
+    assert open_dataset(drive, needs=(part,), **settings).sample_ids == tuple(others)
+    assert len(open_dataset(drive, parts=("image", "points"), needs=())) == 3
 
 
 def test_folders_that_are_no_data_set_are_refused(tmp_path):

@@ -39,6 +39,21 @@ def test_tracking_is_called_so(tmp_path):
     assert "is a split of KITTI tracking" in told(tmp_path / "training")
 
 
+def test_a_recording_with_folders_of_kittis_names_stays_one(tmp_path):
+    write_recording(tmp_path / "one")
+    (tmp_path / "one" / "label_2").mkdir()
+    (tmp_path / "one" / "label_2" / "a.txt").touch()
+    told_of = [str(each) for each in check_tree(tmp_path / "one")]
+    assert len(told_of) == 1
+    assert "label_2: holds 1 files that are not read, expected them in labels" in told_of[0]
+    write_recording(tmp_path / "other")
+    (tmp_path / "other" / "calib").mkdir()
+    (tmp_path / "other" / "calibration.yaml").rename(tmp_path / "other" / "calib" / "a.yaml")
+    assert "calib: holds 1 files that are not read, expected them in calibration" in told(
+        tmp_path / "other"
+    )
+
+
 def test_a_folder_above_a_data_set_names_it(tmp_path):
     write_object_tree(tmp_path / "kitti" / "object", "000000")
     assert f"{tmp_path / 'kitti' / 'object'} in it looks like one" in told(tmp_path)

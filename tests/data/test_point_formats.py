@@ -144,6 +144,7 @@ def test_text_in_a_field_that_nobody_needs_costs_nothing(path):
         (ASCII, (), {"COUNT": "1 1 1 2"}, r"has 4 values in point 0 \(from 0\), but .* defines 5"),
         (ASCII.replace("3.0", "three"), (), {}, "points that are not numbers: .*three"),
         (ASCII[:-8], (), {}, r"has 2 values in point 2 \(from 0\), but its header defines 4"),
+        (ASCII.replace(" ", ","), (), {}, r"in point 0 .*; separate values by spaces, without"),
         (ASCII.replace("3.0", "3.0 7 7"), (), {}, r"has 6 values in point 1 \(from 0\)"),
         (ASCII, (), {"VIEWPOINT": "0 0 0 1"}, "has VIEWPOINT '0 0 0 1' in its header, expected tx"),
         (ASCII, (), {"VIEWPOINT": "0 0 a 1 0 0 0"}, "has VIEWPOINT '0 0 a 1 0 0 0'"),

@@ -1,5 +1,7 @@
 import ctypes
 import struct
+import subprocess
+import sys
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 
@@ -71,3 +73,17 @@ def test_damage_is_told_of_the_right_picture_by_many_threads_and_the_rest_is_pri
     assert cv2.utils.logging.getLogLevel() == level
     ctypes.CDLL(None).perror(b"said by C")
     assert "said by C" in capfd.readouterr().err
+
+
+def test_a_forked_process_leaves_no_file_open(tmp_path):
+    (tmp_path / "a.png").write_bytes(SOUND["a.png"])
+    code = (
+        "import os, sys\n"
+        "from sightline.data.image_file import read_rgb\n"
+        f"read_rgb({str(tmp_path / 'a.png')!r})\n"
+        "child = os.fork()\n"
+        "if child: sys.exit(os.waitpid(child, 0)[1])\n"
+    )
+    command = [sys.executable, "-W", "error::ResourceWarning", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -9,7 +9,7 @@ from sightline.data.check import check_tree
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.open import open_dataset
-from sightline.data.recording_files import doubtful_steps, order_doubt, read_times
+from sightline.data.recording_files import begins_sequence, doubtful_steps, order_doubt, read_times
 from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.recordings import write_recording
@@ -112,6 +112,35 @@ def test_gaps_and_other_units_of_times_are_told(tmp_path, times, said):
     assert len(problems) == (said is not None)
     if said is not None:
         assert re.search(said, problems[0])
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "begins"),
+    [
+        ("scene-0001-039", "scene-0002-000", True),
+        ("a_12", "b_1", True),
+        ("a_12", "b_13", False),
+        ("scene-0001-038", "scene-0001-039", False),
+        ("a", "b", False),
+        ("000001", "000000", False),
+    ],
+)
+def test_sequences_begin_with_another_text_and_the_first_number(before, after, begins):
+    assert begins_sequence(before, after) == begins
+
+
+def test_within_a_sequence_gaps_and_times_that_fall_are_still_told(tmp_path):
+    names = ("a_0", "a_1", "a_2", "b_0", "b_1", "b_2")
+    write_recording(tmp_path, names)
+    for times, said in (
+        ((50, 50.1, 50.2, 0, 0.1, 30), "gap of 29.9 s between b_1 and b_2"),
+        ((50, 50.1, 50.2, 0, 0.1, 0.1), "do not rise from frame to frame: 1 of 6, 1 of them equal"),
+        ((50, 50.1, 50.2, 0, 0.1, 0.2), None),
+    ):
+        lines = [f"{name} {time}" for name, time in zip(names, times, strict=True)]
+        (tmp_path / "times.txt").write_text("\n".join(lines))
+        problems = [str(each) for each in check_tree(tmp_path) if each.path.name == "times.txt"]
+        assert (said is None and not problems) or said in problems[0]
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,8 @@ def test_the_depth_of_an_empty_sweep_is_guessed_from_the_image(data, tmp_path, w
         pytest.warns(UserWarning, match="all 1 sweeps are empty"),
         pytest.warns(UserWarning, match="the point clouds of 1 of 1 frames hold no point"),
     ):
-        predict_depth(data, out, weights=weights, **job)
+        result = predict_depth(data, out, weights=weights, **job)
+    assert "1 written, 0 there already; 1 hold depth guessed from the image" in str(result)
     guess = DepthPredictor.load("depth-image")(open_dataset(data)[0])
     for folder, expected in ((out, guess.depth_m), (uncertainty, guess.uncertainty_m)):
         np.testing.assert_allclose(read_depth_png(folder / "000000.png"), expected, atol=1 / 256)

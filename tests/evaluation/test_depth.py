@@ -1,5 +1,6 @@
 import json
 import math
+import shutil
 import subprocess
 import sys
 
@@ -91,6 +92,18 @@ def test_two_files_are_scored_as_a_set_of_one(tmp_path):
     report = evaluate_depth(predictions / "a.png", truth / "a.png").to_json()
     agree(report["mean"], reference.scores(*lists["a"]))
     assert list(report["per_image"]) == ["a"]
+
+
+@pytest.mark.parametrize("name", [".", "a.png"])
+def test_predictions_that_are_the_ground_truth_are_refused_and_copies_are_doubted(tmp_path, name):
+    truth = tmp_path / "truth"
+    write_depth_png(truth / "a.png", np.full((20, 10), 9.0, np.float32))
+    (tmp_path / "link").symlink_to(truth)
+    with pytest.raises(ValueError, match=r"named both as the results and as the ground truth"):
+        evaluate_depth(tmp_path / "link" / name, truth / name)
+    shutil.copytree(truth, tmp_path / "copies")
+    with pytest.warns(UserWarning, match=r"so every error is 0: they are copies"):
+        evaluate_depth(tmp_path / "copies" / name, truth / name)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
@@ -260,3 +273,12 @@ def test_scoring_depth_needs_no_torch():
     # a command should not wait seconds for a library that it makes no use of
     code = "import sys, sightline.evaluation.depth; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_folder_of_the_ground_truth_in_the_given_one_is_named(tmp_path):
+    _, truth, _ = write_set(tmp_path / "data", names=["a"])
+    truth.rename(tmp_path / "data" / "groundtruth_depth")
+    write_depth_png(tmp_path / "found" / "a.png", np.ones((3, 4), np.float32))
+    told = r"lacks predictions for 2 of the 2 images .*, or score against .*/data/groundtruth_depth"
+    with pytest.raises(ValueError, match=told):
+        evaluate_depth(tmp_path / "found", tmp_path / "data")

@@ -190,6 +190,14 @@ def test_result_files_that_end_in_capitals_are_told_not_taken_as_missing(street,
         evaluate_objects(results, labels, missing_as_empty=missing_as_empty)
 
 
+def test_label_files_that_all_end_in_capitals_are_told(street):
+    results, labels = street
+    for path in labels.iterdir():
+        path.rename(path.with_suffix(".TXT"))
+    with pytest.raises(ValueError, match=r"30 files end in capitals, such as 000000\.TXT; rename"):
+        evaluate_objects(results, labels)
+
+
 def test_a_list_of_samples_evaluates_the_frames_that_it_names(street, tmp_path):
     results, labels = street
     for path in results.glob("00002*.txt"):

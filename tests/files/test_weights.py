@@ -281,3 +281,6 @@ def test_the_folder_of_a_run_is_refused_with_the_file_in_it(tmp_path):
     (tmp_path / "weights.safetensors").touch()
     with pytest.raises(ValueError, match=r"is the folder of a run; give .*weights\.safetensors"):
         find_weights(tmp_path)
+    (tmp_path / "weights.safetensors").unlink()
+    with pytest.raises(ValueError, match=r"is a folder without weights\.safetensors, as a run"):
+        find_weights(tmp_path)

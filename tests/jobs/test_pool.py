@@ -3,6 +3,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import cv2
 import pytest
@@ -94,6 +95,11 @@ def one_piece_hangs(position: int) -> str:
 
 def hundred_megabytes(position: int) -> str:
     return str(position) * 100_000_000
+
+
+def warns(position: int) -> str:
+    warnings.warn(f"{position // 2}.npy: a warning of {os.getpid()}", stacklevel=1)
+    return f"{position}"
 
 
 def ends_soon(position: int) -> str:  # noqa: ARG001
@@ -335,3 +341,12 @@ def test_a_killed_worker_leaves_no_semaphore_of_a_progress_bar(tmp_path):
     ended = subprocess.run([sys.executable, script], check=False, capture_output=True, text=True)
     assert ended.stdout == f"{-signal.SIGKILL}\n"
     assert ended.stderr == ""
+
+
+def test_warnings_of_workers_are_given_in_the_process_of_the_job():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert list(run_pieces(warns, 4, 2)) == ["0", "1", "2", "3"]
+    texts = [str(each.message) for each in caught]
+    assert sorted(text[:5] for text in texts) == ["0.npy", "0.npy", "1.npy", "1.npy"]
+    assert not any(str(os.getpid()) in text for text in texts)

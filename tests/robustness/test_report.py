@@ -155,6 +155,11 @@ def two(tmp_path):
 
 def test_two_runs_are_printed_and_drawn_side_by_side(two, tmp_path, capsys):
     page = tmp_path / "both.html"
+    page_of_run = two[0].with_name("report.html")
+    before = page_of_run.read_text()
+    assert main(["robustness", "--compare", *map(str, two), "-o", str(page_of_run)]) == 2
+    assert "would change the file" in capsys.readouterr().err
+    assert page_of_run.read_text() == before
     assert main(["robustness", "--compare", *map(str, two), "-o", str(page)]) == 0
     shown = capsys.readouterr().out
     assert re.search(r"camera_fog-1 +70\.0 +40\.0 +\+30\.0", shown)
@@ -228,6 +233,7 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
     assert err.count("\n") == 1
     for arguments, message in (
         (["--compare", str(two[0])], "a comparison needs two runs or more, got 1"),
+        (["--compare", "x", "y"], "no such file or directory; give the robustness.json of a run"),
         (["out"], "robustness needs a data set"),
         (["--data", "x"], "robustness needs a folder for the run"),
         (["--data", "x", "out", "-o", "page.html"], "--page draws finished runs"),

@@ -165,3 +165,11 @@ def test_few_objects_are_noted_beside_the_scores(written):
     _, _, report = written
     assert any("use that one" in note for note in report.notes())
     assert report.absent_cases == ()
+
+
+def test_labels_without_an_object_are_told_beside_the_scores(tmp_path):
+    tree = shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    for path in (tree / "training" / "label_2").iterdir():
+        path.write_text("")
+    (note,) = DETECTION2D.scoring().notes(open_dataset(tree))
+    assert note.startswith("WARNING: no label is of a scored class (Car, Pedestrian, Cyclist)")

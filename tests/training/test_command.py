@@ -37,6 +37,20 @@ def test_a_recipe_is_trained_by_its_name_and_leaves_all_in_its_folder(recipes, t
     assert all(torch.equal(weights.tensors[name], best.tensors[name]) for name in best.tensors)
 
 
+@pytest.mark.parametrize("setting", ["max_steps", "limit_train_batches"])
+def test_a_training_without_a_step_is_an_error_that_names_the_settings(recipes, setting):
+    run = ["--config", "toy", f"--trainer.{setting}", "0", "--data.validation=[]"]
+    with pytest.raises(ValueError, match=r"runs/toy: the training ended without a step"):
+        run_training("fit", run, recipes)
+    assert not Path("runs/toy/weights.safetensors").exists()
+
+
+def test_a_trial_run_leaves_no_weights_and_says_so(recipes, capsys):
+    run = ["--config", "toy", "--trainer.fast_dev_run", "true"]
+    assert run_training("fit", run, recipes) == 0
+    assert "no weights were written" in capsys.readouterr().out
+
+
 def test_the_last_weights_are_kept_and_scored_where_asked_for(recipes, capsys):
     run = ["--config", "toy", "--keep_last_weights", "true"]
     assert run_training("fit", run, recipes) == 0

@@ -45,7 +45,8 @@ def adapt(
 
     rig_file = named_file(rig)
     if rig is not None and rig_file is None:
-        raise ValueError(f"there is no file {rig}; give the file of a rig, such as OUT/rig.yaml")
+        fault = f"{rig} is a folder" if Path(rig).is_dir() else f"there is no file {rig}"
+        raise ValueError(f"{fault}; give the file of a rig in YAML, such as OUT/rig.yaml")
     check_outputs({"OUT": out}, data=[data, rig_file])
     settings = AdaptSettings(
         tasks=tuple(FINE_TUNINGS) if tasks is None else tasks,

@@ -100,6 +100,31 @@ def gathered_warnings() -> Iterator[None]:
                 warn(f"warning: {alike[0]}{more}")
 
 
+@contextmanager
+def first_of_each_kind() -> Iterator[None]:
+    """Print the first warning of each kind at once, and the number of the others at the end.
+
+    Kinds are those of `gathered_warnings`; equal warnings count once. Use it for a whole process.
+    """
+    by_kind: dict[str, dict[str, None]] = {}
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        text = str(message)
+        alike = by_kind.setdefault(kind_of_message(text), {})
+        if not alike:
+            warn(f"warning: {text}")
+        alike[text] = None
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        try:
+            yield
+        finally:
+            for first, *others in by_kind.values():
+                if others:
+                    warn(f"warning: {len(others)} more like this: {first}")
+
+
 class _Plain:
     """Wrapper of a rich renderable that escapes control characters."""
 

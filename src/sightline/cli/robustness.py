@@ -155,9 +155,11 @@ def _chosen_task(task: str | None, weights: str | None) -> "BenchTask":
 
 def _compare(paths: tuple[str, ...], page: Path | None) -> None:
     from sightline.robustness.compare import compare_runs
-    from sightline.robustness.record import record_file
+    from sightline.robustness.record import files_beside, record_file
 
-    check_places({"--page": page}, data=[record_file(Path(path)) for path in paths])
+    runs = [Path(path) for path in paths]
+    read = [record_file(path) for path in runs]
+    check_places({"--page": page}, data=read + [each for run in runs for each in files_beside(run)])
     comparison = compare_runs([Path(path) for path in paths])
     deliver(comparison, None)
     if page is not None:

@@ -11,6 +11,7 @@ from sightline.data.frame_checks import Findings
 from sightline.data.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame, Part
 from sightline.data.unread_files import PartFolder, find_name_clashes, find_unread
 from sightline.files.problem import FileError, Problem
+from sightline.geometry.picture_checks import GREY_DOUBT
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _NUM_CHECKED_FRAMES: Final = 3  # number of frames: the first, and others spread over the rest
@@ -148,6 +149,9 @@ def _warn_of_missing_data(
         for frame, found in zip(selected, findings, strict=True)
         if _points_file(frame) is not None and not found.unreadable
     ]
+    greys = [found.has_grey_image for found in findings if not found.unreadable]
+    if greys and all(greys):
+        warnings.warn(f"{root}: checked {GREY_DOUBT}", stacklevel=_STACK_LEVEL)
     for fault, empty in (("images have a single colour", images), ("sweeps are empty", sweeps)):
         if empty and all(empty):
             problem = Problem(

@@ -31,6 +31,7 @@ from sightline.geometry.mount import MAX_RANGE_M, has_too_few_in_image
 from sightline.geometry.mount_axes import axes_doubt
 
 _MAX_BLANK_LEVELS = 8  # largest range of levels in an image of a single colour
+_GREY_STEP = 4  # pixels between those that tell grey images
 _MAX_LIDAR_DEPTH_M = 120.0  # largest plausible 99th percentile of a projected sweep
 _MIN_DEPTH_M = 1.0  # smallest plausible 99th percentile
 _MIN_COMPARED_PX = 20  # pixels with a depth and a point
@@ -56,6 +57,8 @@ class Findings:
     """Clouds with hardly any points, which contradict no other file."""
     has_blank_image: bool = False
     """Whether the image has a single colour."""
+    has_grey_image: bool = False
+    """Whether the image has shades of grey alone."""
     has_empty_sweep: bool = False
 
     def all(self) -> list[Problem]:
@@ -136,6 +139,8 @@ def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "heig
     image = read_or_note(read_rgb, path, found.unreadable)
     if image is not None:
         found.has_blank_image = is_blank(image)
+        few = image[::_GREY_STEP, ::_GREY_STEP]
+        found.has_grey_image = not found.has_blank_image and bool((few == few[..., :1]).all())
     return image
 
 

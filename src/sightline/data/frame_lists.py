@@ -189,6 +189,9 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
             f"it holds {len(others):,} files of other frames, such as {shortened(others[0].name)}; "
             "name a list of those frames, or another folder"
         )
+    stems = [each.stem for each in files]
+    if capitals := capital_suffixes((each.name for each in files), names or stems):
+        return capitals
     if files:
         return (
             f"it holds {len(files):,} files of another format, such as {shortened(files[0].name)}; "

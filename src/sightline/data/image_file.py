@@ -30,7 +30,7 @@ def read_rgb(path: Path | str) -> UInt8[np.ndarray, "height width 3"]:
     The orientation tag of the file is ignored: a calibration refers to the pixels as stored.
 
     Raises:
-        FileError: The file is no complete PNG or JPEG, or has 16 bits per channel (a depth map).
+        FileError: The file is no complete PNG or JPEG, or has 16 bits per channel.
     """
     return decode_rgb(read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY), path)
 
@@ -49,9 +49,10 @@ def decode_rgb(content: bytes, path: Path | str) -> UInt8[np.ndarray, "height wi
     if header.bits_per_channel > 8:
         raise FileError(
             path,
-            f"has {header.bits_per_channel} bits per channel, expected a picture of 8; it is "
-            "probably a depth map",
-            "name the folder of camera images, or convert them to 8 bits",
+            f"has {header.bits_per_channel} bits per channel, expected a picture of 8"
+            + ("; it is probably a depth map" if header.channels == 1 else ""),
+            "convert the camera's images to 8 bits"
+            + (", or name their folder" if header.channels == 1 else ""),
         )
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     bgr = decode_pixels(content, header, flags, path)

@@ -53,6 +53,11 @@ class CalibrationMatrices:
     image_from_camera: Float64[np.ndarray, "3 4"]
     camera_from_lidar: Float64[np.ndarray, "4 4"]
 
+    @property
+    def stacked(self) -> Float64[np.ndarray, "7 4"]:
+        """All numbers, one matrix below the other."""
+        return np.vstack((self.image_from_camera, self.camera_from_lidar))
+
 
 def read_object_matrices(path: Path | str) -> CalibrationMatrices:
     """Read P2, R0_rect and Tr_velo_to_cam of an object benchmark's calibration file.
@@ -312,11 +317,7 @@ def check_matrices(
     mount = mount_doubt(matrices.camera_from_lidar)
     if mount is not None:
         doubts.append(f"holds a transform from LiDAR to camera that {mount}")
-    found = check_intrinsics(intrinsics, size, path)
-    resolution = None if size is None else resolution_doubt(matrices.image_from_camera, size)
-    if resolution is not None and not found:
-        doubts.append(f"holds a camera matrix that {resolution}")
-    return found + _problems(doubts, path)
+    return check_intrinsics(intrinsics, size, path) + _problems(doubts, path)
 
 
 def check_intrinsics(
@@ -332,8 +333,8 @@ def check_intrinsics(
         intrinsics: Camera matrix [px].
         size: Height and width of the image, if known.
         path: File of the matrix.
-        usual: Whether to doubt also what is possible but unusual: pixels that are no squares, and a
-            principal point away from the centre.
+        usual: Whether to doubt also what is possible but unusual: pixels that are no squares, a
+            principal point away from the centre, and a matrix for another resolution.
     """
     focal_px, principal_px = np.diag(intrinsics)[:2], intrinsics[:2, 2]
     doubts = []
@@ -359,8 +360,11 @@ def check_intrinsics(
                 f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), far "
                 f"from an image of {size[0]}x{size[1]} (height x width)"
             )
+        resolution = resolution_doubt(intrinsics, size) if usual else None
         off_centre = off_centre_doubt(intrinsics, size) if usual else None
-        if off_centre is not None and resolution_doubt(intrinsics, size) is None:
+        if resolution is not None:
+            doubts.append(f"holds a camera matrix that {resolution}")
+        elif off_centre is not None:
             doubts.append(off_centre)
     return _problems(doubts[:1], path)
 

@@ -1,15 +1,24 @@
 """Data set of the depth completion benchmark: sparse depth maps, images, denser ground truth."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from sightline.data.kitti_calibration import read_intrinsics, read_rectified_intrinsics
+from sightline.data.calibration_judge import CalibrationJudge
+from sightline.data.entry_checks import select_spread
+from sightline.data.frame_checks import read_or_note
+from sightline.data.image_header import read_image_size
+from sightline.data.kitti_calibration import (
+    check_intrinsics,
+    read_intrinsics,
+    read_rectified_intrinsics,
+)
 from sightline.data.kitti_files import read_depth, read_image
 from sightline.data.kitti_trees import (
     Camera,
@@ -92,6 +101,11 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
             needed["truth"] = "groundtruth"
         _check_complete(self.root, frames, needed)
         self.frames = tuple(frames)
+        self._judge = CalibrationJudge()
+        for frame in select_spread(self.frames):
+            intrinsics = read_or_note(partial(_read_intrinsics, frame), frame.intrinsics, [])
+            if intrinsics is not None:
+                self._judge.skip(intrinsics, read_or_note(read_image_size, frame.sparse, []))
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -126,7 +140,11 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
                     f"{height}x{width} like {frame.sparse}",
                     "extract both again",
                 )
-        calibration = _read_calibration(frame)
+        path = frame.intrinsics
+        assert path is not None, f"{frame.sample_id} passed the check without intrinsics"
+        intrinsics, size = _read_intrinsics(frame, path), (height, width)
+        self._judge.judge(intrinsics, size, lambda: check_intrinsics(intrinsics, size, path))
+        calibration = _calibration_of(intrinsics)
         return CameraLidarSample(
             sample_id=frame.sample_id,
             calibration=calibration,
@@ -147,12 +165,13 @@ def points_from_depth_map(
     return torch.nn.functional.pad(points.float(), (0, 1))
 
 
-def _read_calibration(frame: DepthFrame) -> Calibration:
-    assert frame.intrinsics is not None, f"{frame.sample_id} passed the check without intrinsics"
+def _read_intrinsics(frame: DepthFrame, path: Path) -> Float64[np.ndarray, "3 3"]:
     if frame.camera is None:
-        intrinsics = read_intrinsics(frame.intrinsics)
-    else:
-        intrinsics = read_rectified_intrinsics(frame.intrinsics, int(frame.camera[-2:]))
+        return read_intrinsics(path)
+    return read_rectified_intrinsics(path, int(frame.camera[-2:]))
+
+
+def _calibration_of(intrinsics: Float64[np.ndarray, "3 3"]) -> Calibration:
     return Calibration(
         # The maps are relative to their own camera, so the rectified baseline is not used.
         image_from_camera=torch.from_numpy(np.hstack((intrinsics, np.zeros((3, 1))))),

@@ -56,7 +56,7 @@ def read_depth(path: Path | str) -> Float32[Tensor, "height width"]:
 
 def read_object_calibration(path: Path | str) -> Calibration:
     """Read the object benchmark's calibration of camera 2; see `read_object_matrices`."""
-    return _calibration(read_object_matrices(path), path)
+    return calibration_of(read_object_matrices(path), path)
 
 
 def write_object_calibration(path: Path | str, calibration: Calibration) -> None:
@@ -66,7 +66,7 @@ def write_object_calibration(path: Path | str, calibration: Calibration) -> None
 
 def read_raw_calibration(folder: Path | str) -> Calibration:
     """Read camera 2's calibration from a raw recording's folder; see `read_raw_matrices`."""
-    return _calibration(read_raw_matrices(folder), folder)
+    return calibration_of(read_raw_matrices(folder), folder)
 
 
 def write_raw_calibration(folder: Path | str, calibration: Calibration) -> None:
@@ -76,7 +76,12 @@ def write_raw_calibration(folder: Path | str, calibration: Calibration) -> None:
     atomic_write_text(Path(folder, "calib_velo_to_cam.txt"), lidar)
 
 
-def _calibration(matrices: CalibrationMatrices, source: Path | str) -> Calibration:
+def calibration_of(matrices: CalibrationMatrices, source: Path | str) -> Calibration:
+    """Convert the matrices of a file.
+
+    Raises:
+        FileError: They are no calibration; names `source`.
+    """
     try:
         return Calibration(
             image_from_camera=torch.from_numpy(matrices.image_from_camera),

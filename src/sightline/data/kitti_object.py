@@ -7,11 +7,18 @@ from typing import Literal
 
 from torch.utils.data import Dataset
 
+from sightline.data.calibration_judge import CalibrationJudge
+from sightline.data.entry_checks import select_spread
+from sightline.data.frame_checks import read_or_note
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_header import read_image_size
-from sightline.data.kitti_calibration import read_object_pose
+from sightline.data.kitti_calibration import (
+    check_matrices,
+    read_object_matrices,
+    read_object_pose,
+)
 from sightline.data.kitti_conversion import labels_from_kitti
-from sightline.data.kitti_files import read_depth, read_image, read_object_calibration, read_points
+from sightline.data.kitti_files import calibration_of, read_depth, read_image, read_points
 from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_trees import (
     ObjectFrame,
@@ -99,6 +106,12 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self.frames = tuple(found[frame_id] for frame_id in requested)
         pictures = (frame.image or frame.depth for frame in found.values())
         self._any_picture = next((path for path in pictures if path is not None), None)
+        self._judge = CalibrationJudge()
+        for frame in select_spread(self.frames):
+            matrices = read_or_note(read_object_matrices, frame.calibration, [])
+            if matrices is not None:
+                size = read_or_note(read_image_size, self._sized(frame), [])
+                self._judge.skip(matrices.stacked, size)
         self._pose = pose_of_tree(tuple(found.values()))
         warn_of_mount(self._pose, folder)
         for doubt in stated_mount_doubts(self.frames):
@@ -127,10 +140,11 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         keep_opencv_to_one_thread_in_workers()
         index = sample_index(index, len(self))
         frame = self.frames[index]
-        sized = frame.image or frame.depth or self._any_picture
-        assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
-        calibration = read_object_calibration(frame.calibration)
-        pose = read_object_pose(frame.calibration) or self._pose
+        sized, path = self._sized(frame), frame.calibration
+        assert path is not None, f"{frame.sample_id} passed without a calibration"
+        matrices = read_object_matrices(path)
+        calibration = calibration_of(matrices, path)
+        pose = read_object_pose(path) or self._pose
         level_from_lidar = level_from_mount(calibration, pose.tilt)
         objects = None
         if frame.objects is not None:
@@ -144,6 +158,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             height, width = read_image_size(sized)
         else:
             height, width = centred_image_size(calibration)
+        seen = None if sized is None else (height, width)
+        self._judge.judge(matrices.stacked, seen, lambda: check_matrices(matrices, seen, path))
         depth = read_depth(frame.depth) if frame.depth and "depth" in self.parts else None
         if frame.depth is not None and depth is not None and depth.shape != (height, width):
             raise FileError(
@@ -163,6 +179,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             lidar_height_m=pose.height_m,
             level_from_lidar=level_from_lidar,
         )
+
+    def _sized(self, frame: ObjectFrame) -> Path | None:
+        """Picture that defines the image's size."""
+        return frame.image or frame.depth or self._any_picture
 
 
 def _has_sensor(frame: ObjectFrame) -> bool:

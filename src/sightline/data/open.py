@@ -59,6 +59,7 @@ from sightline.jobs.output_dirs import KITTI_SPLITS, data_name
 from sightline.structures.sample import CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
+_SENSOR_NOUNS: dict[Part, str] = {"image": "images", "points": "point clouds"}
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -180,7 +181,9 @@ def open_dataset(
         dataset = _open_object_tree(path, sample_list, velodyne, requested, needs)
     if dataset is None:
         refuse_other_layouts(path)
-        if list_object_frames(path, ("image", "points")) and (path / "image_2").is_dir():
+        is_drive = list_drive(path).calibration is not None  # one with a folder image_2, perhaps
+        has_parts = bool(list_object_frames(path, ("image", "points")))
+        if has_parts and (path / "image_2").is_dir() and not is_drive:
             raise FileError(
                 path,
                 "holds the parts of an object split",
@@ -193,6 +196,7 @@ def open_dataset(
             dataset = NamedSubset(dataset, read_sample_list(sample_list, path))
     if dataset is None:
         raise _no_data_set(path)
+    _check_gaps(dataset, path, needs or ())
     _check_samples(dataset, path, requested)
     return dataset
 
@@ -220,6 +224,27 @@ def _open_object_tree(
             needs=needs,
         )
     return None
+
+
+def _check_gaps(dataset: SampleDataset, path: Path, needs: Collection[Part]) -> None:
+    """Refuse frames without a needed sensor, where the data set itself allows gaps.
+
+    Raises:
+        ValueError: A frame has no file of the sensor.
+    """
+    if refuses_gaps(dataset):
+        return
+    for part in [each for each in _SENSOR_NOUNS if each in needs]:
+        lacking = [
+            name
+            for index, name in enumerate(dataset.sample_ids)
+            if not has_file(dataset, index, part)
+        ]
+        if lacking:
+            raise ValueError(
+                f"{path} lacks {_SENSOR_NOUNS[part]} of {len(lacking)} of {len(dataset)} frames "
+                f"({describe_absent(lacking)}); add them or name a list of the complete frames"
+            )
 
 
 def _check_samples(dataset: SampleDataset, path: Path, parts: Collection[Part]) -> None:
@@ -275,8 +300,7 @@ def warn_of_missing_sensors(
         stacklevel: See `warnings.warn`.
     """
     effect, total = "there predictions go by the other sensor alone", f"{len(dataset):,} frames"
-    nouns: dict[Part, str] = {"image": "images", "points": "point clouds"}
-    for part in [each for each in nouns if each in parts]:
+    for part in [each for each in _SENSOR_NOUNS if each in parts]:
         files = [_listed_file(dataset, index, part) for index in range(len(dataset))]
         lacking = [index for index, file in enumerate(files) if file is None]
         may_be_empty = part == "image" or is_corrupted(path)
@@ -286,7 +310,7 @@ def warn_of_missing_sensors(
             if file is not None and holds_no_point(file)
         ]
         if lacking:
-            problem = f"there are no {nouns[part]} for {len(lacking):,} of {total}"
+            problem = f"there are no {_SENSOR_NOUNS[part]} for {len(lacking):,} of {total}"
             first = f"the first is {dataset.sample_ids[lacking[0]]}"
             remedy = "give them if there are any"
             warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
@@ -309,7 +333,7 @@ def label_file(dataset: SampleDataset, index: int) -> Path | None:
 def refuses_gaps(dataset: SampleDataset) -> bool:
     """Whether the data set was refused if one of its frames lacked a part in `needs`.
 
-    The others find a missing file only when they read the frame.
+    The others find a missing file, other than an image or a sweep, only when they read the frame.
     """
     return isinstance(dataset, KittiObjectDataset | RecordingDataset)
 

@@ -107,7 +107,8 @@ def _tracking(path: Path) -> Problem | None:
 def _uncalibrated(path: Path) -> Problem | None:
     if not lacks_calibration(path):
         return None
-    misnamed = misnamed_files(path)
+    folders = [each for each in recording_folders(path) if each.part == "calibration"]
+    misnamed = [*misnamed_files(path), *(each.problem for each in find_unread(folders))]
     if misnamed:
         return misnamed[0]
     return Problem(

@@ -183,7 +183,7 @@ def _checked_rows(
                 path,
                 f"has {len(values)} values in point {found} (from 0), but its header defines "
                 f"{expected}",
-                REMEDY,
+                "separate values by spaces, without commas" if "," in line else REMEDY,
             )
         yield line
         found += 1

@@ -148,6 +148,8 @@ class _StderrCapture:
             cv2.utils.logging.setLogLevel(self._saved[1])
         self._condition = threading.Condition()
         self._num_active, self._is_exclusive = 0, False
+        if self._file is not None:
+            self._file.close()  # this process's descriptor: Python warns of files left open
         self._file, self._stream = None, None
 
 

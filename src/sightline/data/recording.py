@@ -13,6 +13,7 @@ from jaxtyping import Float64, UInt8
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from sightline.data.calibration_judge import CalibrationJudge
 from sightline.data.frame_checks import Findings, read_or_note
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_file import read_rgb
@@ -30,6 +31,7 @@ from sightline.data.recording_calibration import (
     require_usable,
 )
 from sightline.data.recording_checks import (
+    calibration_problems,
     examine_recording_frame,
     first_complete_frame,
     reference_images,
@@ -121,6 +123,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         starts = (self._times[name] for name in known if name in self._times)
         self._start_s = min(starts, default=Decimal(0))
         self._last_rig: tuple[Path, _Rig] | None = None
+        self._judge = CalibrationJudge()
         self._warn_of_rig()
         misnamed = unpaired(self.folder, files.frames)
         if misnamed is not None and {"image", "points"} <= self.parts:
@@ -169,8 +172,9 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         keep_opencv_to_one_thread_in_workers()
         index = sample_index(index, len(self))
         frame = self.frames[index]
-        assert frame.calibration is not None, f"{frame.sample_id} passed without a calibration"
-        rig = self._rig(frame.calibration)
+        path = frame.calibration
+        assert path is not None, f"{frame.sample_id} passed without a calibration"
+        rig = self._rig(path)
         contents, calibration, level_from_lidar = (
             rig.contents,
             rig.calibration,
@@ -180,10 +184,13 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         if frame.image is not None and "image" in self.parts:
             image = _undistorted_image(frame.image, contents)
             size = (image.shape[1], image.shape[2])
-            reference = self._reference_images[frame.calibration]
-            mismatch = size_mismatch(frame.image, size, contents, reference)
+            mismatch = size_mismatch(frame.image, size, contents, self._reference_images[path])
             if mismatch is not None:
                 raise FileError(mismatch.path, mismatch.problem, mismatch.remedy)
+        seen = _seen_size(frame, contents)
+        self._judge.judge(
+            contents.matrices.stacked, seen, lambda: calibration_problems(contents, seen, path)
+        )
         points = None
         if frame.points is not None and "points" in self.parts:
             points = torch.from_numpy(read_cloud(frame.points, contents.max_intensity))
@@ -242,13 +249,15 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     def _warn_of_rig(self) -> None:
         first = first_complete_frame(self.frames)
         view = view_of_recording(first)
+        path = None if first is None else first.calibration
+        contents = read_or_note(read_recording_calibration, path, [])
+        if first is not None and contents is not None:
+            self._judge.skip(contents.matrices.stacked, _seen_size(first, contents))
         if view is not None and view.doubt is not None:
             warnings.warn(str(view.doubt), stacklevel=4)
             return
-        path = None if first is None else first.calibration
-        contents = read_or_note(read_recording_calibration, path, [])
         if first is not None and contents is not None and path is not None:
-            size = read_or_note(read_image_size, first.image, []) or contents.image_size
+            size = _seen_size(first, contents)
             for doubt in check_matrices(contents.matrices, size, path):
                 warnings.warn(str(doubt), stacklevel=4)
         if "points" in self.parts:
@@ -314,6 +323,11 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                     f"{len(self.frames)} frames ({describe_absent(absent)}); add them or name a "
                     "list of the complete frames"
                 )
+
+
+def _seen_size(frame: ObjectFrame, contents: RecordingCalibration) -> tuple[int, int] | None:
+    """Height, width [px] by a frame's image or its calibration; None: neither has it."""
+    return read_or_note(read_image_size, frame.image, []) or contents.image_size
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -175,6 +175,19 @@ def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]
     if calibration is None:
         return problems
     size = read_or_note(read_image_size, image, []) or calibration.image_size
+    return calibration_problems(calibration, size, path)
+
+
+def calibration_problems(
+    calibration: RecordingCalibration, size: tuple[int, int] | None, path: Path
+) -> list[Problem]:
+    """Find the faults of a calibration.
+
+    Args:
+        calibration: Calibration as read.
+        size: Height, width [px] of its images, if known.
+        path: File of the calibration.
+    """
     try:
         require_usable(calibration, size)
     except ValueError as error:

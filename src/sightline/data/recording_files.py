@@ -49,6 +49,8 @@ _UNITS_OF_STEPS: Final = (
 _MIN_STEPS: Final = 2
 _GAP_STEPS: Final = 10  # typical steps that count as a gap
 _MIN_GAP_S: Final = 2
+_IN_SEQUENCE: Final = re.compile(r"(.*\D)(\d+)", re.ASCII)
+_FIRST_NUMBERS: Final = (0, 1)  # of the first frame of a sequence
 _ONE_NUMBER: Final = re.compile(r"(\D*)(\d+)(\D*)", re.ASCII)
 _REMEDY: Final = "write lines like `000001 0.1`"
 
@@ -260,6 +262,8 @@ def check_times(path: Path, frames: Sequence[str]) -> list[Problem]:
 def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]) -> list[Problem]:
     """Find differences between times and frames, gaps, and times that do not increase.
 
+    Times between sequences, such as scene-0001-040 and scene-0002-000, may be any.
+
     Args:
         path: The file.
         times: Times of the file.
@@ -286,9 +290,10 @@ def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]
     steps = doubtful_steps([(name, times[name]) for name in timed])
     if steps is not None:
         faults.append(steps)
-    not_rising = [after for before, after in pairwise(timed) if times[after] <= times[before]]
+    pairs = [pair for pair in pairwise(timed) if not begins_sequence(*pair)]
+    not_rising = [after for before, after in pairs if times[after] <= times[before]]
     if not_rising:
-        num_equal = sum(times[after] == times[before] for before, after in pairwise(timed))
+        num_equal = sum(times[after] == times[before] for before, after in pairs)
         faults.append(
             (
                 f"has times that do not rise from frame to frame: {len(not_rising)} of "
@@ -301,8 +306,19 @@ def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]
     return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
 
 
+def begins_sequence(before: str, after: str) -> bool:
+    """Whether a frame is the first of another sequence, by its name and that of the one before.
+
+    The text before the last number differs, and this number is 0 or 1.
+    """
+    one, other = _IN_SEQUENCE.fullmatch(before), _IN_SEQUENCE.fullmatch(after)
+    if one is None or other is None:
+        return False
+    return one[1] != other[1] and int(other[2]) in _FIRST_NUMBERS
+
+
 def doubtful_steps(timed: Sequence[tuple[str, Decimal]]) -> tuple[str, str] | None:
-    """Find times in another unit than seconds, and gaps.
+    """Find times in another unit than seconds, and gaps within a sequence.
 
     Args:
         timed: Names and times [s] of frames, in order.
@@ -311,7 +327,11 @@ def doubtful_steps(timed: Sequence[tuple[str, Decimal]]) -> tuple[str, str] | No
         The problem, in words that continue a sentence about the file, and the remedy. None: there
         is no doubt, or times do not rise.
     """
-    steps = [(after[1] - before[1], before[0], after[0]) for before, after in pairwise(timed)]
+    steps = [
+        (after[1] - before[1], before[0], after[0])
+        for before, after in pairwise(timed)
+        if not begins_sequence(before[0], after[0])
+    ]
     if len(steps) < _MIN_STEPS or any(step <= 0 for step, _, _ in steps):
         return None
     middle = sorted(step for step, _, _ in steps)[len(steps) // 2]

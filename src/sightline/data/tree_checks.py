@@ -64,6 +64,7 @@ from sightline.data.recording_files import (
     RecordingFiles,
     check_times,
     is_recording,
+    lacks_calibration,
     list_recording,
     order_doubt,
     unpaired,
@@ -164,13 +165,23 @@ def find_trees(root: Path) -> list[Tree]:
     # Both are the same folder if `root` is itself a selection.
     by_folder = {selection_folder(root, split): split for split in selections}
     trees = [
-        *(object_trees if any(object_trees) else [_object_tree(root)]),
+        *(object_trees if any(object_trees) else [_object_tree_of_one_split(root)]),
         *(_drives_tree(root, split) for split in drive_splits),
         *(_selection_tree(root, folder, split) for folder, split in by_folder.items()),
         _raw_drive_tree(root),
         _recording_tree(root),
     ]
     return [tree for tree in trees if tree is not None]
+
+
+def _object_tree_of_one_split(root: Path) -> Tree | None:
+    """Tree of a folder that is a split; no recording or raw drive with folders of such names."""
+    is_other = is_recording(root) or lacks_calibration(root)
+    if is_other and not any((root / name).is_dir() for name in ("image_2", "velodyne")):
+        return None
+    if not (root / "calib").is_dir() and list_drive(root).calibration is not None:
+        return None
+    return _object_tree(root)
 
 
 def _object_tree(folder: Path) -> Tree | None:

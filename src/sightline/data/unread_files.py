@@ -53,10 +53,13 @@ _FOLDER_ALIASES: dict[Part, tuple[str, ...]] = {
         *("points", "point", "velodyne", "velodynepoints", "lidar", "lidars", "laser", "cloud"),
         *("clouds", "pointcloud", "pointclouds", "pcd", "pcds", "sweeps", "scans"),
     ),
+    "objects": ("label", "labels", "annotation", "annotations", "groundtruth", "gt"),
+    "calibration": ("calib", "calibs", "calibration", "calibrations"),
 }
-"""Other common names of a sensor's folder, only letters."""
+"""Other common names of a part's folder, only letters."""
 _OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
 """Folders of other cameras and of a depth benchmark's selection."""
+_DRIVE_DATA = "data"  # folder of a drive's files in that of the sensor
 _MAX_LISTED = 4  # suffixes listed in an error
 
 
@@ -207,26 +210,29 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
     """Find a folder of the part with another name: in another case, or if there is none, usual."""
     is_missing = not place.folder.is_dir()
     aliases = _FOLDER_ALIASES.get(place.part, ()) if is_missing else ()
-    for other in sorted(place.folder.parent.iterdir()) if place.folder.parent.is_dir() else ():
+    home = place.folder.parent if place.folder.name == _DRIVE_DATA else place.folder
+    for other in sorted(home.parent.iterdir()) if home.parent.is_dir() else ():
         is_usual = re.sub("[^a-z]", "", other.name.lower()) in aliases
         if (
-            not (is_usual or other.name.lower() == place.folder.name.lower())
-            or other.name in (place.folder.name, *_OTHER_CAMERA_FOLDERS)
+            not (is_usual or other.name.lower() == home.name.lower())
+            or other.name in (home.name, *_OTHER_CAMERA_FOLDERS)
             or not other.is_dir()
-            or (not is_missing and other.samefile(place.folder))  # a disk without case
+            or (not is_missing and other.samefile(home))  # a disk without case
         ):
             continue
-        files = list_files(other, place.suffixes)
+        inner = other / _DRIVE_DATA
+        files = list_files(inner if inner.is_dir() else other, place.suffixes)
         if files:
             described = Problem(
                 path=other,
-                problem=f"holds {len(files)} files that are not read, expected them in "
-                f"{place.folder.name}",
-                remedy=f"rename the folder to {place.folder.name} or move it away"
+                problem=f"holds {len(files)} files that are not read, expected them in {home.name}",
+                remedy=f"rename the folder to {home.name} or move it away"
                 if is_missing
-                else f"move them to {place.folder.name}, or the folder away",
+                else f"move them to {home.name}, or the folder away",
             )
-            return UnreadFiles(problem=described, part=place.part, all_unread=is_missing)
+            is_needed = place.part != "objects"  # labels may be missing
+            all_unread = is_missing and is_needed
+            return UnreadFiles(problem=described, part=place.part, all_unread=all_unread)
     return None
 
 

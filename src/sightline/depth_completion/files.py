@@ -21,6 +21,13 @@ def write_depth(path: Path, depth_map: DepthMap) -> None:
     _write(path, depth_map.depth_m)
 
 
+def describe_guess(depth_map: DepthMap) -> str:
+    """Describe guessed depths, which their file does not mark; empty: there are none."""
+    if depth_map.guessed is None or not depth_map.guessed.any():
+        return ""
+    return "hold depth guessed from the image, where the sweep has no points"
+
+
 def write_uncertainty(path: Path, depth_map: DepthMap) -> None:
     """Write the expected absolute errors in the same format; infinite ones become 0.
 

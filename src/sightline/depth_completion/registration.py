@@ -36,6 +36,12 @@ def _write_uncertainty(path: Path, sample: "CameraLidarSample", depth_map: "Dept
     write_uncertainty(path, depth_map)
 
 
+def _describe_guess(depth_map: "DepthMap") -> str:
+    from sightline.depth_completion.files import describe_guess
+
+    return describe_guess(depth_map)
+
+
 def _only_valid(depth_map: "DepthMap") -> "DepthMap":
     from sightline.depth_completion.postprocess import only_valid
 
@@ -72,6 +78,7 @@ class DepthCompletionTask(DepthNetworkTask):
             summary="Depth maps.",
             write=_write_depth,
             read=_read_depth,
+            remark=_describe_guess,
         ),
         Output(
             name="uncertainty",

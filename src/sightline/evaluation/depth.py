@@ -40,6 +40,7 @@ from sightline.evaluation.depth_scores import (
     score_depth,
     score_predicted_pixels,
 )
+from sightline.evaluation.inputs import check_apart
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
@@ -59,6 +60,7 @@ _ROWS = (
     "sqRel",
     "coverage",
 )
+_TRUTH_FOLDER = "groundtruth_depth"  # of the depth benchmark's selection
 _UNITS = {"metres": 1, "centimetres": 100, "millimetres": 1000}
 _STEPS_PER_M = 256  # of KITTI's files
 _WRONG_RATIOS = {
@@ -181,11 +183,16 @@ def evaluate_depth(
     drives, are names of the same frame. Only scores are kept in memory.
 
     Examples:
-        >>> import sightline
+        >>> import sightline, tempfile
+        >>> from sightline.data.map_png import read_depth_png, write_depth_png
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> truth = PACKAGED_FRAMES / "training" / "depth"
-        >>> sightline.evaluate_depth(truth, truth).mean.rmse_mm
-        0.0
+        >>> with tempfile.TemporaryDirectory() as results:
+        ...     for path in truth.iterdir():  # each depth half a metre too large
+        ...         depth_m = read_depth_png(path)
+        ...         write_depth_png(f"{results}/{path.name}", depth_m + 0.5 * (depth_m > 0))
+        ...     round(sightline.evaluate_depth(results, truth).mean.rmse_mm)
+        500
 
     Args:
         predictions: Prediction file or folder.
@@ -202,8 +209,8 @@ def evaluate_depth(
 
     Raises:
         ValueError: A file is missing, not a 16-bit depth PNG, of another size than its ground
-            truth, or without any ground truth (the message contains its name); or bands do not
-            ascend, or the seed is negative.
+            truth, or without any ground truth (the message contains its name); both are one file or
+            folder; or bands do not ascend, or the seed is negative.
     """
     ends = (0.0, *band_ends_m)
     if any(not before < end < np.inf for before, end in pairwise(ends)):
@@ -212,6 +219,7 @@ def evaluate_depth(
         )
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
+    check_apart(predictions, truth, "the ground truth")
     predictions, truth = data_path(predictions), data_path(truth)
     score = partial(_score_files, truth=truth, workers=workers, progress=progress)
     images, unused = score(
@@ -219,6 +227,7 @@ def evaluate_depth(
     )
     _warn_of_units(images, predictions, truth)
     _warn_of_empty(images, predictions)
+    _warn_of_copies(images, predictions, truth)
     report = DepthReport(
         images=images,
         unused_predictions=unused,
@@ -285,6 +294,17 @@ def _warn_of_empty(images: Sequence[ImageReport], predictions: Path) -> None:
         )
 
 
+def _warn_of_copies(images: Sequence[ImageReport], predictions: Path, truth: Path) -> None:
+    """Warn if predictions are the ground truth, which no method finds exactly."""
+    is_enough = sum(image.compared for image in images) >= _MIN_RATIOS
+    if is_enough and not any(image.scores.rmse_mm for image in images):
+        warnings.warn(
+            f"{predictions}: every depth is that of {truth}, so every error is 0: they are copies; "
+            "name the predictions of a method",
+            stacklevel=3,
+        )
+
+
 def _compared(images: Sequence[ImageReport]) -> list[dict[str, float | None]]:
     """Scores by which methods are told apart; unlike NaN, None equals None."""
     return [each.scores.to_json() for each in images]
@@ -315,10 +335,11 @@ def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_P
     for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
         missing = sorted(true.keys() - files.keys())
         if folder is not None and missing:
+            maps = next(truth.rglob(_TRUTH_FOLDER), None) if truth.name != _TRUTH_FOLDER else None
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true)} images with "
                 f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
-                "score against a folder with the ground truth of fewer images"
+                f"score against {maps or 'a folder with the ground truth of fewer images'}"
             )
     pairs = [_Pair(name, predicted[name], true[name], given.get(name)) for name in sorted(true)]
     return pairs, len(predicted) - len(true)

@@ -16,6 +16,7 @@ from sightline.data.frame_lists import (
     require_frame_files,
 )
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
+from sightline.evaluation.inputs import check_apart
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
 from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
@@ -234,9 +235,10 @@ def read_frames(
         progress: Whether to show the progress.
 
     Raises:
-        ValueError: If a frame lacks a file, a file is invalid, or a frame has too many results
-            times labels for matching in reasonable time.
+        ValueError: If a frame lacks a file, a file is invalid, a frame has too many results times
+            labels for matching in reasonable time, or both folders are one.
     """
+    check_apart(results_dir, labels_dir, "the labels")
     names = frame_names(labels_dir, sample_list)
     require_frame_files(
         labels_dir,

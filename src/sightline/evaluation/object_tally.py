@@ -16,6 +16,11 @@ _KITTI_CLASSES: Final = frozenset(
     {"van", "truck", "person_sitting", "tram", "misc", "dontcare", *map(str.lower, CLASSES)}
 )
 """KITTI's own classes: their labels are no sign of a mistake."""
+NOTHING_LABELLED: Final = (
+    f"WARNING: no label is of a scored class ({', '.join(CLASSES)}): nothing can be found, and "
+    "every result is a false one."
+)
+"""Remark on labels without an object to find."""
 _MAX_NAMES = 5  # maximum number of names in a sentence
 
 
@@ -55,10 +60,7 @@ class ObjectTally:
         if total == 0:
             remarks.append("WARNING: the result files hold no object at all.")
         if not labelled:
-            remarks.append(
-                f"WARNING: no label is of a scored class ({', '.join(CLASSES)}): nothing can be "
-                "found, and every result is a false one."
-            )
+            remarks.append(NOTHING_LABELLED)
         unscored = {name: n for name, n in self.results.items() if class_code(name) < 0}
         if unscored:
             remarks.append(

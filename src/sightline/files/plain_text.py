@@ -17,14 +17,19 @@ _MARK = b"\xef\xbb\xbf"
 _WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
-def read_text(path: Path | str, *, max_bytes: int = _MAX_BYTES) -> str:
+def read_text(path: Path | str, *, max_bytes: int = _MAX_BYTES, remedy: str = REMEDY) -> str:
     """Read a file in UTF-8, with or without byte order marks; every line ends in a line feed.
+
+    Args:
+        path: The file.
+        max_bytes: Largest length to read.
+        remedy: Action for the user if there is no such file.
 
     Raises:
         FileError: The file cannot be read, is not UTF-8, or is larger than any calibration, pose or
             split file.
     """
-    return _decoded(path, read_bytes(path, max_bytes=max_bytes, remedy=REMEDY))
+    return _decoded(path, read_bytes(path, max_bytes=max_bytes, remedy=remedy))
 
 
 def read_piped_text(path: Path | str) -> str:

@@ -67,8 +67,11 @@ def find_weights(weights: Path | str) -> Path:
     if (path / RUN_WEIGHTS).is_file():
         raise ValueError(f"{path} is the folder of a run; give {path / RUN_WEIGHTS}")
     if not path.is_file():
+        fault = f"there are no weights {str(weights)!r}"
+        if path.is_dir():
+            fault = f"{path} is a folder without {RUN_WEIGHTS}, as a run of training has it"
         raise ValueError(
-            f"there are no weights {str(weights)!r}; {nearest(str(weights), shipped_names())}"
+            f"{fault}; {nearest(str(weights), shipped_names())}"
             "give a file (.safetensors, .ckpt) or the name of weights that come with sightline "
             f"({named})"
         )

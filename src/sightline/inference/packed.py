@@ -111,8 +111,8 @@ def pack_results(
         for source, target in chosen
         if not _is_done(source, target)
     ]
-    run_job(works, workers, description=description, driver=driver, keep_going=True)
-    return JobResult(written=len(works), skipped=len(chosen) - len(works))
+    notes = run_job(works, workers, description=description, driver=driver, keep_going=True)
+    return JobResult(written=len(works), skipped=len(chosen) - len(works), notes=notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,16 +127,18 @@ class _ShardWork:
     def __str__(self) -> str:
         return f"shard {self.source.name}"
 
-    def run(self) -> None:
+    def run(self) -> str:
+        notes: dict[str, None] = {}
         with scratch_folder() as folder:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # those of the first shard have been shown
                 dataset = _open(self.writer, self.source, self.place)
             if dataset is not None:
                 for work in self.writer.works(dataset, folder):
-                    _run_named(work)
+                    notes[_run_named(work) or ""] = None
             by_frame = sorted(files_below(folder), key=lambda path: (Path(path).stem, path))
             pack_files(folder, self.target, by_frame, source_sha256=_checksum(self.source))
+        return "; ".join(filter(None, notes))
 
 
 def _is_done(source: Path, target: Path) -> bool:
@@ -153,14 +155,14 @@ def _checksum(tar: Path) -> str | None:
     return None if index is None else index.sha256
 
 
-def _run_named(work: Work) -> None:
-    """Run the work on a frame of a shard; an error names the frame.
+def _run_named(work: Work) -> str | None:
+    """Run the work on a frame of a shard, and return its note; an error names the frame.
 
     Raises:
         ValueError: The frame cannot be read or predicted.
     """
     try:
-        work.run()
+        return work.run()
     except DiskError:
         raise
     except (ValueError, OSError) as error:

@@ -110,8 +110,9 @@ def predict(
         for index in pending
     ]
     description = f"{task.name} by {predictor.name}"
-    run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
-    return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+    notes = run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
+    skipped = len(indices) - len(pending)
+    return JobResult(written=len(pending), skipped=skipped, notes=notes)
 
 
 def predict_shards(
@@ -188,12 +189,12 @@ class _SampleWork:
     def __str__(self) -> str:
         return f"sample {self.name}"
 
-    def run(self) -> None:
+    def run(self) -> str:
         sample = read_sample(self.dataset, self.index, around=self.around)
         prediction = self.predictor(sample)
         for change in self.changes:
             prediction = change(prediction)
-        write_prediction(self.places, sample, prediction)
+        return write_prediction(self.places, sample, prediction)
 
 
 def read_sample(dataset: SampleDataset, index: int, *, around: bool | None) -> CameraLidarSample:
@@ -285,10 +286,12 @@ def output_claims(
     return claims
 
 
-def write_prediction(places: Places, sample: CameraLidarSample, prediction: object) -> None:
-    """Write the files of one prediction."""
+def write_prediction(places: Places, sample: CameraLidarSample, prediction: object) -> str:
+    """Write the files of one prediction, and return the remark on it; empty: none."""
     for output, folder in places:
         output.write(folder / f"{sample.sample_id}{output.suffix}", sample, prediction)
+    remarks = (output.remark(prediction) for output, _ in places if output.remark is not None)
+    return "; ".join(filter(None, remarks))
 
 
 def result_files(places: Places, name: str) -> list[Path]:

@@ -67,6 +67,9 @@ class Output:
     read: "Callable[[Path, CameraLidarSample, Perception], Perception] | None" = None
     """Function that adds the contents of a file to the perception from the outputs before this one;
     None: the file contains nothing to draw."""
+    remark: "Callable[[Any], str] | None" = None
+    """Fact about a prediction that its file does not hold, as the rest of a sentence, such as "hold
+    guesses"; empty: none. Commands count it."""
     further: str = ""
     """Key of the prediction in `Perception.further`, and of lines; empty: boxes or depth."""
 

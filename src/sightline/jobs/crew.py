@@ -2,6 +2,7 @@
 
 import time
 import traceback
+import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from typing import Final, Literal, NamedTuple, Protocol, runtime_checkable
@@ -28,6 +29,8 @@ class Report(NamedTuple):
     """Traceback, if the piece raised an error."""
     ended: str = ""
     """Cause, if the worker has ended; empty: it is ready for the next piece."""
+    warned: tuple[str, ...] = ()
+    """Warnings of the piece, which the job gives in its own process."""
 
 
 class Lost(NamedTuple):
@@ -127,6 +130,8 @@ class _Run:
                     done[position] = lost
                 continue
             self._idle.append(worker)
+            for text in report.warned:
+                warnings.warn(text, stacklevel=2)
             if position is not None:
                 self._deaths_in_row = 0
                 done[position] = report.result
@@ -180,8 +185,11 @@ class _Run:
 
 
 def report_of(piece: Piece, position: int) -> Report:
-    """Run a piece in a worker."""
-    try:
-        return Report(piece(position))
-    except BaseException:  # noqa: BLE001 - the job raises it; some libraries' are no Exception
-        return Report(fault=traceback.format_exc())
+    """Run a piece in a worker, and collect its warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        try:
+            result, fault = piece(position), ""
+        except BaseException:  # noqa: BLE001 - the job raises it; some libraries' are no Exception
+            result, fault = "", traceback.format_exc()
+    texts = tuple(dict.fromkeys(str(each.message) for each in caught))
+    return Report(result=result, fault=fault, warned=texts)

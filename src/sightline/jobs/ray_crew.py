@@ -114,7 +114,7 @@ class _Actor:
         self._piece = piece
         self._folder = folder
 
-    def start(self) -> tuple[str, ...]:
+    def start(self) -> tuple[object, ...]:
         """Enter the folder of the command, by which relative paths are meant."""
         try:
             os.chdir(self._folder)
@@ -123,7 +123,7 @@ class _Actor:
         take_one_thread()
         return tuple(Report())
 
-    def run(self, position: int) -> tuple[str, ...]:
+    def run(self, position: int) -> tuple[object, ...]:
         """Run a piece."""
         return tuple(report_of(self._piece, position))
 

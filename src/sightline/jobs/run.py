@@ -1,7 +1,8 @@
 """Parallel jobs of independent pieces, and shards of them."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.files.atomic import DiskError
@@ -21,10 +22,13 @@ class JobResult:
     written: int
     skipped: int
     """Number of pieces with existing files."""
+    notes: Mapping[str, int] = field(default_factory=dict, compare=False)
+    """Notes on written pieces, each with their number."""
 
     def __str__(self) -> str:
         """Format the result for the user."""
-        return f"{self.written} written, {self.skipped} there already"
+        notes = "".join(f"; {count} {note}" for note, count in self.notes.items())
+        return f"{self.written} written, {self.skipped} there already{notes}"
 
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
@@ -38,8 +42,8 @@ class Work(Protocol):
         """Name in errors, e.g. "frame 7"."""
         ...
 
-    def run(self) -> None:
-        """Run the piece.
+    def run(self) -> str | None:
+        """Run the piece, and return a note for the result of the job; None or empty: none.
 
         Raises:
             ValueError: The data or the output folder is faulty.
@@ -78,8 +82,8 @@ def run_job(
     leave_out: str = "",
     driver: Driver = "local",
     keep_going: bool = False,
-) -> None:
-    """Run the pieces of a job in parallel.
+) -> Counter[str]:
+    """Run the pieces of a job in parallel, and count their notes.
 
     The piece of a worker that ends, for lack of memory or with its machine, is tried again on
     another one. If it ends three workers, it counts as failed, and the others are finished first.
@@ -102,20 +106,25 @@ def run_job(
     outcomes = run_pieces(_Attempt(works, way_on), len(works), workers, driver)
     tracked = track(outcomes, description=description, total=len(works))
     failed: list[str] = []
+    notes: Counter[str] = Counter()
     for num_done, outcome in enumerate(tracked):
         if isinstance(outcome, Lost):
             failed.append(f"{works[num_done]}: {outcome.reason}")
-        elif outcome:
-            error, _, remedy = outcome.rpartition("\n")
+            continue
+        error, _, remedy = outcome.rpartition("\n")
+        if error:
             if not keep_going or remedy == _RUN_AGAIN:
                 raise ValueError(f"{error}{_progress(num_done, len(works), remedy)}")
             failed.append(error)
+        elif remedy:
+            notes[remedy] += 1
     if failed:
         named = [*failed[:_MAX_NAMED], *([".."] if len(failed) > _MAX_NAMED else [])]
         raise ValueError(
             f"{len(failed):,} of {len(works):,} failed, the others are done: {'; '.join(named)}. "
             "To make only what failed, run the same again"
         )
+    return notes
 
 
 def run_pieces(
@@ -174,9 +183,10 @@ def check_workers(workers: int, driver: Driver = "local") -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """Function that runs a piece by its index; returns the error and a remedy; empty: no error.
+    """Function that runs a piece by its index; returns the error and a remedy, a line each.
 
-    A full disk and a lack of memory are no faults of the piece.
+    Without an error the second line is the piece's note; empty: it has none. A full disk and a lack
+    of memory are no faults of the piece.
     """
 
     works: Sequence[Work]
@@ -186,13 +196,15 @@ class _Attempt:
     def __call__(self, position: int) -> str:
         work = self.works[position]
         try:
-            work.run()
+            note = work.run()
         except DiskError as error:
             return f"{work}: {error}\n{_RUN_AGAIN}"
         except (ValueError, OSError, UserWarning) as error:  # a warning as an error: `python -W`
-            return f"{work}: {error}\n{self.way_on}"
+            text = str(error)
+            named = text if text.startswith(f"{work} ") else f"{work}: {text}"
+            return f"{named}\n{self.way_on}"
         except Exception as error:
             if (fault := memory_fault(error)) is None:
                 raise
             return f"{work}: {fault}\n{_RUN_AGAIN}"
-        return ""
+        return f"\n{note}" if note else ""

@@ -185,7 +185,7 @@ def perceive(
         for index, name in zip(indices, names, strict=True)
         if name not in done
     ]
-    run_job(works, workers, description=JOB_NAME, leave_out=LEAVE_OUT, driver=driver)
+    notes = run_job(works, workers, description=JOB_NAME, leave_out=LEAVE_OUT, driver=driver)
     files = _line_files(out)  # before they are read: other shards may go on writing meanwhile
     lines = _join_lines(out)
     _warn_of_missing(out, files, lines, _join_timings(out))
@@ -194,6 +194,7 @@ def perceive(
     return PerceiveResult(
         written=len(works),
         skipped=len(names) - len(works),
+        notes=notes,
         predicted={
             task: sum(task in _predicting_tasks(lines[name][1]) for name in names)
             for task in made_by
@@ -282,12 +283,14 @@ class _FrameWork:
     def __str__(self) -> str:
         return f"sample {self.name}"
 
-    def run(self) -> None:
+    def run(self) -> str:
         sample = read_sample(self.dataset, self.index, around=self.around)
         predictions = self.perceiver.predict_by_task(sample)
         sample = undo_turn(sample, predictions.undone_turn or LidarTurn())
-        for task, prediction in predictions.by_task.items():
+        remarks = [
             write_prediction(self.places[task], sample, prediction)
+            for task, prediction in predictions.by_task.items()
+        ]
         if predictions.objects is not None:
             for folder, in_space in JOINED_FOLDERS.items():
                 path = self.out / folder / f"{self.name}.txt"
@@ -296,6 +299,7 @@ class _FrameWork:
         if self.keeps_time:
             self._write_line(_TIMINGS_FOLDER, timing_line(sample, predictions))
         self._write_line(LINES_FOLDER, frame_line(sample, predictions, self.made_by))
+        return "; ".join(filter(None, remarks))
 
     def _write_line(self, folder: str, line: str) -> None:
         atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")

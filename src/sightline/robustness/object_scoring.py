@@ -99,10 +99,13 @@ class ObjectScoring:
         _labels_folder(dataset)
 
     def notes(self, dataset: "SampleDataset") -> tuple[str, ...]:
-        """Note the maximum of R40 if there are fewer objects than recall positions."""
+        """Note that no object is labelled, or the maximum of R40 if there are few objects."""
         from sightline.evaluation.object_tables import slots_note
+        from sightline.evaluation.object_tally import NOTHING_LABELLED
 
         counts = _object_counts(_labels_folder(dataset), dataset.sample_ids)
+        if not counts.total():
+            return (NOTHING_LABELLED,)
         scored = {target.class_name for target in self.targets}
         return tuple(
             slots_note([(*key, n) for key, n in sorted(counts.items()) if key[0] in scored])

@@ -16,6 +16,11 @@ from sightline.structures.sample import Sensor
 
 RECORD_NAME: Final = "robustness.json"
 """Name of the record's file in a run's folder."""
+CSV_NAME: Final = "robustness.csv"
+MARKDOWN_NAME: Final = "robustness.md"
+PAGE_NAME: Final = "report.html"
+RUN_FILES: Final = (RECORD_NAME, CSV_NAME, MARKDOWN_NAME, PAGE_NAME)
+"""Names of the files that a run writes."""
 
 _MAX_NUMBER = 10**12  # plausible in a record
 _MAX_TEXT = 10_000  # characters
@@ -161,6 +166,12 @@ def record_file(path: Path) -> Path:
     return file
 
 
+def files_beside(path: Path) -> list[Path]:
+    """List the existing files of a run, given its record or its folder."""
+    folder = record_file(path).parent
+    return [file for name in RUN_FILES if (file := folder / name).exists()]
+
+
 def read_record(path: Path) -> Record:
     """Read the record from a run's file or folder.
 
@@ -168,7 +179,7 @@ def read_record(path: Path) -> Record:
         FileError: The file is not a record, or the folder has none.
     """
     path = record_file(path)
-    text = read_text(path)
+    text = read_text(path, remedy=_REMEDY)
     try:
         record = _parse(json.loads(text))
     except (

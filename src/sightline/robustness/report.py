@@ -7,13 +7,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar
 
 from sightline.files.atomic import atomic_write_text
 from sightline.robustness.comparable import warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page
-from sightline.robustness.record import RECORD_NAME, Record
+from sightline.robustness.record import (
+    CSV_NAME,
+    MARKDOWN_NAME,
+    PAGE_NAME,
+    RECORD_NAME,
+    RUN_FILES,
+    Record,
+)
 from sightline.robustness.scoring import BenchMetric
 from sightline.robustness.texts import (
     TextTable,
@@ -28,11 +35,6 @@ from sightline.structures.sample import Sensor
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
-
-CSV_NAME: Final = "robustness.csv"
-MARKDOWN_NAME: Final = "robustness.md"
-PAGE_NAME: Final = "report.html"
-
 _COLUMNS = ("case", "kind", "severity", "metric", "unit", "score", "baseline", "gap")
 
 
@@ -148,7 +150,7 @@ class RobustnessReport:
                 writer.writerow("" if value is None else value for value in row)
         return file.getvalue()
 
-    files: ClassVar[tuple[str, ...]] = (RECORD_NAME, CSV_NAME, MARKDOWN_NAME, PAGE_NAME)
+    files: ClassVar[tuple[str, ...]] = RUN_FILES
     """Files from `write`."""
 
     def write(self, out: Path) -> None:

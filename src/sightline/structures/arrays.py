@@ -31,6 +31,7 @@ from sightline.geometry.mount import (
     off_centre_doubt,
     resolution_doubt,
 )
+from sightline.geometry.picture_checks import GREY_DOUBT
 from sightline.geometry.projection import project_points
 
 _INTENSITY_FIELDS: Final = ("intensity", "reflectivity", "reflectance", "i")
@@ -68,11 +69,7 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
         planes = plain[None] if plain.ndim == 2 else plain.transpose(2, 0, 1)
         if len(planes) == 1 and plain.dtype == np.uint8:
             planes = np.broadcast_to(planes, (3, *planes.shape[1:]))
-            warnings.warn(
-                "images are grey: their level is used for red, green and blue; the shipped "
-                "networks are trained on colour images, so give those if there are any",
-                stacklevel=3,
-            )
+            warnings.warn(GREY_DOUBT, stacklevel=3)
     if planes.dtype != np.uint8 or planes.ndim != 3 or len(planes) != 3 or not planes.size:
         raise ValueError(
             f"the image is {plain.dtype} of shape {plain.shape}, expected uint8, an array of "

@@ -23,7 +23,7 @@ from lightning.pytorch.utilities import rank_zero_only
 from sightline.files.atomic import atomic_write_text, disk_fault
 from sightline.files.settings import shorten_parser_error, without_backspaces
 from sightline.files.weights import read_checkpoint_weights
-from sightline.files.weights_header import has_weights
+from sightline.files.weights_header import RUN_WEIGHTS, has_weights
 from sightline.jobs.output_dirs import check_outside_dataset
 from sightline.training.arguments import (
     CHECKPOINT_EVERY_N_STEPS,
@@ -313,9 +313,22 @@ class _TrainingCLI(LightningCLI):
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
     def after_fit(self) -> None:
-        """Print the path of the weights."""
+        """Print the path of the weights.
+
+        Raises:
+            ValueError: There was no step of training.
+        """
+        folder = self._run.folder
+        if not self.trainer.global_step:
+            raise ValueError(
+                f"{folder}: the training ended without a step and has no weights; give "
+                "--trainer.max_steps or --trainer.max_epochs of at least 1, and no limit of "
+                "batches or time that leaves none"
+            )
         if self.trainer.is_global_zero:
-            print(f"{self._run.folder}: the weights are in weights.safetensors")
+            is_written = (folder / RUN_WEIGHTS).is_file()  # not by a trial run (fast_dev_run)
+            kept = f"the weights are in {RUN_WEIGHTS}" if is_written else "no weights were written"
+            print(f"{folder}: {kept}")
 
     def after_validate(self) -> None:
         """Write the metrics."""

@@ -3,10 +3,12 @@ import json
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from sightline.data.check import check_tree
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.importing.nuscenes import find_tables
+from sightline.data.kitti_labels import read_labels
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
 from tests.data.recordings import SAMPLE, write_nuscenes
@@ -133,6 +135,30 @@ def test_a_damaged_file_is_named(tmp_path, damage, expected):
         return
     with pytest.raises(ValueError, match=expected):
         import_recording(tmp_path / "data", tmp_path / "out")
+
+
+def test_scenes_follow_each_other_without_a_doubt_about_the_time_between_them(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=4)
+
+    def add_scene(rows):
+        rows.append({"token": "s1", "name": "scene-0000"})  # comes first, and was taken later
+
+    def move(rows):
+        for row in rows[2:]:
+            row.update(scene_token="s1", timestamp=row["timestamp"] + 600_000_000)
+
+    edit(tmp_path / "data", "scene", add_scene)
+    edit(tmp_path / "data", "sample", move)
+    edit(
+        tmp_path / "data",
+        "sample_data",
+        lambda rows: [row.update(timestamp=row["timestamp"] + 600_000_000) for row in rows[4:]],
+    )
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert "2 scenes follow each other, told apart by the names of their frames" in report
+    assert "gap" not in report
+    assert "rise" not in report
+    assert open_dataset(tmp_path / "out").sample_ids[1:3] == ("scene-0000-001", "scene-0001-000")
 
 
 def test_key_frames_whose_files_were_not_extracted_are_dropped_and_told(tmp_path):
@@ -424,6 +450,40 @@ def test_rotations_with_w_last_are_told_by_boxes_that_lean(nuscenes, tmp_path):
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert "annotations lean by more than 20 degrees against the LiDAR" in report
     assert "quaternions w, x, y, z" in report
+
+
+def test_a_wrong_size_in_the_tables_is_not_taken_for_a_wrong_calibration(tmp_path):
+    root = write_nuscenes(tmp_path / "data")
+    edit(root, "sample_data", lambda rows: [row.update(width=100) for row in rows])
+    with pytest.raises(
+        FileError, match=r"is 375x1242 .*, expected 375x100 as in its row of sample"
+    ):
+        import_recording(root, tmp_path / "out")
+
+
+def test_labels_of_a_lidar_that_looks_down_are_those_of_a_level_one(nuscenes, tmp_path):
+    import_recording(nuscenes, tmp_path / "level")
+    root = write_nuscenes(tmp_path / "data")
+    down = Rotation.from_euler("x", -25, degrees=True)  # its y axis points ahead
+
+    def tilt(rows):
+        w, *xyz = rows[1]["rotation"]
+        x, y, z, w = (Rotation.from_quat([*xyz, w]) * down).as_quat().tolist()
+        rows[1]["rotation"] = [w, x, y, z]
+
+    edit(root, "calibrated_sensor", tilt)
+    for path in (root / "samples" / "LIDAR_TOP").iterdir():
+        sweep = np.fromfile(path, np.float32).reshape(-1, 5)
+        sweep[:, :3] = down.inv().apply(sweep[:, :3])
+        sweep.tofile(path)
+    assert "lean" not in str(import_recording(root, tmp_path / "out"))
+    for path in (tmp_path / "level" / "labels").iterdir():
+        level, tilted = (
+            read_labels(each / path.name) for each in (path.parent, tmp_path / "out" / "labels")
+        )
+        assert tilted.class_names == level.class_names
+        assert np.abs(tilted.locations - level.locations).max() < 0.02
+        assert np.abs(tilted.rotation_y - level.rotation_y).max() < 0.02
 
 
 @pytest.mark.parametrize("change", ["twice", "length first"])

@@ -1,8 +1,9 @@
 """Import of nuScenes' key frames of a camera and the LiDAR as a recording with labels."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +11,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from sightline.data.image_header import read_image_size
+from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes import Moment, Moments, Tables
 from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
 from sightline.data.importing.writer import (
@@ -28,19 +30,29 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_times,
 )
-from sightline.data.kitti_calibration import check_intrinsics
+from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
 from sightline.data.kitti_labels import write_objects
 from sightline.data.recording_calibration import RecordingCalibration, checked_matrices
-from sightline.data.recording_files import CALIBRATIONS, IMAGES, LABELS, POINTS
+from sightline.data.recording_files import (
+    CALIBRATIONS,
+    IMAGES,
+    LABELS,
+    POINTS,
+    begins_sequence,
+)
 from sightline.data.velodyne import COLUMNS, other_format
 from sightline.files.atomic import atomic_link
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
 from sightline.geometry.cloud_checks import has_columns
 from sightline.geometry.mount import turn_ahead
+from sightline.geometry.road_height import MAX_TILT_DEG
+from sightline.geometry.tilt import Tilt
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
 from sightline.jobs.progress import track
 
+_MIN_TILT_DEG: Final = 3.0
+"""Smallest tilt of a LiDAR that moves boxes; nuScenes' is tilted by 1.4 degrees."""
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26
 _REMEDY: Final = "extract nuScenes' archive again"
@@ -67,6 +79,7 @@ def import_nuscenes(
         "lidar": lidar,
         "max_intensity": max_intensity,
     }
+    _image_size(moments[0])  # else a wrong size in the tables looks like a wrong calibration
     for moment in moments:
         _calibration(moment)
     with staging_folder() as staged:
@@ -92,6 +105,7 @@ def import_nuscenes(
         skipped=len(moments) - len(pending),
         notes=(
             f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
+            *_scene_notes(moments),
             *_dropped_notes(key_frames, len(listed) - len(moments)),
             *_rotation_notes(moments, camera),
             *(tally.lines() if pending else ()),
@@ -99,6 +113,17 @@ def import_nuscenes(
             *describe_view(out),
         ),
     )
+
+
+def _scene_notes(moments: Sequence[Moment]) -> Iterator[str]:
+    """Yield a note on several scenes in one recording."""
+    names = [moment.name for moment in moments]
+    num_scenes = 1 + sum(begins_sequence(*pair) for pair in pairwise(names))
+    if num_scenes > 1:
+        yield (
+            f"{num_scenes} scenes follow each other, told apart by the names of their frames; the "
+            "alarms of `sightline health` go on from one to the next"
+        )
 
 
 def _dropped_notes(key_frames: Moments, without_files: int) -> Iterator[str]:
@@ -129,20 +154,18 @@ class _Frames:
     def write(self, moment: Moment) -> tuple[LabelTally, CloudTally]:
         new_from_old, _ = turn_ahead(moment.mount)
         calibration = turned_calibration(_calibration(moment), new_from_old)
-        size = read_image_size(moment.image)
-        if size != moment.image_size:
-            raise FileError(
-                moment.image,
-                f"is {size[0]}x{size[1]} (height x width), expected {moment.image_size[0]}x"
-                f"{moment.image_size[1]} as in its table",
-                _REMEDY,
-            )
+        size = _image_size(moment)
         sweep = _read_sweep(moment.sweep)
         echoes, clouds = count_echoes(moment.name, sweep, self.max_intensity, moment.sweep)
         points = moved_cloud(echoes, new_from_old)
         lidar_from_world = new_from_old @ np.linalg.inv(moment.world_from_lidar)
+        level_from_lidar = _level_from_lidar(moment.tilt, new_from_old)
         objects, tally = kitti_from_annotations(
-            moment.annotations, calibration.matrices, lidar_from_world, size, points
+            moment.annotations,
+            _levelled(calibration.matrices, level_from_lidar),
+            level_from_lidar @ lidar_from_world,
+            size,
+            moved_cloud(points, level_from_lidar),
         )
         write_calibration(self.out, calibration, moment.name)
         write_objects(self.out / LABELS / f"{moment.name}.txt", objects)
@@ -150,6 +173,43 @@ class _Frames:
         atomic_link(self.out / IMAGES / f"{moment.name}{suffix}", moment.image)
         write_cloud(self.out, moment.name, points)
         return tally, clouds
+
+
+def _image_size(moment: Moment) -> tuple[int, int]:
+    """Height, width [px] of a frame's image.
+
+    Raises:
+        FileError: The image has another size than in its table.
+    """
+    size = read_image_size(moment.image)
+    if size != moment.image_size:
+        raise FileError(
+            moment.image,
+            f"is {size[0]}x{size[1]} (height x width), expected {moment.image_size[0]}x"
+            f"{moment.image_size[1]} as in its row of sample_data.json",
+            _REMEDY,
+        )
+    return size
+
+
+def _level_from_lidar(tilt: Tilt, new_from_old: Rigid) -> Rigid:
+    """Rotation to the frame of upright boxes.
+
+    It is the identity if the LiDAR is nearly level, or tilted so much that its rotation is probably
+    wrong.
+
+    Args:
+        tilt: Tilt of the LiDAR in the data.
+        new_from_old: Turn of its clouds about z.
+    """
+    if not _MIN_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG:
+        return np.eye(4)
+    return Tilt.from_up(new_from_old[:3, :3] @ tilt.up).level_from_lidar
+
+
+def _levelled(matrices: CalibrationMatrices, level_from_lidar: Rigid) -> CalibrationMatrices:
+    camera_from_level = matrices.camera_from_lidar @ level_from_lidar.T
+    return replace(matrices, camera_from_lidar=camera_from_level)
 
 
 def _calibration(moment: Moment) -> RecordingCalibration:

@@ -14,6 +14,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 from sightline.files.safe_names import checked_name, path_below
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
+from sightline.geometry.tilt import Tilt
 
 _CYCLE: Final = "cycle."
 _WITH_RIDER: Final = "cycle.with_rider"
@@ -54,6 +55,8 @@ class Moment:
     lidar_height_m: float | None
     """Height above the road, the origin of the car's frame; None: the frame is not on the road."""
     world_from_lidar: Rigid
+    tilt: Tilt
+    """Tilt of the LiDAR against the car."""
     annotations: tuple[Annotation, ...]
 
 
@@ -207,6 +210,7 @@ class _Reader:
                 height_m if MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M else None
             ),
             world_from_lidar=world_from_lidar,
+            tilt=Tilt.from_up(ego_from_lidar[2, :3]),
             annotations=tuple(map(self._annotation, labelled)),
         )
 
