@@ -124,7 +124,13 @@ class CloudTally:
                 f"{self.not_finite} not finite, {self.no_echo} at the LiDAR's origin"
             )
         if self.no_intensity:
-            lines.append(f"{self.no_intensity} points have a non-finite intensity: 0 is used")
+            is_all = self.no_intensity == self.points - self.not_finite - self.no_echo
+            lines.append(
+                f"warning: all {self.no_intensity} points have a non-finite intensity: their "
+                "reflectance is 0; let the driver write intensities"
+                if is_all
+                else f"{self.no_intensity} points have a non-finite intensity: 0 is used"
+            )
         if self.empty:
             lines.append(
                 f"warning: {len(self.empty)} of {self.clouds} sweeps have no point left, e.g. that "
