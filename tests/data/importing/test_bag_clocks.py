@@ -79,7 +79,7 @@ def test_stamps_of_separate_clocks_are_doubted(tmp_path, late_ns, is_told):
         return time_ns + late_ns * (frame == "lidar")
 
     bag = write_drive(tmp_path / "drive", stamp=stamp)
-    report = str(import_recording(bag, tmp_path / "out", max_gap_s=5))
+    report = str(import_recording(bag, tmp_path / "out", max_gap_s=5.0))
     doubt = "warning: header stamps of /points are 1 s later against their receipt than those of /f"
     assert (doubt in report) == is_told
 
