@@ -129,3 +129,10 @@ def test_intensities_of_which_none_is_finite_are_a_warning(tmp_path):
         bag.cloud("/points", 10**9, points=points)
     report = str(import_recording(tmp_path / "bag", tmp_path / "out"))
     assert f"warning: all {len(points)} points have a non-finite intensity" in report
+
+
+def test_a_folder_that_holds_the_bag_s_folder_names_it(tmp_path, drive):
+    for name in ("first", "second"):
+        shutil.copytree(drive, tmp_path / "in" / name)
+    with pytest.raises(ValueError, match=r"no bag itself, but .*in/first in it is one, and 1 more"):
+        import_recording(tmp_path / "in", tmp_path / "out")

@@ -219,3 +219,23 @@ def test_sensors_that_come_back_to_their_place_are_told(tmp_path):
         bag.cloud("/points", 10**9)
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
     assert "in the drive, by 0.5 m and 0 degrees at times" in report
+
+
+def test_a_first_image_of_an_absurd_size_is_dropped_and_not_blamed_on_the_calibration(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        damaged = bag.new(
+            "sensor_msgs/msg/Image",
+            header=bag.header("camera_optical", 10**9),
+            height=2**31,
+            width=2**31,
+            encoding="rgb8",
+            is_bigendian=0,
+            step=0,
+            data=np.zeros(9, np.uint8),
+        )
+        bag.write("/front/image_raw", damaged, 10**9)
+        bag.cloud("/points", 10**9)
+        usual_topics(bag)
+    report = import_recording(tmp_path / "drive", tmp_path / "out")
+    assert report.written == 2
+    assert "dropped 1 unreadable frames; the first: topic /front/image_raw holds an" in str(report)

@@ -43,6 +43,8 @@ class _Candidate:
     calibration: CameraCalibration
     first: int
     """Number of the first of these messages, from 0."""
+    doubt: str
+    """Reason why it does not fit the images; empty: it does."""
     count: int = 0
 
 
@@ -60,12 +62,12 @@ def camera_of_bag(
         The calibration, and notes on the other messages.
 
     Raises:
-        ValueError: No message can be decoded, or none is a calibration of such images.
+        ValueError: No message can be decoded, or none is a calibration.
     """
     assert topics.info is not None, "the caller checks it"
     label = shortened(topics.info.name)
     candidates: dict[tuple[object, ...], _Candidate] = {}
-    fault, unusable, total = None, 0, 0
+    fault, unusable, total = "", 0, 0
     for message in bag.messages([topics.info.name]):
         total += 1
         info = message.content
@@ -75,17 +77,23 @@ def camera_of_bag(
                 calibration = _calibration(info, topics, image_size)
             except ValueError as error:
                 unusable += 1
-                fault = fault or error
+                fault = fault or str(error)
                 continue
-            candidates[content] = _Candidate(calibration, message.number)
+            doubt = _doubt(calibration, image_size)
+            candidates[content] = _Candidate(calibration, message.number, doubt)
         candidates[content].count += 1
-    if not candidates and fault is not None:
-        raise ValueError(f"topic {label}: {fault}; {CALIBRATION_REMEDY}") from fault
+    if not candidates and fault:
+        raise ValueError(f"topic {label}: {fault}; {CALIBRATION_REMEDY}")
     if not candidates:
         raise bag.unreadable_topic_error(topics.info.name)
+    found = list(candidates.values())
+    fitting = [each for each in found if not each.doubt] or found  # a first image may be damaged
+    for each in found:
+        if each not in fitting:
+            unusable += each.count
+            fault = fault or each.doubt
     usable = total - unusable
-    first = next(iter(candidates.values()))
-    chosen = next((each for each in candidates.values() if each.count * 2 > usable), first)
+    chosen = next((each for each in fitting if each.count * 2 > usable), fitting[0])
     notes = bag.undecodable_notes([topics.info.name])
     if unusable:
         notes += (
@@ -123,21 +131,24 @@ def _calibration(
     """Read a message.
 
     Raises:
-        ValueError: It is no calibration of such images; the message continues a sentence that
-            begins with the topic.
+        ValueError: It is no calibration; the message continues a sentence that begins with the
+            topic.
     """
     image_from_camera, rectified_from_camera = _projection(info, topics)
     checked_matrices(image_from_camera, rectified_from_camera)
-    region = region_of_image(info, image_from_camera, image_size)
-    doubts = check_intrinsics(region.matrix[:, :3], image_size, Path(), usual=False)
-    if doubts:
-        raise ValueError(f"camera_matrix {doubts[0].problem}")
     return CameraCalibration(
         frame=plain_frame(info.header.frame_id),
-        region=region,
+        region=region_of_image(info, image_from_camera, image_size),
         rectified_from_camera=rectified_from_camera,
         lens=None if topics.is_rectified else _lens(info),
     )
+
+
+def _doubt(calibration: CameraCalibration, image_size: tuple[int, int] | None) -> str:
+    """Reason why a calibration does not fit its images; empty: it does."""
+    intrinsics = calibration.region.matrix[:, :3]
+    doubts = check_intrinsics(intrinsics, image_size, Path(), usual=False)
+    return f"camera_matrix {doubts[0].problem}" if doubts else ""
 
 
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
