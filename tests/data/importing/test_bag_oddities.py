@@ -239,3 +239,11 @@ def test_a_first_image_of_an_absurd_size_is_dropped_and_not_blamed_on_the_calibr
     report = import_recording(tmp_path / "drive", tmp_path / "out")
     assert report.written == 2
     assert "dropped 1 unreadable frames; the first: topic /front/image_raw holds an" in str(report)
+
+
+def test_a_bag_of_defaults_alone_is_refused_with_a_remedy_of_bags(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        usual_topics(bag, matrix=np.eye(3))
+    with pytest.raises(ValueError, match=r"focal lengths of 1 and 1 px.*give one by --calibration"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -57,6 +57,9 @@ from sightline.geometry.mount import turn_ahead
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
 from sightline.jobs.progress import track
 
+_CALIBRATION_REMEDY: Final = (
+    "correct the calibration file, or give one by --calibration (docs/recordings.md has an example)"
+)
 _INTENSITIES: Final = (1.0, 255.0, 65535.0)
 """Usual intensities of a reflectance of 1."""
 _NUM_SWEEPS_FOR_SCALE: Final = 5
@@ -165,7 +168,7 @@ class _Frames:
                 trial.write(bag, {name: position})
                 if not trial.faults:
                     write_calibration(staged, self.calibration)
-                    check_staged(staged, source)
+                    check_staged(staged, source, calibration_remedy=_CALIBRATION_REMEDY)
                     return
                 first = first or trial.faults[name]
         assert first is not None, "a drive has a frame"
