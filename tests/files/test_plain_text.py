@@ -49,3 +49,8 @@ def test_a_calibration_of_megabytes_is_refused_unread(tmp_path):
     path.write_bytes(b"P2: " + b"1 " * MAX_CALIBRATION_BYTES)
     with pytest.raises(FileError, match=f"bytes long, expected up to {MAX_CALIBRATION_BYTES}"):
         read_object_matrices(path)
+
+
+def test_the_remedy_for_an_absent_file_does_not_tell_to_correct_it(tmp_path):
+    with pytest.raises(FileError, match="name a file that exists or extract the file again"):
+        read_text(tmp_path / "absent.txt")

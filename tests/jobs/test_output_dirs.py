@@ -8,6 +8,7 @@ import pytest
 
 from sightline.files import atomic
 from sightline.files.atomic import DiskError, atomic_create_text
+from sightline.files.problem import SetupError
 from sightline.jobs.output_dirs import (
     MANIFEST_NAME,
     Claim,
@@ -259,8 +260,10 @@ class Failing:
         raise self.error
 
 
-@pytest.mark.parametrize("error", [DiskError("a.txt cannot be written"), MemoryError()])
-def test_a_full_disk_and_lack_of_memory_are_no_faults_of_the_piece(error):
+@pytest.mark.parametrize(
+    "error", [DiskError("a.txt cannot be written"), SetupError("no engine"), MemoryError()]
+)
+def test_faults_of_the_machine_are_no_faults_of_the_piece(error):
     with pytest.raises(ValueError, match=r"done and stay, 2 are left: then run .*$") as caught:
         run_job([Failing(error)] * 2, 1, description="noting", leave_out=LEAVE_OUT)
     assert "correct this one" not in str(caught.value)

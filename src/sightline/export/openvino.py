@@ -13,6 +13,7 @@ from sightline.export.extra import import_extra
 from sightline.export.metadata import KEYS, ExportMetadata, parse_metadata
 from sightline.export.onnx import export_onnx, read_onnx_metadata
 from sightline.files.atomic import atomic_path, scratch_folder
+from sightline.files.problem import SetupError
 
 
 def shared_core() -> Any:  # noqa: ANN401 - an extra's
@@ -23,12 +24,13 @@ def shared_core() -> Any:  # noqa: ANN401 - an extra's
     the end of a worker, would then kill the process.
 
     Raises:
-        ValueError: OpenVINO is not installed, or was used before this process was forked: its
-            threads are started only once, and do not exist in a fork.
+        ValueError: OpenVINO is not installed.
+        SetupError: It was used before this process was forked: its threads are started only once,
+            and do not exist in a fork.
     """
     process, core = _first_core()
     if process != os.getpid():
-        raise ValueError(
+        raise SetupError(
             "openvino has run before this process was forked, and cannot run in it; use one "
             "worker, or the engine onnxruntime"
         )

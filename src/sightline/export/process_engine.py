@@ -15,6 +15,7 @@ from sightline.export.kept_files import onnx_file_of
 from sightline.export.names import EngineChoice, EngineName
 from sightline.files.atomic import scratch_folder
 from sightline.files.plain_text import shortened
+from sightline.files.problem import SetupError
 
 _REASON_LENGTH = 160  # characters
 
@@ -108,9 +109,9 @@ def _check_device(device: str) -> None:
         raise _unusable(device, "no GPU found")
 
 
-def _unusable(device: str, reason: object) -> ValueError:
+def _unusable(device: str, reason: object) -> SetupError:
     first_line = str(reason).split("\n", maxsplit=1)[0]
-    return ValueError(f"device {device} cannot be used ({first_line}); choose cpu")
+    return SetupError(f"device {device} cannot be used ({first_line}); choose cpu")
 
 
 def _torch_engine(graph: ExportGraph, device: str, threads: int | None) -> Engine:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from sightline.files.problem import SetupError
 from sightline.files.shard_path import ShardPath
 from sightline.files.temporary_folder import (
     final_path,
@@ -55,7 +56,7 @@ def _resolved(path: Path | str) -> Path:
     return Path(os.path.realpath(path.parent), path.name)
 
 
-class DiskError(ValueError):
+class DiskError(SetupError):
     """Error for a disk that is full or broken, whatever is written."""
 
 

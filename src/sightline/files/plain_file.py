@@ -11,6 +11,8 @@ from sightline.files.problem import FileError
 _GROWN_BYTES = 2**16  # allowed excess over the reported length: system files report 0
 _TIMEOUT_S: Final = 60.0
 _BLOCK_BYTES: Final = 2**16
+_CORRECT: Final = "correct it or "
+"""First words of remedies for faulty contents, which an absent file does not have."""
 
 
 def as_path(path: Path | str) -> Path:
@@ -88,4 +90,6 @@ def _read(path: Path | str, num_bytes: int, remedy: str) -> bytes:
 
 
 def _unreadable(path: Path | str, error: OSError, remedy: str) -> FileError:
+    if isinstance(error, FileNotFoundError) and remedy.startswith(_CORRECT):
+        remedy = f"name a file that exists or {remedy.removeprefix(_CORRECT)}"
     return FileError(path, f"cannot be read: {(error.strerror or str(error)).lower()}", remedy)

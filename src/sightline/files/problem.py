@@ -67,6 +67,10 @@ class FileError(ValueError):
         return str(self.problem)
 
 
+class SetupError(ValueError):
+    """Error of the process or the machine, whatever its input is: no piece of a job is to blame."""
+
+
 _OUT_OF_MEMORY = (
     "can't allocate memory",  # PyTorch
     "not enough memory",

@@ -9,9 +9,9 @@ from typing import Any, Final, Protocol, runtime_checkable
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.open import SampleDataset
 from sightline.data.sharding import files_below, is_whole, pack_files
-from sightline.files.atomic import DiskError, scratch_folder
+from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, SetupError
 from sightline.files.shard_index import FORMAT, MANIFEST, read_index, read_manifest, tars_of
 from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
@@ -163,7 +163,7 @@ def _run_named(work: Work) -> str | None:
     """
     try:
         return work.run()
-    except DiskError:
+    except SetupError:
         raise
     except (ValueError, OSError) as error:
         raise ValueError(f"{work}: {error}") from error

@@ -5,9 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol, TypeVar, runtime_checkable
 
-from sightline.files.atomic import DiskError
 from sightline.files.extras import require_library
-from sightline.files.problem import memory_fault
+from sightline.files.problem import SetupError, memory_fault
 from sightline.jobs.crew import Crew, Driver, Lost, Piece, run_on_crew
 from sightline.jobs.pool import ProcessCrew, one_blas_thread
 from sightline.jobs.progress import track
@@ -185,8 +184,8 @@ def check_workers(workers: int, driver: Driver = "local") -> None:
 class _Attempt:
     """Function that runs a piece by its index; returns the error and a remedy, a line each.
 
-    Without an error the second line is the piece's note; empty: it has none. A full disk and a lack
-    of memory are no faults of the piece.
+    Without an error the second line is the piece's note; empty: it has none. A full disk, an engine
+    that cannot run in the process and a lack of memory are no faults of the piece.
     """
 
     works: Sequence[Work]
@@ -197,7 +196,7 @@ class _Attempt:
         work = self.works[position]
         try:
             note = work.run()
-        except DiskError as error:
+        except SetupError as error:
             return f"{work}: {error}\n{_RUN_AGAIN}"
         except (ValueError, OSError, UserWarning) as error:  # a warning as an error: `python -W`
             text = str(error)

@@ -73,6 +73,17 @@ def test_a_clock_of_both_sensors_of_its_own_is_taken_and_told(tmp_path):
     assert "header stamps of all sensors are 40.1 years before receipt" in report
 
 
+@pytest.mark.parametrize(("late_ns", "is_told"), [(2 * 10**8, False), (10**9, True)])
+def test_stamps_of_separate_clocks_are_doubted(tmp_path, late_ns, is_told):
+    def stamp(frame, time_ns):
+        return time_ns + late_ns * (frame == "lidar")
+
+    bag = write_drive(tmp_path / "drive", stamp=stamp)
+    report = str(import_recording(bag, tmp_path / "out", max_gap_s=5.0))
+    doubt = "warning: header stamps of /points are 1 s later against their receipt than those of /f"
+    assert (doubt in report) == is_told
+
+
 def test_a_few_stamps_that_are_not_set_are_filled_in(tmp_path):
     first = START_NS + 8 * 10**6
     bag = write_drive(tmp_path / "drive", stamp=lambda _, at: 0 if at == first else at)

@@ -194,3 +194,12 @@ def test_fields_that_stand_for_gaps_may_share_a_name_and_those_beyond_a_point_ar
     sent.fields[0].offset = 18
     with pytest.raises(ValueError, match="topic /points holds a cloud whose fields do not fit"):
         cloud_from_message(sent, "/points")
+
+
+def test_a_coordinate_of_an_unknown_type_is_named_as_such():
+    _, sent = cloud(np.dtype([(name, "<f4") for name in ("x", "y", "z")]), range(4))
+    sent.fields[2].datatype = 99
+    with pytest.raises(
+        ValueError, match="/points holds a cloud whose field z has the unknown type"
+    ):
+        cloud_from_message(sent, "/points")

@@ -9,6 +9,7 @@ from sightline.data.importing.bag import open_bag
 from sightline.data.importing.bag_messages import image_file_from_message, image_from_message
 from sightline.data.importing.bag_sectors import describe_parts_of_turns
 from sightline.data.importing.import_recording import import_recording
+from sightline.data.recording_calibration import read_recording_calibration
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
     CAMERA_MATRIX,
@@ -147,3 +148,102 @@ def test_messages_of_foxglove_are_named_with_the_way_on(tmp_path):
         "are not read: convert them to ROS's",
     ):
         import_recording(tmp_path / "fox.mcap", tmp_path / "out")
+
+
+def default_matrix(bag):
+    bag.info("/front/camera_info", 10**9, matrix=np.eye(3))
+
+
+def other_matrix(bag):
+    bag.info("/front/camera_info", 10**9, matrix=CAMERA_MATRIX * np.array([[2.0], [2.0], [1.0]]))
+
+
+def no_numbers_of_a_lens(bag):
+    bag.info("/front/camera_info", 10**9, distortion=(np.nan,) * 5)
+
+
+@pytest.mark.parametrize(
+    ("first", "told"),
+    [
+        (default_matrix, "1 of 4 messages of /front/camera_info hold no calibration: number 1"),
+        (other_matrix, "warning: 1 of 4 messages of /front/camera_info differ from number 1"),
+        (
+            no_numbers_of_a_lens,
+            "1 of 4 messages of /front/camera_info hold no calibration: number 1",
+        ),
+    ],
+)
+def test_defaults_of_a_driver_before_its_calibration_are_not_used(tmp_path, first, told):
+    with BagMaker(tmp_path / "drive") as bag:
+        first(bag)
+        usual_topics(bag, number=3)
+    assert told in str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    written = read_recording_calibration(tmp_path / "out" / "calibration.yaml")
+    np.testing.assert_array_equal(written.matrices.image_from_camera[:, :3], CAMERA_MATRIX)
+    assert written.lens is None
+
+
+def test_a_lens_that_most_messages_have_is_refused_though_the_first_has_none(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.info("/front/camera_info", 10**9)
+        usual_topics(bag, number=3, distortion=(-0.3, 0.1, 0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="the lens distorts"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("static", "poses"),
+    [((), (np.eye(4), *[CAMERA_FROM_LIDAR] * 3)), ((CAMERA_FROM_LIDAR,), (MOVED,) * 3)],
+)
+def test_the_pose_of_most_messages_is_used_and_a_static_one_goes_before(tmp_path, static, poses):
+    with BagMaker(tmp_path / "drive") as bag:
+        for pose in static:
+            bag.transforms("/tf_static", 1, camera_optical__lidar=pose)
+        for at, pose in enumerate(poses):
+            bag.transforms("/tf", 10**9 + at, camera_optical__lidar=pose)
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "lidar moves relative to camera_optical in the drive" in report
+    written = read_recording_calibration(tmp_path / "out" / "calibration.yaml")
+    np.testing.assert_allclose(written.matrices.camera_from_lidar, CAMERA_FROM_LIDAR, atol=1e-9)
+
+
+def test_sensors_that_come_back_to_their_place_are_told(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        for at, pose in enumerate((CAMERA_FROM_LIDAR, MOVED, CAMERA_FROM_LIDAR)):
+            bag.transforms("/tf", 10**9 + at, camera_optical__lidar=pose)
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "in the drive, by 0.5 m and 0 degrees at times" in report
+
+
+def test_a_first_image_of_an_absurd_size_is_dropped_and_not_blamed_on_the_calibration(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        damaged = bag.new(
+            "sensor_msgs/msg/Image",
+            header=bag.header("camera_optical", 10**9),
+            height=2**31,
+            width=2**31,
+            encoding="rgb8",
+            is_bigendian=0,
+            step=0,
+            data=np.zeros(9, np.uint8),
+        )
+        bag.write("/front/image_raw", damaged, 10**9)
+        bag.cloud("/points", 10**9)
+        usual_topics(bag)
+    report = import_recording(tmp_path / "drive", tmp_path / "out")
+    assert report.written == 2
+    assert "dropped 1 unreadable frames; the first: topic /front/image_raw holds an" in str(report)
+
+
+def test_a_bag_of_defaults_alone_is_refused_with_a_remedy_of_bags(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        usual_topics(bag, matrix=np.eye(3))
+    with pytest.raises(ValueError, match=r"focal lengths of 1 and 1 px.*give one by --calibration"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+    assert not (tmp_path / "out").exists()

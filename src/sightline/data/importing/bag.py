@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sightline.data.importing.bag_files import (
     METADATA_NAME,
-    SUFFIXES,
     decompressed_zstd,
     files_without_metadata,
+    is_bag_file,
+    one_line,
     open_files,
 )
 from sightline.files.plain_text import shortened
-from sightline.files.problem import FileError, install_command
+from sightline.files.problem import install_command
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -136,7 +137,7 @@ class Bag:
         except Exception as error:
             raise ValueError(
                 f"{self.path} is damaged after {sum(numbers.values())} messages "
-                f"({_one_line(error)}); repair it (`ros2 bag`, `mcap recover`) or import an "
+                f"({one_line(error)}); repair it (`ros2 bag`, `mcap recover`) or import an "
                 "intact copy"
             ) from error
 
@@ -187,7 +188,7 @@ class Bag:
                 return self._types.deserialize_ros1(raw, kind)
             return self._types.deserialize_cdr(raw, kind)
         except Exception as error:  # noqa: BLE001 - arbitrary bytes may raise any error
-            self.undecodable[key] = _one_line(error)
+            self.undecodable[key] = one_line(error)
             return None
 
     def _connections(self) -> "Iterator[Connection]":
@@ -212,18 +213,6 @@ def plain_frame(name: object) -> str:
     return str(name).strip().lstrip("/")
 
 
-def _remedy(reason: str) -> str:
-    """Remedy for a bag that its library refuses, by the library's message."""
-    if "end magic" in reason or "not indexed" in reason:
-        return (
-            "the recording was not closed or is cut short: repair it by `mcap recover`, "
-            "`ros2 bag reindex` or `rosbag reindex`"
-        )
-    if "rofile" in reason:
-        return "only MCAP files of ROS 2 with messages in CDR are read: convert it to a ROS 2 bag"
-    return "give a folder with metadata.yaml, or an intact .mcap, .db3 or .bag file"
-
-
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag: a folder with metadata.yaml, a .mcap, .db3 or .bag file, or a folder of them.
@@ -243,12 +232,12 @@ def open_bag(path: Path) -> Iterator[Bag]:
     with ExitStack() as stack:
         try:
             readers, are_messages_compressed = stack.enter_context(open_files(path))
-        except FileError:
+        except ValueError:
             raise
         except Exception as error:
             raise ValueError(
-                f"{path} cannot be read as a ROS bag: {_one_line(error).rstrip('.')}; "
-                f"{_remedy(_one_line(error))}"
+                f"{path} cannot be read as a ROS bag: {one_line(error).rstrip('.')}; import an "
+                "intact copy"
             ) from error
         is_ros1 = any(isinstance(reader, Ros1Reader) for reader in readers)
         if is_ros1 and not all(isinstance(reader, Ros1Reader) for reader in readers):
@@ -259,7 +248,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 def is_bag(path: Path) -> bool:
     """Whether a path looks like a bag."""
     if path.is_file():
-        return path.suffix in SUFFIXES
+        return is_bag_file(path)
     return (path / METADATA_NAME).is_file() or bool(files_without_metadata(path))
 
 
@@ -279,13 +268,3 @@ def _types(*, is_ros1: bool) -> "Typestore":
 
 def _count(connection: "Connection") -> int:
     return connection.msgcount if isinstance(connection.msgcount, int) else 0
-
-
-def _one_line(error: Exception) -> str:
-    """Return a library's error as one line for a terminal."""
-    if isinstance(error, MemoryError):
-        return "reading it takes more memory than there is, or a damaged length claims so"
-    text = " ".join(str(error).split())
-    if len(text.split()) < 2:  # KeyError(7)
-        text = f"{type(error).__name__} {text}".rstrip()
-    return shortened(text, 200)

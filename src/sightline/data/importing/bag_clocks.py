@@ -13,6 +13,8 @@ Clock = Literal["header", "received"]
 """Time for pairing messages: time of measurement, or of receipt by the bag."""
 
 _DAY_NS: Final = 86_400 * 10**9
+_MAX_DELAY_DIFFERENCE_NS: Final = 5 * 10**8
+"""Largest difference of the sensors' delays that exposure, a turn and processing explain."""
 _MAX_FALL_NS: Final = 10**9
 """Largest decrease of stamps that is explained by reordered messages."""
 
@@ -76,6 +78,14 @@ def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
         notes.append(
             f"header stamps of all sensors are {_delay_text(delays[0])} receipt: they are used as "
             "times of one clock"
+        )
+    elif max(delays) - min(delays) > _MAX_DELAY_DIFFERENCE_NS:
+        early, late = topics[int(np.argmin(delays))], topics[int(np.argmax(delays))]
+        notes.append(
+            f"warning: {_stamps_label(late)} are {(max(delays) - min(delays)) / 1e9:.3g} s later "
+            f"against their receipt than those of {shortened(early.topic)}: if the sensors have "
+            "separate clocks, images are paired with sweeps of other moments; then take --clock "
+            "received"
         )
     filled = []
     for times, delay in zip(topics, delays, strict=True):

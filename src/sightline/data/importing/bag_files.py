@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     Reader = Ros1Reader | McapReader | Sqlite3Reader
 
 SUFFIXES: Final = (".mcap", ".db3", ".bag")
-"""Suffixes of bags in one file."""
+"""Suffixes of bags in one file, in any case."""
+_PACKED_SUFFIXES: Final = (".zstd", ".zst", ".gz", ".bz2", ".xz", ".lz4", ".zip")
+_OPEN_SUFFIX: Final = ".active"  # of a bag that is being recorded, by `rosbag record`
+_NOT_CLOSED_REMEDY: Final = "repair it by `mcap recover`, `ros2 bag reindex` or `rosbag reindex`"
 METADATA_NAME: Final = "metadata.yaml"
 MAX_DECOMPRESSED_BYTES: Final = 2**29
 """Largest decompressed chunk or message: recorders write chunks of a few megabytes."""
@@ -85,7 +88,64 @@ def files_without_metadata(folder: Path) -> list[Path]:
     """List the files of a split drive, or of a bag without metadata.yaml."""
     if not folder.is_dir() or (folder / METADATA_NAME).is_file():
         return []
-    return sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES)
+    return sorted(path for path in _visible_files(folder) if is_bag_file(path))
+
+
+def is_bag_file(path: Path) -> bool:
+    """Whether a file is called like a bag."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def unread_bag(path: Path) -> FileError | None:
+    """Fault of a bag that is packed or not closed, or of a folder of such bags; None: no such."""
+    files = [path] if path.is_file() else _visible_files(path) if path.is_dir() else []
+    for each in sorted(files):
+        if not is_bag_file(each.with_suffix("")):
+            continue
+        if each.suffix.lower() in _PACKED_SUFFIXES:
+            return FileError(each, "is a packed bag", "unpack it, and import what comes out")
+        if each.suffix.lower() == _OPEN_SUFFIX:
+            remedy = f"{_NOT_CLOSED_REMEDY}, and rename it without {_OPEN_SUFFIX}"
+            return FileError(each, "is a recording that was not closed", remedy)
+    return None
+
+
+def describe_unread_files(bag: Path) -> tuple[str, ...]:
+    """Warn of files in a bag's folder that look like further parts of it but are not read."""
+    if not bag.is_dir():
+        return ()
+    has_metadata = (bag / METADATA_NAME).is_file()
+    read = _listed_files(bag)[0] if has_metadata else files_without_metadata(bag)
+    known = {name for each in read for name in (each.name, _unpacked_name(each))}
+    others = [
+        each.name
+        for each in sorted(_visible_files(bag))
+        if each.name not in known
+        and _unpacked_name(each) not in known
+        and Path(_unpacked_name(each)).suffix.lower() in SUFFIXES
+    ]
+    if not others:
+        return ()
+    reason = (
+        f"{METADATA_NAME} does not name them" if has_metadata else "they are packed or not closed"
+    )
+    remedy = (
+        "`ros2 bag reindex` adds those of this drive" if has_metadata else "unpack or repair them"
+    )
+    return (
+        f"warning: {len(others)} bag files in the folder are not read, e.g. "
+        f"{shortened(others[0])}: {reason}; {remedy}",
+    )
+
+
+def _unpacked_name(path: Path) -> str:
+    """Name of a file without the suffix of a packed or unclosed bag."""
+    is_wrapped = path.suffix.lower() in (*_PACKED_SUFFIXES, _OPEN_SUFFIX)
+    return path.stem if is_wrapped else path.name
+
+
+def _visible_files(folder: Path) -> list[Path]:
+    return [each for each in folder.iterdir() if each.is_file() and not each.name.startswith(".")]
 
 
 @contextmanager
@@ -96,7 +156,7 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
         Their readers, and whether single messages are compressed (zstd).
 
     Raises:
-        Exception: Any error of the library for a damaged file.
+        ValueError: A file cannot be read; the error names it.
     """
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2.storage_mcap import McapReader
@@ -114,10 +174,16 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
                 paths = [_decompressed_file(each, folder) for each in paths]
         readers: list[Reader] = []
         for each in paths:
-            if each.suffix not in kinds:
+            if not is_bag_file(each):
                 raise FileError(each, f"is none of {', '.join(SUFFIXES)}", _REMEDY)
-            reader = kinds[each.suffix](each)
-            reader.open()
+            reader = kinds[each.suffix.lower()](each)
+            try:
+                reader.open()
+            except Exception as error:
+                raise ValueError(
+                    f"{each} cannot be read as a ROS bag: {one_line(error).rstrip('.')}; "
+                    f"{_remedy(one_line(error))}"
+                ) from error
             stack.callback(reader.close)
             if isinstance(reader, Sqlite3Reader) and reader.dbconn is not None:
                 import apsw
@@ -125,6 +191,32 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
                 reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, _MAX_BLOB_BYTES)
             readers.append(reader)
         yield readers, compression == "message"
+
+
+def _remedy(reason: str) -> str:
+    """Remedy for a file that its library refuses, by the library's message."""
+    if "end magic" in reason or "not indexed" in reason or "ndex looks damaged" in reason:
+        return f"the recording was not closed or is cut short: {_NOT_CLOSED_REMEDY}"
+    if "malformed" in reason:
+        return (
+            "the recording was not closed or is cut short: save what is left by `sqlite3 OLD.db3 "
+            ".recover | sqlite3 NEW.db3`"
+        )
+    if "rofile" in reason:
+        return "only MCAP files of ROS 2 with messages in CDR are read: convert it to a ROS 2 bag"
+    if "empty" in reason or "missing tables" in reason:
+        return "nothing was recorded, or this is no bag: import another"
+    return "give a folder with metadata.yaml, or an intact .mcap, .db3 or .bag file"
+
+
+def one_line(error: Exception) -> str:
+    """Return a library's error as one line for a terminal."""
+    if isinstance(error, MemoryError):
+        return "reading it takes more memory than there is, or a damaged length claims so"
+    text = " ".join(str(error).split())
+    if len(text.split()) < 2:  # KeyError(7)
+        text = f"{type(error).__name__} {text}".rstrip()
+    return shortened(text, 200)
 
 
 def _listed_files(folder: Path) -> tuple[list[Path], str]:

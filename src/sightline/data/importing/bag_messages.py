@@ -11,6 +11,7 @@ from sightline.data.frame_checks import is_blank
 from sightline.data.image_file import decode_pixels
 from sightline.data.image_header import parse_image_header
 from sightline.data.point_files import columns_of
+from sightline.data.point_rows import plain_name
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 
@@ -190,6 +191,12 @@ def _point_layout(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401
     for field in message.fields:
         if field.datatype in _POINT_TYPES:
             fields.setdefault(field.name, field)
+        elif plain_name(field.name) in ("x", "y", "z"):
+            raise ValueError(
+                f"topic {topic} holds a cloud whose field {field.name} has the unknown type "
+                f"{field.datatype}, expected 1 to {len(_POINT_TYPES)}; choose another by "
+                "--lidar-topic"
+            )
     formats = [f"{order}{_POINT_TYPES[field.datatype]}" for field in fields.values()]
     counts = [max(int(field.count), 1) for field in fields.values()]
     try:

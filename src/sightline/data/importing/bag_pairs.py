@@ -64,6 +64,7 @@ def pair_messages(
         f"paired {len(positions)} of {len(camera)} images and {len(lidar)} sweeps by "
         f"{chosen.clock} time, {gaps_ms.max():.1f} ms apart at most; dropped "
         f"{len(camera) - len(positions)} images and {len(lidar) - len(positions)} sweeps",
+        *_few_pairs_notes(len(positions), (len(camera), len(lidar)), max_gap_s, chosen.clock),
         *chosen.notes,
         *bag.undecodable_notes(names),
         *(note for name in names for note in by_topic[name].frame_notes(name)),
@@ -134,6 +135,22 @@ class _TopicMessages:
                 f"warning: kept {description}: the calibration file is valid for only one frame",
             )
         return (f"warning: dropped {description}, whose calibration is used",)
+
+
+def _few_pairs_notes(
+    num_pairs: int, counts: tuple[int, int], max_gap_s: float, clock: Clock
+) -> tuple[str, ...]:
+    """Warn if most messages of the rarer sensor have no partner; empty: they have."""
+    rarer = min(counts)
+    if num_pairs * 2 >= rarer:
+        return ()
+    sensor = "images" if rarer == counts[0] else "sweeps"
+    other = "received" if clock == "header" else "header"
+    return (
+        f"warning: only {num_pairs} of {rarer} {sensor} have a partner within {max_gap_s:g} s by "
+        f"{clock} time: try --clock {other} or a larger --max-gap-s, or look whether both sensors "
+        "were recorded all the time",
+    )
 
 
 def _no_pairs_reason(

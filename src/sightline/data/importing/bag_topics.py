@@ -1,5 +1,6 @@
 """Choice of a bag's topics of camera, LiDAR and the camera's calibration."""
 
+from collections import Counter
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Final
@@ -7,6 +8,15 @@ from typing import Final
 from sightline.data.importing.bag import CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMAGE, Bag, Topic
 from sightline.files.plain_text import shortened
 
+_DRIVERS_OWN: Final = {
+    **dict.fromkeys(
+        ("CustomMsg", "LidarScan", "PacketMsg", "PandarScan", "RslidarPacket", "VelodyneScan"),
+        "PointCloud2",
+    ),
+    "FFMPEGPacket": "CompressedImage",
+    "H264Packet": "CompressedImage",
+}
+"""Messages of drivers in place of ROS's own."""
 _COMPRESSED: Final = ("/compressed", "_compressed", "/jpeg", "/image_compressed")
 
 
@@ -31,7 +41,8 @@ def choose_topics(
 ) -> ChosenTopics:
     """Choose the named topics, or the only ones of their kind.
 
-    A camera's compressed images are preferred to its raw ones, because their bytes stay unchanged.
+    A camera's compressed images are preferred to its raw ones, because their bytes stay unchanged,
+    unless there are fewer than half as many.
 
     Raises:
         ValueError: A named topic is missing, or there are none or several of a kind; the error
@@ -62,29 +73,43 @@ def _choose(
             )
         return named
     if not candidates:
-        is_foxglove = any("foxglove" in topic.kind.lower() for topic in bag.topics)
-        remedy = (
-            "Foxglove's own messages are not read: convert them to ROS's (Image, PointCloud2, "
-            "CameraInfo, TFMessage)"
-            if is_foxglove
-            else "import a bag with a camera and a LiDAR"
-        )
         raise ValueError(
-            f"{bag.path} has no topic of {content}; its topics are {_topic_list(bag)}; {remedy}"
+            f"{bag.path} has no topic of {content}; its topics are {_topic_list(bag)}; "
+            f"{_absent_remedy(bag, content)}"
         )
-    compressed = {
-        _raw_topic_name(topic.name) for topic in candidates if topic.kind == COMPRESSED_IMAGE
-    }
+    num_compressed = Counter[str]()
+    for topic in candidates:
+        if topic.kind == COMPRESSED_IMAGE:
+            num_compressed[_raw_topic_name(topic.name)] += topic.count
     kept = [
         topic
         for topic in candidates
-        if topic.kind != IMAGE or _raw_topic_name(topic.name) not in compressed
+        if topic.kind != IMAGE or topic.count > 2 * num_compressed[_raw_topic_name(topic.name)]
     ]
     if len(kept) > 1:
         raise ValueError(
             f"{bag.path} has {len(kept)} topics of {content}: {listed}; choose one by {option}"
         )
     return kept[0]
+
+
+def _absent_remedy(bag: Bag, content: str) -> str:
+    """Remedy for a bag without a kind of content."""
+    if any("foxglove" in topic.kind.lower() for topic in bag.topics):
+        return (
+            "Foxglove's own messages are not read: convert them to ROS's (Image, PointCloud2, "
+            "CameraInfo, TFMessage)"
+        )
+    for topic in bag.topics:
+        name = topic.kind.rpartition("/")[2]
+        if name in content and not topic.count:
+            return f"{topic} holds no message: look whether its sensor was on, and record again"
+        if name in _DRIVERS_OWN and _DRIVERS_OWN[name] in content:
+            return (
+                f"messages of {shortened(topic.kind)} are not read: let the driver publish "
+                f"{_DRIVERS_OWN[name]}, and record that"
+            )
+    return "import a bag with a camera and a LiDAR"
 
 
 def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:

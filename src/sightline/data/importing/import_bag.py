@@ -16,6 +16,7 @@ from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import calibration_of_bag
 from sightline.data.importing.bag_clocks import Clock
+from sightline.data.importing.bag_files import describe_unread_files
 from sightline.data.importing.bag_messages import (
     cloud_from_message,
     image_file_from_message,
@@ -56,6 +57,9 @@ from sightline.geometry.mount import turn_ahead
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
 from sightline.jobs.progress import track
 
+_CALIBRATION_REMEDY: Final = (
+    "correct the calibration file, or give one by --calibration (docs/recordings.md has an example)"
+)
 _INTENSITIES: Final = (1.0, 255.0, 65535.0)
 """Usual intensities of a reflectance of 1."""
 _NUM_SWEEPS_FOR_SCALE: Final = 5
@@ -79,7 +83,7 @@ def import_bag(
 ) -> ImportReport:
     """Import a drive; arguments and errors as in `import_recording`."""
     check_not_into_source(source, out)
-    notes: list[str] = []
+    notes = [*describe_unread_files(source)]
     with open_bag(source) as bag, collected_warnings(notes):
         topics = choose_topics(bag, camera_topic, lidar_topic, info_topic)
         if calibration is not None:
@@ -164,7 +168,7 @@ class _Frames:
                 trial.write(bag, {name: position})
                 if not trial.faults:
                     write_calibration(staged, self.calibration)
-                    check_staged(staged, source)
+                    check_staged(staged, source, calibration_remedy=_CALIBRATION_REMEDY)
                     return
                 first = first or trial.faults[name]
         assert first is not None, "a drive has a frame"

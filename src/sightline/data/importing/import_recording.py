@@ -4,7 +4,7 @@ from pathlib import Path
 
 from sightline.data.importing.bag import is_bag
 from sightline.data.importing.bag_clocks import Clock
-from sightline.data.importing.bag_files import SUFFIXES
+from sightline.data.importing.bag_files import SUFFIXES, unread_bag
 from sightline.data.importing.import_bag import import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
@@ -77,6 +77,14 @@ def import_recording(
             max_intensity=max_intensity,
         )
     tables = find_tables(source)
+    if tables is None and (fault := unread_bag(source)) is not None:
+        raise fault
+    bags = sorted(each for each in source.iterdir() if is_bag(each)) if source.is_dir() else []
+    if tables is None and bags:
+        more = f", and {len(bags) - 1} more" if len(bags) > 1 else ""
+        raise ValueError(
+            f"{source} is no bag itself, but {bags[0]} in it is one{more}; import that"
+        )
     if tables is None:
         raise ValueError(
             f"{source} is neither a bag (a folder with metadata.yaml, or a file that ends in "

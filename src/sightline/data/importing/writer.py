@@ -124,7 +124,13 @@ class CloudTally:
                 f"{self.not_finite} not finite, {self.no_echo} at the LiDAR's origin"
             )
         if self.no_intensity:
-            lines.append(f"{self.no_intensity} points have a non-finite intensity: 0 is used")
+            is_all = self.no_intensity == self.points - self.not_finite - self.no_echo
+            lines.append(
+                f"warning: all {self.no_intensity} points have a non-finite intensity: their "
+                "reflectance is 0; let the driver write intensities"
+                if is_all
+                else f"{self.no_intensity} points have a non-finite intensity: 0 is used"
+            )
         if self.empty:
             lines.append(
                 f"warning: {len(self.empty)} of {self.clouds} sweeps have no point left, e.g. that "
@@ -185,6 +191,7 @@ def check_staged(
     *,
     points: Path | None = None,
     objects: Path | None = None,
+    calibration_remedy: str | None = None,
 ) -> None:
     """Check the frame in a folder with the checks of the recording's reader.
 
@@ -193,6 +200,7 @@ def check_staged(
         source: Source of the frame, named in errors instead of the frame's files.
         points: Source of its cloud. None: `source`.
         objects: nuScenes' table of its labels. None: `source`.
+        calibration_remedy: Remedy for a faulty calibration. None: that of the check.
 
     Raises:
         FileError: The frame cannot be read, or its calibration is invalid.
@@ -218,6 +226,8 @@ def check_staged(
             problem = f"{problem} (frame {frame.sample_id})"
         elif doubts[0].path == frame.points and points is not None:
             source = points
+        elif doubts[0].path == frame.calibration and calibration_remedy is not None:
+            remedy = calibration_remedy
         raise FileError(source, f"gives an unusable recording: it {problem}", remedy)
 
 

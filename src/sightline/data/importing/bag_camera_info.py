@@ -1,0 +1,194 @@
+"""Calibration of a bag's camera from its CameraInfo messages."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, cast, get_args
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.importing.bag import Bag, plain_frame
+from sightline.data.importing.bag_topics import ChosenTopics
+from sightline.data.importing.camera_region import ImageRegion, region_of_image
+from sightline.data.importing.frames import Rigid
+from sightline.data.kitti_calibration import check_intrinsics
+from sightline.data.recording_calibration import Lens, checked_matrices
+from sightline.data.undistortion import LensModel, check_lens
+from sightline.files.plain_text import shortened
+from sightline.geometry.rotations import rotation_fault
+
+CALIBRATION_REMEDY: Final = (
+    "give a calibration file by --calibration (docs/recordings.md has an example)"
+)
+_LENS_MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraCalibration:
+    """Calibration of a camera."""
+
+    frame: str
+    """Coordinate frame of the message; empty: not named."""
+    region: ImageRegion
+    """Camera matrix of the images."""
+    rectified_from_camera: Rigid
+    lens: Lens | None
+    """Distortion of the images; None: they are straight."""
+
+
+@dataclass(slots=True)
+class _Candidate:
+    """Messages of one usable content."""
+
+    calibration: CameraCalibration
+    first: int
+    """Number of the first of these messages, from 0."""
+    doubt: str
+    """Reason why it does not fit the images; empty: it does."""
+    count: int = 0
+
+
+def camera_of_bag(
+    bag: Bag, topics: ChosenTopics, image_size: tuple[int, int] | None
+) -> tuple[CameraCalibration, tuple[str, ...]]:
+    """Choose the calibration that most usable CameraInfo messages have, otherwise the first one.
+
+    Args:
+        bag: The bag.
+        topics: Topics of its camera and LiDAR, with a CameraInfo.
+        image_size: Height, width [px] of the images; None: none could be read.
+
+    Returns:
+        The calibration, and notes on the other messages.
+
+    Raises:
+        ValueError: No message can be decoded, or none is a calibration.
+    """
+    assert topics.info is not None, "the caller checks it"
+    label = shortened(topics.info.name)
+    candidates: dict[tuple[object, ...], _Candidate] = {}
+    fault, unusable, total = "", 0, 0
+    for message in bag.messages([topics.info.name]):
+        total += 1
+        info = message.content
+        content = _content(info)
+        if content not in candidates:
+            try:
+                calibration = _calibration(info, topics, image_size)
+            except ValueError as error:
+                unusable += 1
+                fault = fault or str(error)
+                continue
+            doubt = _doubt(calibration, image_size)
+            candidates[content] = _Candidate(calibration, message.number, doubt)
+        candidates[content].count += 1
+    if not candidates and fault:
+        raise ValueError(f"topic {label}: {fault}; {CALIBRATION_REMEDY}")
+    if not candidates:
+        raise bag.unreadable_topic_error(topics.info.name)
+    found = list(candidates.values())
+    fitting = [each for each in found if not each.doubt] or found  # a first image may be damaged
+    for each in found:
+        if each not in fitting:
+            unusable += each.count
+            fault = fault or each.doubt
+    usable = total - unusable
+    chosen = next((each for each in fitting if each.count * 2 > usable), fitting[0])
+    notes = bag.undecodable_notes([topics.info.name])
+    if unusable:
+        notes += (
+            f"{unusable} of {total} messages of {label} hold no calibration: number "
+            f"{chosen.first} (from 0) is used; the first of them: {fault}",
+        )
+    if chosen.count < usable:
+        reason = "which most of them repeat" if chosen.count * 2 > usable else "the first valid one"
+        notes += (
+            f"warning: {usable - chosen.count} of {total} messages of {label} differ from number "
+            f"{chosen.first} (from 0), {reason}: it is used for all images",
+        )
+    return chosen.calibration, notes
+
+
+def _content(info: Any) -> tuple[object, ...]:  # noqa: ANN401 - a message
+    roi = info.roi
+    numbers = (_field(info, name).tobytes() for name in ("d", "k", "r", "p"))
+    region = (roi.x_offset, roi.y_offset, roi.height, roi.width)
+    sizes = (info.height, info.width, info.binning_x, info.binning_y)
+    return (
+        plain_frame(info.header.frame_id),
+        str(info.distortion_model),
+        *sizes,
+        *region,
+        *numbers,
+    )
+
+
+def _calibration(
+    info: Any,  # noqa: ANN401 - a message
+    topics: ChosenTopics,
+    image_size: tuple[int, int] | None,
+) -> CameraCalibration:
+    """Read a message.
+
+    Raises:
+        ValueError: It is no calibration; the message continues a sentence that begins with the
+            topic.
+    """
+    image_from_camera, rectified_from_camera = _projection(info, topics)
+    checked_matrices(image_from_camera, rectified_from_camera)
+    return CameraCalibration(
+        frame=plain_frame(info.header.frame_id),
+        region=region_of_image(info, image_from_camera, image_size),
+        rectified_from_camera=rectified_from_camera,
+        lens=None if topics.is_rectified else _lens(info),
+    )
+
+
+def _doubt(calibration: CameraCalibration, image_size: tuple[int, int] | None) -> str:
+    """Reason why a calibration does not fit its images; empty: it does."""
+    intrinsics = calibration.region.matrix[:, :3]
+    doubts = check_intrinsics(intrinsics, image_size, Path(), usual=False)
+    return f"camera_matrix {doubts[0].problem}" if doubts else ""
+
+
+def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
+    """Read image_from_camera of the full resolution, and the rectifying rotation.
+
+    Raises:
+        ValueError: R is no rotation; the message continues a sentence that begins with the topic.
+    """
+    rectified_from_camera = np.eye(4)
+    if topics.is_rectified:
+        image_from_camera = _field(info, "p").reshape(3, 4)
+        rotation = _field(info, "r").reshape(3, 3)
+        fault = rotation_fault(rotation)
+        if image_from_camera.any() and fault is not None:
+            raise ValueError(f"R is no rotation: {fault}")
+        rectified_from_camera[:3, :3] = rotation
+    else:
+        image_from_camera = np.pad(_field(info, "k").reshape(3, 3), ((0, 0), (0, 1)))
+    return image_from_camera, rectified_from_camera
+
+
+def _lens(info: Any) -> Lens | None:  # noqa: ANN401 - a message
+    """Read the distortion; None: there is none.
+
+    Raises:
+        ValueError: The model is unknown, or its coefficients are invalid; the message continues a
+            sentence that begins with the topic.
+    """
+    coefficients = tuple(_field(info, "d").tolist())
+    if not any(coefficients):
+        return None
+    model_name = str(info.distortion_model)
+    model = _LENS_MODELS.get(model_name, model_name)
+    if model not in get_args(LensModel):
+        raise ValueError(f"the lens model {shortened(model_name, 40)!r} is unknown")
+    check_lens(cast("LensModel", model), coefficients)
+    return Lens(model=cast("LensModel", model), coefficients=coefficients)
+
+
+def _field(info: Any, name: str) -> Float64[np.ndarray, " count"]:  # noqa: ANN401
+    """Read K, D, R or P, which have capital names in ROS 1."""
+    value = getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
+    return np.asarray(value, dtype=np.float64)

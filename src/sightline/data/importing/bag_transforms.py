@@ -1,0 +1,167 @@
+"""Transforms between the coordinate frames of a bag, from its TF messages."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sightline.data.importing.bag import TRANSFORMS, Bag, plain_frame
+from sightline.data.importing.frames import (
+    Rigid,
+    find_chain,
+    find_transform,
+    rigid_from_quaternion,
+)
+from sightline.files.plain_text import shortened
+
+_TRANSLATION_TOLERANCE_M: Final = 1e-3
+_ROTATION_TOLERANCE_DEG: Final = 0.05
+_MAX_COMPARED_TRANSFORMS: Final = 20  # transforms left out one by one to compare other chains
+_MAX_KEPT_VALUES: Final = 50  # different values of a transform; a moving frame has any number
+
+
+@dataclass(slots=True)
+class _Values:
+    """Values of the transform of one pair of frames, in the order of receipt."""
+
+    is_static: bool
+    """Whether the pair is in a static topic, whose value goes before those of other topics."""
+    kept: dict[bytes, Rigid] = field(default_factory=dict)
+    """First different values, by their bytes."""
+    counts: Counter[bytes] = field(default_factory=Counter)
+    """Numbers of messages with the kept values, of static ones if the pair is static."""
+    total: int = 0
+    """Number of messages that are counted."""
+    last: Rigid = field(default_factory=lambda: np.eye(4))
+
+    def add(self, rigid: Rigid, *, is_static: bool) -> None:
+        """Add a message's value."""
+        key, self.last = rigid.tobytes(), rigid
+        if key in self.kept or len(self.kept) < _MAX_KEPT_VALUES:
+            self.kept.setdefault(key, rigid)
+        if is_static == self.is_static:
+            self.total += 1
+            if key in self.kept:
+                self.counts[key] += 1
+
+    @property
+    def usual(self) -> Rigid:
+        """Value of most messages, or else of the first one."""
+        key, count = self.counts.most_common(1)[0]
+        return self.kept[key] if count * 2 > self.total else next(iter(self.kept.values()))
+
+
+@dataclass(frozen=True, slots=True)
+class BagTransforms:
+    """Transforms parent_from_child by (parent, child)."""
+
+    usual: dict[tuple[str, str], Rigid]
+    """Usable value of each pair that most messages have, or else the first; static ones first."""
+    others: dict[tuple[str, str], tuple[Rigid, ...]]
+    """First different usable values of each pair, and the last one."""
+    faults: tuple[str, ...]
+    """Reasons why some transforms are invalid."""
+
+
+def transforms_of_bag(bag: Bag) -> BagTransforms:
+    """Read all TF messages."""
+    values: dict[tuple[str, str], _Values] = {}
+    faults: list[str] = []
+    names = [topic.name for topic in bag.topics_of_kind(TRANSFORMS)]
+    for name in sorted(names, key=lambda name: "static" not in name):
+        is_static = "static" in name
+        for message in bag.messages([name]):
+            for each in message.content.transforms:
+                pair = (plain_frame(each.header.frame_id), plain_frame(each.child_frame_id))
+                try:
+                    rigid = _rigid(each.transform)
+                except ValueError as error:
+                    label = f"{shortened(pair[1])} in {shortened(pair[0])}"
+                    faults.append(f"{name}: the transform of {label} {error}")
+                    continue
+                known = values.setdefault(pair, _Values(is_static=is_static))
+                known.add(rigid, is_static=is_static)
+    return BagTransforms(
+        usual={pair: each.usual for pair, each in values.items()},
+        others={pair: (*each.kept.values(), each.last) for pair, each in values.items()},
+        faults=tuple(faults),
+    )
+
+
+def _rigid(transform: Any) -> Rigid:  # noqa: ANN401 - a message
+    rotation, translation = transform.rotation, transform.translation
+    return rigid_from_quaternion(
+        np.array((rotation.x, rotation.y, rotation.z, rotation.w), dtype=np.float64),
+        np.array((translation.x, translation.y, translation.z), dtype=np.float64),
+    )
+
+
+def describe_transforms(
+    transforms: BagTransforms, used: Rigid, lidar: str, camera: str
+) -> tuple[str, ...]:
+    """Return notes on unusable transforms, moving sensors and contradicting chains.
+
+    Args:
+        transforms: All transforms.
+        used: camera_from_lidar.
+        lidar: Frame of the LiDAR.
+        camera: Frame of the camera.
+    """
+    notes = []
+    if transforms.faults:
+        notes.append(
+            f"left out {len(transforms.faults)} invalid transforms, the first: "
+            f"{transforms.faults[0].removesuffix('; calibrate again')}"
+        )
+    chain = find_chain(transforms.usual, camera, lidar) or []
+    steps = [step for pair in pairwise(chain) for step in (pair, pair[::-1])]
+    differences = [
+        _difference(used, find_transform(moved, camera, lidar))
+        for moved in _with_other_values(transforms, steps)
+    ]
+    moves = max((each for each in differences if each is not None), default=None)
+    if moves is not None:
+        notes.append(
+            f"warning: by TF {shortened(lidar)} moves relative to {shortened(camera)} in the "
+            f"drive, by {_text(moves)} at times: the pose of most messages is used, or else "
+            "the first"
+        )
+    for step in steps[: 2 * _MAX_COMPARED_TRANSFORMS]:
+        rest = {each: rigid for each, rigid in transforms.usual.items() if each != step}
+        difference = _difference(used, find_transform(rest, camera, lidar))
+        if difference is not None:
+            through = step if step in list(pairwise(chain)) else step[::-1]
+            notes.append(
+                f"warning: TF has several chains from {shortened(lidar)} to "
+                f"{shortened(camera)} that differ by {_text(difference)}: the shortest is used, "
+                f"through {shortened(through[0])} and {shortened(through[1])}"
+            )
+            break
+    return tuple(notes)
+
+
+def _with_other_values(
+    transforms: BagTransforms, steps: list[tuple[str, str]]
+) -> Iterator[dict[tuple[str, str], Rigid]]:
+    """Yield the transforms with each other value of each step."""
+    for step in steps:
+        for value in transforms.others.get(step, ()):
+            yield transforms.usual | {step: value}
+
+
+def _difference(used: Rigid, other: Rigid | None) -> tuple[float, float] | None:
+    """Difference of two transforms [m, degrees]; None: no difference, or no other transform."""
+    difference = np.eye(4) if other is None else np.linalg.inv(used) @ other
+    translation_m = float(np.linalg.norm(difference[:3, 3]))
+    rotation_deg = float(np.degrees(Rotation.from_matrix(difference[:3, :3]).magnitude()))
+    if translation_m <= _TRANSLATION_TOLERANCE_M and rotation_deg <= _ROTATION_TOLERANCE_DEG:
+        return None
+    return translation_m, rotation_deg
+
+
+def _text(difference: tuple[float, float]) -> str:
+    return f"{difference[0]:.3g} m and {difference[1]:.3g} degrees"
