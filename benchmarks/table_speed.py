@@ -19,6 +19,8 @@ _STAGES = {
     "around": "rays in any direction",
     "shadow": "whether these places see the sun",
 }
+_TASKS = ("detection2d", "detection3d", "depth-completion", "joined")
+_SENSORS = {"clean": "both", "camera_blank": "no camera", "lidar_blank": "no LiDAR"}
 _PARTS = {
     "picture": "picture and points",
     "detection2d": "2D detection",
@@ -72,6 +74,16 @@ def detection3d(record: Record) -> Rows:
         cells.append(" + ".join(f"{stage['gflop']:.1f}" for stage in row["stages"]))
         cells.append(f"{sum(stage['parameters'] for stage in row['stages']) / 1e6:.2f} M")
         rows.append([_network(row), _ENGINES[row["engine"]], *_times(row), *cells])
+    return rows
+
+
+def all_tasks(record: Record) -> Rows:
+    """Give the rows of all answers of a frame."""
+    parts = {name: _PARTS[name] for name in (*_TASKS, "whole")}
+    rows: Rows = [["weights", "sensors", *(f"{each}, ms" for each in parts.values()), "95 %"]]
+    for row in record["results"]:
+        times = [f"{row[part]:.0f}" if part in row else "" for part in (*parts, "percentile_95")]
+        rows.append([row["weights"], _SENSORS[row["case"]], *times])
     return rows
 
 

@@ -65,6 +65,8 @@ TABLES: Final = {
         ("image_depth_rigs", "image_depth_nuscenes"), table_sensors.image_depth
     ),
     "depth-faults": Table(("depth_robustness",), table_sensors.depth_faults),
+    "depth-faults-train": Table(("depth_robustness_sample_train",), table_sensors.depth_faults),
+    "depth-faults-simulated": Table(("depth_robustness_simulated",), table_sensors.depth_faults),
     "sensor-health": Table(
         ("sensor_health", "sensor_health_weather"), table_sensors.sensor_health
     ),
@@ -89,6 +91,7 @@ TABLES: Final = {
     "time-depth": Table(("depth_completion",), table_speed.depth),
     "time-detection2d": Table(("detection2d",), table_speed.detection2d),
     "time-detection3d": Table(("detection3d",), table_speed.detection3d),
+    "time-all": Table(("joined_time",), table_speed.all_tasks),
     "kitti-evaluation": Table(("kitti_evaluation",), table_speed.kitti_evaluation),
     "rotated-iou": Table(("rotated_iou",), table_speed.rotated_iou),
     "corruptions": Table(("corruptions",), table_speed.corruptions),
