@@ -191,12 +191,9 @@ def test_a_lens_that_most_messages_have_is_refused_though_the_first_has_none(tmp
         import_recording(tmp_path / "drive", tmp_path / "out")
 
 
-@pytest.mark.parametrize(
-    ("static", "poses"),
-    [((), (np.eye(4), *[CAMERA_FROM_LIDAR] * 3)), ((CAMERA_FROM_LIDAR,), (MOVED,) * 3)],
-)
-def test_the_pose_of_most_messages_is_used_and_a_static_one_goes_before(tmp_path, static, poses):
-    with BagMaker(tmp_path / "drive") as bag:
+def report_of_poses(folder, poses, static=()):
+    """Import a bag whose LiDAR has these poses one after the other, and return the report."""
+    with BagMaker(folder / "drive") as bag:
         for pose in static:
             bag.transforms("/tf_static", 1, camera_optical__lidar=pose)
         for at, pose in enumerate(poses):
@@ -204,20 +201,22 @@ def test_the_pose_of_most_messages_is_used_and_a_static_one_goes_before(tmp_path
         bag.info("/front/camera_info", 10**9)
         bag.image("/front/image_raw", 10**9)
         bag.cloud("/points", 10**9)
-    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    return str(import_recording(folder / "drive", folder / "out"))
+
+
+@pytest.mark.parametrize(
+    ("static", "poses"),
+    [((), (np.eye(4), *[CAMERA_FROM_LIDAR] * 3)), ((CAMERA_FROM_LIDAR,), (MOVED,) * 3)],
+)
+def test_the_pose_of_most_messages_is_used_and_a_static_one_goes_before(tmp_path, static, poses):
+    report = report_of_poses(tmp_path, poses, static)
     assert "lidar moves relative to camera_optical in the drive" in report
     written = read_recording_calibration(tmp_path / "out" / "calibration.yaml")
     np.testing.assert_allclose(written.matrices.camera_from_lidar, CAMERA_FROM_LIDAR, atol=1e-9)
 
 
 def test_sensors_that_come_back_to_their_place_are_told(tmp_path):
-    with BagMaker(tmp_path / "drive") as bag:
-        for at, pose in enumerate((CAMERA_FROM_LIDAR, MOVED, CAMERA_FROM_LIDAR)):
-            bag.transforms("/tf", 10**9 + at, camera_optical__lidar=pose)
-        bag.info("/front/camera_info", 10**9)
-        bag.image("/front/image_raw", 10**9)
-        bag.cloud("/points", 10**9)
-    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    report = report_of_poses(tmp_path, (CAMERA_FROM_LIDAR, MOVED, CAMERA_FROM_LIDAR))
     assert "in the drive, by 0.5 m and 0 degrees at times" in report
 
 

@@ -92,7 +92,7 @@ def files_without_metadata(folder: Path) -> list[Path]:
 
 
 def is_bag_file(path: Path) -> bool:
-    """Whether a file is called like a bag."""
+    """Whether a file has the name of a ROS bag: its ending, in any case."""
     return path.suffix.lower() in SUFFIXES
 
 
