@@ -20,6 +20,7 @@ from sightline.networks.residual import ConvNorm
 _MAX_LOG_CORRECTION = math.log(4)  # corrects a completed depth by a factor of 4 at most
 _MAX_LOG_BETWEEN = 0.3  # after the share of the way to a measurement around
 _UNCERTAINTY_FLOOR_M = 0.01
+_START_M = 17.0  # mean depth of street scenes within a LiDAR's reach
 
 
 class DepthCompletionOutput(NamedTuple):
@@ -64,8 +65,7 @@ class DepthCompletionNet(nn.Module):
         else:
             self._add_stems_and_trunk(planes)
         if config.residual:  # the first prediction is the classical completion itself
-            last = self.refinement[-1] if self.refinement else self.trunk.get_submodule("head")
-            for parameter in last.parameters():
+            for parameter in self._last_convolution().parameters():
                 nn.init.zeros_(parameter)
 
     def _add_stems_and_trunk(self, planes: list[int]) -> None:
@@ -85,6 +85,26 @@ class DepthCompletionNet(nn.Module):
                 config.refinement_hidden_channels or features,
                 sum(self.outputs) * cells,
             )
+
+    def start_at_constant_depth(self) -> None:
+        """Let an untrained network predict 17 m everywhere; a residual one stays as it is.
+
+        The last convolution sums thousands of features, none of them negative. With random weights
+        it predicts hundreds of metres, and a training spends its first hundreds of updates on that.
+        """
+        if self.config.residual:
+            return
+        last = self._last_convolution()
+        nn.init.zeros_(last.weight)
+        assert last.bias is not None, "all last convolutions have one"
+        nn.init.zeros_(last.bias)
+        cells = len(last.bias) // sum(self.outputs)  # depth comes first, a channel for each cell
+        nn.init.constant_(last.bias[:cells], _START_M / self.config.depth_scale_m)
+
+    def _last_convolution(self) -> nn.Conv2d:
+        last = self.refinement[-1] if self.refinement else self.trunk.get_submodule("head")
+        assert isinstance(last, nn.Conv2d), "trunks and refinements end so"
+        return last
 
     @property
     def stride(self) -> int:

@@ -56,8 +56,10 @@ class DepthCompletion(TrainingModule):
             ValueError: The weights cannot be read or belong to another network.
         """
         settings = choose_settings(network, DepthCompletionConfig, initial_weights)
+        untrained = DepthCompletionNet(settings)
+        untrained.start_at_constant_depth()
         super().__init__(
-            DepthCompletionNet(settings),
+            untrained,
             DepthCompletionScores(),
             optimizer=optimizer,
             initial_weights=initial_weights,
