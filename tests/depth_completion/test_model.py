@@ -124,6 +124,35 @@ def test_a_residual_network_starts_as_the_classical_completion(correction, refin
     assert torch.equal(network(config)(image, sparse_m, filled_m).depth_m, filled_m)
 
 
+@pytest.mark.parametrize(
+    "config",
+    [
+        PAPER,
+        replace(PAPER, shift_conv=None, trunk_stride=4),
+        replace(PAPER, trunk_stride=4, uncertainty=True, refinement_channels=4),
+        replace(PAPER, trunk_stride=4, refinement_channels=4, refinement_stride=2),
+    ],
+    ids=["paper", "folded", "refinement", "folded refinement"],
+)
+def test_an_untrained_network_can_start_at_one_depth_everywhere(config):
+    net = network(config)
+    assert net(*inputs()).depth_m.std() > 0.01
+    net.start_at_constant_depth()
+    output = net(*inputs())
+    torch.testing.assert_close(output.depth_m, torch.full((1, 1, 32, 64), 17.0))
+    if config.uncertainty:
+        torch.testing.assert_close(
+            output.uncertainty_m, output.uncertainty_m.mean().expand(1, 1, 32, 64)
+        )
+
+
+def test_a_residual_network_has_its_start_already():
+    net = network(RESIDUAL)
+    net.start_at_constant_depth()
+    image, sparse_m, filled_m = inputs()
+    assert torch.equal(net(image, sparse_m, filled_m).depth_m, filled_m)
+
+
 def test_propagation_leaves_that_start_where_nothing_is_measured():
     image, sparse_m, filled_m = inputs()
     other_m = sparse_m * 1.5  # measurements that differ from the completion
