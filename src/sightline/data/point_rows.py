@@ -34,10 +34,12 @@ Ouster's and Hesai's drivers write `reflectivity` (0 to 255, corrected for range
 RING_NAMES: Final = ("ring", "ring_id", "laser_id", "channel", "beam", "line")
 """Names of fields with the laser's number."""
 
+USED_NAMES: Final = frozenset({"x", "y", "z", *INTENSITY_NAMES, *RING_NAMES})
+"""Plain names of the fields that are read."""
+
 MAX_HEADER: Final = 2**16
 """Longest header [bytes]."""
 
-_USED_NAMES = {"x", "y", "z", *INTENSITY_NAMES, *RING_NAMES}
 _MICROSOFT_NAN = re.compile(rb"[-+]?(?:nan\(\w*\)|1\.#\w+)", re.IGNORECASE)
 
 
@@ -64,7 +66,7 @@ def plain_name(name: str) -> str:
 def warn_of_repeated(names: Iterable[str]) -> None:
     """Warn of used fields with the same name, ignoring case."""
     counts = Counter(plain_name(name) for name in names)
-    repeated = [name for name, count in counts.items() if count > 1 and name in _USED_NAMES]
+    repeated = [name for name, count in counts.items() if count > 1 and name in USED_NAMES]
     if repeated:
         warnings.warn(  # without the file's name: one warning for all clouds with these fields
             f"clouds have several fields named {', '.join(repeated)}, ignoring case: the one in "
@@ -142,7 +144,7 @@ def ascii_points(
     expected = sum(field.length for field in fields)
     needed, column = dict[str, int](), 0
     for field in fields:
-        if field.length == 1 and plain_name(field.name) in _USED_NAMES:
+        if field.length == 1 and plain_name(field.name) in USED_NAMES:
             needed.setdefault(field.name, column)
         column += field.length
     if not needed:

@@ -203,3 +203,25 @@ def test_a_coordinate_of_an_unknown_type_is_named_as_such():
         ValueError, match="/points holds a cloud whose field z has the unknown type"
     ):
         cloud_from_message(sent, "/points")
+
+
+def test_an_intensity_of_an_unknown_type_is_left_out_with_a_warning():
+    layout = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
+    values, sent = cloud(layout, range(4))
+    sent.fields[3].datatype = 99
+    with (
+        pytest.warns(UserWarning, match="field intensity has the unknown type 99"),
+        pytest.warns(UserWarning, match="no intensity field"),
+    ):
+        points = cloud_from_message(sent, "/points")
+    np.testing.assert_array_equal(points[:, 2], values["z"].ravel())
+    assert not points[:, 3].any()
+
+
+def test_the_first_of_two_coordinates_with_one_name_is_used_with_a_warning():
+    layout = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity", "other")])
+    values, sent = cloud(layout, range(4))
+    sent.fields[4].name = "x"
+    with pytest.warns(UserWarning, match="several fields named x"):
+        points = cloud_from_message(sent, "/points")
+    np.testing.assert_array_equal(points[:, 0], values["x"].ravel())

@@ -1,5 +1,6 @@
 """Conversion of ROS messages to the contents of a recording."""
 
+import warnings
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -11,7 +12,7 @@ from sightline.data.frame_checks import is_blank
 from sightline.data.image_file import decode_pixels
 from sightline.data.image_header import parse_image_header
 from sightline.data.point_files import columns_of
-from sightline.data.point_rows import plain_name
+from sightline.data.point_rows import USED_NAMES, plain_name, warn_of_repeated
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 
@@ -188,15 +189,19 @@ def _point_layout(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401
     """Fields of a point; of fields with equal names, which drivers use for gaps, only the first."""
     order = ">" if message.is_bigendian else "<"
     fields: dict[str, Any] = {}
+    warn_of_repeated(field.name for field in message.fields)
     for field in message.fields:
+        name = plain_name(field.name)
         if field.datatype in _POINT_TYPES:
             fields.setdefault(field.name, field)
-        elif plain_name(field.name) in ("x", "y", "z"):
-            raise ValueError(
+        elif name in USED_NAMES:
+            problem = (
                 f"topic {topic} holds a cloud whose field {field.name} has the unknown type "
-                f"{field.datatype}, expected 1 to {len(_POINT_TYPES)}; choose another by "
-                "--lidar-topic"
+                f"{field.datatype}, expected 1 to {len(_POINT_TYPES)}"
             )
+            if name in ("x", "y", "z"):
+                raise ValueError(f"{problem}; choose another by --lidar-topic")
+            warnings.warn(f"{problem}: it is left out; publish it as float32", stacklevel=3)
     formats = [f"{order}{_POINT_TYPES[field.datatype]}" for field in fields.values()]
     counts = [max(int(field.count), 1) for field in fields.values()]
     try:
