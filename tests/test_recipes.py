@@ -209,11 +209,9 @@ def test_what_the_simulator_writes_trains_without_a_word_on_sweeps_and_lists(
     assert (tmp_path / "runs" / "depth-fast-cpu" / "best.ckpt").is_file()
 
 
-def test_the_ablation_differs_in_the_shift_convolution_only():
-    whole, without = (
-        yaml.safe_load((PACKAGE_RECIPES / f"depth-{name}-street.yaml").read_text())
-        for name in ("shiftconv", "without-shiftconv")
-    )
+@pytest.mark.parametrize("data", ["street", "kitti"])
+def test_the_ablation_differs_in_the_shift_convolution_only(data):
+    whole, without = (recipe(f"depth-{name}-{data}") for name in ("shiftconv", "without-shiftconv"))
     assert without["model"]["init_args"].pop("network") == {"shift_conv": None}
     assert whole["model"]["init_args"].pop("network") == {}
     assert whole == without

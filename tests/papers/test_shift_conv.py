@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from rich.console import Console
 
+from sightline.augmentation.sample_changes import crop
 from sightline.data.image_file import read_rgb
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthCompleter, DepthPredictor
 from sightline.evaluation.depth_scores import score_depth
 from sightline.evaluation.held_out import evaluate_held_out
+from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.papers import shift_conv as module
 from sightline.papers.shift_conv import FIGURES, measure_sparsity, reproduce_shift_conv
@@ -103,7 +106,7 @@ def test_the_official_frames_give_the_benchmarks_figure(selection, weights, weig
         ]
         assert measured.rmse_mm == pytest.approx(statistics.fmean(errors_mm))
         assert measured.seconds > 0
-    figure = f"{report.with_shift_conv.rmse_mm:,.2f}"
+    figure = f"{report.with_shift_conv.paper_rmse_mm:,.2f}"
     papers_row, other_row = rows(report, "with, ours")
     assert "needs --weights" in papers_row
     assert figure not in papers_row
@@ -138,14 +141,47 @@ def test_other_data_is_scored_on_held_out_rings(weights):
     assert "held-out rings, 1 frames" in text(report)
 
 
+def test_held_out_rings_of_the_papers_crop_are_those_of_the_whole_frame(weights, monkeypatch):
+    size = (64, 96)  # smaller than the paper's: truth lies outside
+    monkeypatch.setattr(module, "_PAPER_CROP", size)
+    report = reproduce_shift_conv(PACKAGED_FRAMES, weights=weights, sample_list=["000001"])
+    sample = open_dataset(PACKAGED_FRAMES, sample_list=["000001"])[0]
+    whole = replace(sample, points=split_rings(sample).sample.points)
+    left = (sample.image_size[1] - 96) // 2
+    given = crop(whole, sample.image_size[0] - 64, left, *size)
+    frame = split_rings(sample, crop_size=size)
+    assert torch.equal(frame.truth_m, split_rings(sample).truth_m[-64:, 560:656])
+    truth_m = frame.truth_m.numpy()
+    errors_m = (DepthPredictor.load(weights)(given).depth_m.numpy() - truth_m)[truth_m > 0]
+    expected_mm = 1e3 * np.sqrt(np.mean(errors_m.astype(np.float64) ** 2))
+    assert report.with_shift_conv.paper_rmse_mm == pytest.approx(expected_mm, rel=1e-5)
+    assert report.with_shift_conv.paper_rmse_mm != report.with_shift_conv.rmse_mm
+
+
+def test_ground_truth_of_the_papers_crop_is_that_of_the_bottom_centre(
+    selection, weights, monkeypatch
+):
+    size = (8, 24)  # of frames of 12x40
+    monkeypatch.setattr(module, "_PAPER_CROP", size)
+    report = reproduce_shift_conv(selection, weights=weights)
+    dataset, errors_mm = open_dataset(selection, parts=("image", "points")), []
+    for sample in (dataset[0], dataset[1]):
+        height, width = sample.image_size
+        given = crop(sample, height - 8, (width - 24) // 2, *size)
+        depth_m = DepthPredictor.load(weights)(given).depth_m.numpy()
+        errors_mm.append(score_depth(depth_m, given.depth.numpy()).rmse_mm)
+    assert report.with_shift_conv.paper_rmse_mm == pytest.approx(statistics.fmean(errors_mm))
+    assert report.with_shift_conv.paper_rmse_mm != report.with_shift_conv.rmse_mm
+
+
 @pytest.mark.usefixtures("as_official")
 def test_what_was_not_measured_says_what_it_needs(selection):
     report = reproduce_shift_conv(selection)
     assert "needs --weights WEIGHTS" in rows(report, "with, ours")[0]
     assert "needs --weights-without WEIGHTS" in rows(report, "without, ours")[0]
     assert text(report).rstrip().splitlines()[-1] == (
-        "Not measured: the paper's networks (recipe depth-shiftconv-kitti), without --weights "
-        "--weights-without."
+        "Not measured: the paper's networks (recipes depth-shiftconv-kitti, "
+        "depth-without-shiftconv-kitti), without --weights --weights-without."
     )
     saved = json.loads(json.dumps(report.to_json()))
     assert saved["table_2"]["shift_conv"] is None

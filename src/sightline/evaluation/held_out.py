@@ -129,6 +129,7 @@ def evaluate_held_out(
     *,
     beams: Sequence[int] | None = None,
     truth: TruthChoice = "rings",
+    crop_size: tuple[int, int] = CROP_SIZE,
     total: int | None = None,
 ) -> HeldOutReport:
     """Score a method on the held-out rings of samples with points, or on their depth maps.
@@ -152,6 +153,8 @@ def evaluate_held_out(
         beams: Densities to score. None: all of the sensor's beams, half of them, a quarter and an
             eighth.
         truth: Source of the truth.
+        crop_size: Height and width [px] of the bottom-centre crop that is completed and scored;
+            images larger than KITTI's are scored whole.
         total: Number of samples, for the progress bar, if `samples` has no length.
 
     Raises:
@@ -165,7 +168,7 @@ def evaluate_held_out(
     sizes: dict[tuple[int, int], None] = {}
     sensor_beams = 0
     for sample in track(samples, description="scoring", total=total):
-        frame = split_rings(sample, truth=truth)
+        frame = split_rings(sample, truth=truth, crop_size=crop_size)
         sensor_beams = sensor_beams or frame.sensor_beams
         _check_sensor(frame, sensor_beams)
         num_beams = densities(sensor_beams) if beams is None else beams

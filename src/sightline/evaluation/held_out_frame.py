@@ -103,16 +103,18 @@ def split_rings(
     *,
     first_held_out: int = FIRST_HELD_OUT,
     truth: TruthChoice = "rings",
+    crop_size: tuple[int, int] = CROP_SIZE,
 ) -> HeldOutFrame:
     """Split a frame: held-out rings become the truth, the others the methods' input.
 
-    Both are cropped to `CROP_SIZE` at the bottom centre; an image that is smaller, or larger than
-    KITTI's, is kept whole. Labels and depth are removed from the sample.
+    Both are cropped at the bottom centre; an image that is smaller, or larger than KITTI's, is kept
+    whole. Labels and depth are removed from the sample.
 
     Args:
         sample: The frame.
         first_held_out: The first held-out ring; every eighth from there is held out.
         truth: Source of the truth.
+        crop_size: Height and width of the crop [px].
 
     Raises:
         ValueError: The sample has no points, neither their order nor their elevation shows rings,
@@ -135,7 +137,7 @@ def split_rings(
     else:
         is_partial = truth == "depth_in_reach"
         truth_m = dense_truth_in_reach(sample) if is_partial else _dense_truth(sample)
-    top, left, height, width = _crop(sample.image_size)
+    top, left, height, width = _crop(sample.image_size, crop_size)
     truth_m = truth_m[top : top + height, left : left + width].contiguous()
     if not truth_m.any():
         lacking = "return of a held-out ring in view" if truth == "rings" else "true depth"
@@ -238,9 +240,9 @@ def _is_in_reach(
     return torch.from_numpy(np.maximum.accumulate(highest, axis=0) > 0)
 
 
-def _crop(image_size: tuple[int, int]) -> tuple[int, int, int, int]:
+def _crop(image_size: tuple[int, int], crop_size: tuple[int, int]) -> tuple[int, int, int, int]:
     """Compute top, left, height and width of the bottom-centre crop, or of the whole image."""
     height, width = image_size
     if height <= _LARGEST_CROPPED[0] and width <= _LARGEST_CROPPED[1]:
-        height, width = min(height, CROP_SIZE[0]), min(width, CROP_SIZE[1])
+        height, width = min(height, crop_size[0]), min(width, crop_size[1])
     return image_size[0] - height, (image_size[1] - width) // 2, height, width

@@ -26,6 +26,7 @@ from sightline.depth_completion.predictor import Completer, DepthCompleter, Dept
 from sightline.depth_completion.targets import expand_depth
 from sightline.evaluation.depth_scores import score_depth
 from sightline.evaluation.held_out import evaluate_held_out
+from sightline.evaluation.held_out_frame import CROP_SIZE
 from sightline.export.names import EngineChoice
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import LoadedNetwork, load_network
@@ -100,15 +101,18 @@ class Measured:
 
     network: GivenNetwork
     rmse_mm: float
-    """Mean of the frames' RMSEs."""
+    """Mean of the RMSEs of frames of 1216x352, as in KITTI's benchmark; smaller ones are whole."""
+    paper_rmse_mm: float
+    """Mean of the RMSEs of frames of 1216x256, as in the paper."""
     seconds: float
-    """Median wall-clock time per frame on this machine."""
+    """Median wall-clock time per frame of 1216x256 on this machine."""
 
     def to_json(self) -> dict[str, object]:
         """Convert to the contents of a report file."""
         return {
             "name": self.network.name,
             "rmse_mm": self.rmse_mm,
+            "rmse_mm_1216x256": self.paper_rmse_mm,
             "seconds": self.seconds,
             "is_papers": self.network.is_papers,
             "network": asdict(self.network),
@@ -180,7 +184,9 @@ class ShiftConvReport:
             return ["ours, without --data and weights"]
         measured = [name for name, row in self._results.items() if row and row.network.is_papers]
         absent = " ".join(option for name, option in _OPTIONS.items() if name not in measured)
-        recipe = "the paper's networks (recipe depth-shiftconv-kitti)"
+        recipe = (
+            "the paper's networks (recipes depth-shiftconv-kitti, depth-without-shiftconv-kitti)"
+        )
         benchmark = [] if self.protocol == "benchmark" else [f"the benchmark, {_NEEDS_FRAMES}"]
         return [*benchmark, *([f"{recipe}, without {absent}"] if absent else [])]
 
@@ -224,19 +230,19 @@ class ShiftConvReport:
         add_rows(table, (f"{title}, ours",), _OPTIONS[name], network, cells)
 
     def _our_cells(self, row: Measured, *, with_time: bool) -> tuple[str, ...]:
-        measured = f"{row.rmse_mm:,.2f}"
-        cells = (measured,) if self.protocol == "benchmark" else (_NEEDS_FRAMES, measured)
-        return (*cells, f"{row.seconds:.3f}") if with_time else cells
+        needs = () if self.protocol == "benchmark" else (_NEEDS_FRAMES,)
+        seconds = (f"{row.seconds:.3f}",) if with_time else ()
+        return (*needs, f"{row.paper_rmse_mm:,.2f}", f"{row.rmse_mm:,.2f}", *seconds)
 
     def _published_cells(self, rmse_mm: float) -> tuple[str, ...]:
-        return (f"{rmse_mm:,.2f}",) if self.protocol == "benchmark" else (f"{rmse_mm:,.2f}", "")
+        return (f"{rmse_mm:,.2f}", *[""] * (len(self._rmse_columns()) - 1))
 
     def _rmse_columns(self) -> tuple[str, ...]:
-        """Titles of the RMSE columns: one for the benchmark, one for another protocol."""
+        """Titles of the RMSE columns: first the published, then ours by frame size."""
         if self.protocol == "benchmark":
-            return ("RMSE mm",)
+            return ("RMSE mm, 1216x256", "1216x352")
         where = f"{self.protocol}, {self.frames:,} frames"
-        return ("RMSE mm, KITTI's 1,000 frames", f"RMSE mm, {where}")
+        return ("RMSE mm, KITTI's 1,000 frames", f"RMSE mm, {where}, 1216x256", "1216x352")
 
 
 def reproduce_shift_conv(
@@ -255,7 +261,8 @@ def reproduce_shift_conv(
 
     A depth completion tree is scored against its ground truth by KITTI's rules; only the 1,000
     frames of `val_selection_cropped` give the benchmark's figure. Other data is scored on held-out
-    rings (`sightline.evaluation.held_out`) with 64 beams.
+    rings (`sightline.evaluation.held_out`) with 64 beams. Both are done twice: with frames of
+    1216x256, as in the paper, and of 1216x352, as in the benchmark.
 
     Args:
         data: Folder of the data set; see `open_dataset`. None: the published figures alone.
@@ -338,9 +345,7 @@ def write_frame(
         ValueError: The sample has no sweep.
     """
     stride = 1 if loaded is None else loaded.network.stride
-    height, width = _crop_size(sample.image_size, stride)
-    top, left = sample.image_size[0] - height, (sample.image_size[1] - width) // 2
-    sample = crop(sample, top, left, height, width)
+    sample = crop(sample, *_bottom_centre(sample.image_size, _PAPER_CROP, stride))
     if sample.points is None:
         raise ValueError(f"sample {sample.sample_id} has no sweep to draw; name another frame")
     sparse = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
@@ -361,10 +366,12 @@ def write_frame(
     write_rgb(path, np.concatenate(parts))
 
 
-def _crop_size(image_size: tuple[int, int], stride: int = 1) -> tuple[int, int]:
-    """Height and width of the paper's crop, or of a smaller image's largest."""
-    height, width = (min(*pair) for pair in zip(image_size, _PAPER_CROP, strict=True))
-    return height // stride * stride, width // stride * stride
+def _bottom_centre(
+    image_size: tuple[int, int], size: tuple[int, int], stride: int = 1
+) -> tuple[int, int, int, int]:
+    """Top, left, height and width of a crop; height and width are multiples of the stride."""
+    height, width = (min(*pair) // stride * stride for pair in zip(image_size, size, strict=True))
+    return image_size[0] - height, (image_size[1] - width) // 2, height, width
 
 
 def measure_sparsity(dataset: SampleDataset) -> tuple[Sparsity, Sparsity]:
@@ -384,9 +391,8 @@ def measure_sparsity(dataset: SampleDataset) -> tuple[Sparsity, Sparsity]:
         if sample.points is None:
             raise ValueError(f"sample {sample.sample_id} has no sweep to count; leave it out")
         is_measured = sparse_depth_map(sample.points, sample.calibration, sample.image_size) > 0
-        height, width = _crop_size(sample.image_size)
-        left = (sample.image_size[1] - width) // 2
-        part = is_measured[sample.image_size[0] - height :, left : left + width]
+        top, left, height, width = _bottom_centre(sample.image_size, _PAPER_CROP)
+        part = is_measured[top : top + height, left : left + width]
         for counts, pixels in ((whole, is_measured), (cropped, part)):
             counts.append((int(pixels.sum()), pixels.numel()))
     return _mean_sparsity(whole), _mean_sparsity(cropped)
@@ -411,24 +417,40 @@ def _protocol(dataset: SampleDataset) -> Protocol:
 def _measure(
     dataset: SampleDataset, completer: Completer, network: GivenNetwork, protocol: Protocol
 ) -> Measured:
+    score = _score_rings if protocol == "held-out rings" else _score_truth
+    rmse_mm, _ = score(dataset, completer, CROP_SIZE)
+    paper_rmse_mm, seconds = score(dataset, completer, _PAPER_CROP)
+    return Measured(network=network, rmse_mm=rmse_mm, paper_rmse_mm=paper_rmse_mm, seconds=seconds)
+
+
+def _score_rings(
+    dataset: SampleDataset, completer: Completer, size: tuple[int, int]
+) -> tuple[float, float]:
+    """Score frames of a size on held-out rings: mean RMSE [mm], median time [s]."""
     samples = (dataset[index] for index in range(len(dataset)))
-    if protocol == "held-out rings":
-        report = evaluate_held_out(samples, completer, beams=(_BEAMS,), total=len(dataset))
-        score = report.scores[0]
-        return Measured(network=network, rmse_mm=score.rmse_mm, seconds=score.milliseconds / 1e3)
+    report = evaluate_held_out(
+        samples, completer, beams=(_BEAMS,), crop_size=size, total=len(dataset)
+    )
+    return report.scores[0].rmse_mm, report.scores[0].milliseconds / 1e3
+
+
+def _score_truth(
+    dataset: SampleDataset, completer: Completer, size: tuple[int, int]
+) -> tuple[float, float]:
+    """Score frames of a size on their ground truth: mean RMSE [mm], median time [s]."""
     errors_mm, seconds = [], []
-    for sample in track(samples, description="scoring", total=len(dataset)):
+    for index in track(range(len(dataset)), description="scoring", total=len(dataset)):
+        sample = dataset[index]
         if sample.depth is None:
             raise ValueError(
                 f"sample {sample.sample_id} has no ground truth to score against; give the tree "
                 "with val_selection_cropped"
             )
+        top, left, height, width = _bottom_centre(sample.image_size, size)
+        truth_m = sample.depth[top : top + height, left : left + width].numpy()
+        given = crop(replace(sample, depth=None), top, left, height, width)
         start = time.perf_counter()
-        depth_m = completer(sample).depth_m.cpu().numpy()
+        depth_m = completer(given).depth_m.cpu().numpy()
         seconds.append(time.perf_counter() - start)
-        errors_mm.append(score_depth(depth_m, sample.depth.numpy()).rmse_mm)
-    return Measured(
-        network=network,
-        rmse_mm=statistics.fmean(errors_mm),
-        seconds=statistics.median(seconds),
-    )
+        errors_mm.append(score_depth(depth_m, truth_m).rmse_mm)
+    return statistics.fmean(errors_mm), statistics.median(seconds)
