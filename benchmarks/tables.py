@@ -191,17 +191,17 @@ def origin(name: str, record: Record) -> str:
 
 
 def weights_of(record: Record) -> Iterator[str]:
-    """List which weights of a record are the shipped ones, and which are earlier ones."""
-    shipped: list[str] = []
-    earlier: list[str] = []
+    """List which weights of a record ship, ship in a later version, or do not ship."""
+    states: dict[str, list[str]] = {}
     for name, digest in record["weights"].items():
         path = WEIGHTS / f"{name}.safetensors"
-        is_shipped = path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == digest
-        (shipped if is_shipped else earlier).append(name)
-    if shipped:
-        yield f"weights as shipped: {', '.join(shipped)}"
-    if earlier:
-        yield f"**earlier weights**: {', '.join(earlier)}"
+        state = "weights that do not ship"
+        if path.is_file():
+            is_same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+            state = "weights as shipped" if is_same else "**earlier weights**"
+        states.setdefault(state, []).append(name)
+    for state, names in states.items():
+        yield f"{state}: {', '.join(names)}"
 
 
 def _block(name: str) -> str:

@@ -128,14 +128,26 @@ def test_a_commit_that_is_not_in_the_history_is_noticed():
 
 
 @pytest.mark.parametrize(("name", "record"), RECORDS, ids=[name for name, _ in RECORDS])
-def test_weights_that_do_not_ship_any_more_are_called_earlier_under_their_table(name, record):
+def test_a_table_tells_which_weights_ship_and_which_are_earlier_ones(name, record):
     digests = {
         path.stem: hashlib.sha256(path.read_bytes()).hexdigest()
         for path in tables.WEIGHTS.glob("*.safetensors")
     }
-    earlier = [each for each in record["weights"] if digests.get(each) != record["weights"][each]]
-    said = re.search(r"\*\*earlier weights\*\*: ([^;]+)", tables.origin(name, record))
-    assert (said[1].split(", ") if said else []) == earlier
+    expected = {
+        each: "weights that do not ship"
+        if each not in digests
+        else "weights as shipped"
+        if digests[each] == digest
+        else "**earlier weights**"
+        for each, digest in record["weights"].items()
+    }
+    said = {
+        each: state
+        for state, names in re.findall(r"(\**[a-z ]+\**): ([^;]+)", tables.origin(name, record))
+        for each in names.split(", ")
+        if "weights" in state
+    }
+    assert {each: state.strip() for each, state in said.items()} == expected
 
 
 def test_what_is_quoted_has_its_source():
