@@ -2,8 +2,7 @@
 
 The held-out-rings protocol (`sightline evaluate held-out`) on frames in KITTI's object tree, at
 each number of beams, for methods without training and for networks. One thread, one run; the last
-line is kept in benchmarks/results/held_out_rings.json, and with `--beams [64]` and the weights of
-the paper's networks in shift_conv.json.
+line is kept in benchmarks/results/held_out_rings.json.
 
 Times are processor time of one call, from the sweep to the dense map. Other programs disturb it
 least, and a second thread would show. Frames narrower or lower than 1216x352 are completed at their

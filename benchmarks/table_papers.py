@@ -4,9 +4,7 @@ import statistics
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.table_accuracy import errors
 from sightline.corruptions.suites import CLEAN, find_suite
-from sightline.evaluation.depth_breakdown import paired_difference
 from sightline.papers.gated_fusion import FULL, NAMES
 from sightline.papers.two_stage_rows import NAMES as STAGES
 
@@ -124,23 +122,3 @@ def two_stage_differences(record: Record) -> Rows:
 
 def _levels(levels: Sequence[float], digits: int = 1) -> str:
     return " / ".join(f"{level:.{digits}f}" for level in levels)
-
-
-def shift_conv(*records: Record) -> Rows:
-    """Give the rows of depth by held-out rings, of several lists, and differences from linear."""
-    rows: Rows = [["method"]]
-    for record in records:
-        rows[0] += [f"{record['frames']} frames", "RMSE less linear's"]
-    for place, row in enumerate(records[0]["results"]):
-        cells = [row["method"].replace("_", " ")]
-        for record in records:
-            results = {each["method"]: each["scores"][0] for each in record["results"]}
-            score = results[record["results"][place]["method"]]
-            cells.append(errors(score, "rmse_mm", "mae_mm", "median_error_mm"))
-            difference = paired_difference(
-                "rmse_mm", score["frames_rmse_mm"], results["linear"]["frames_rmse_mm"]
-            )
-            assert difference.low is not None, "the lists are long enough for intervals"
-            cells.append(f"{difference.mean:+.0f} [{difference.low:+.0f}, {difference.high:+.0f}]")
-        rows.append(cells)
-    return rows
