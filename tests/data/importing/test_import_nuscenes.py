@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -450,6 +451,19 @@ def test_rotations_with_w_last_are_told_by_boxes_that_lean(nuscenes, tmp_path):
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert "annotations lean by more than 20 degrees against the LiDAR" in report
     assert "quaternions w, x, y, z" in report
+
+
+def test_poses_that_do_not_fit_the_annotations_are_told_by_boxes_without_points(nuscenes, tmp_path):
+    assert "misplaced" not in str(import_recording(nuscenes, tmp_path / "sound"))
+    write_nuscenes(tmp_path / "data")
+
+    def move_second(rows):
+        rows[1]["translation"][1] += 4.0
+
+    edit(tmp_path / "data", "ego_pose", move_second)
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert re.search(r"[5-8] of 17 annotations with at least 5 LiDAR points by the tables", report)
+    assert "correct ego_pose" in report
 
 
 def test_a_wrong_size_in_the_tables_is_not_taken_for_a_wrong_calibration(tmp_path):

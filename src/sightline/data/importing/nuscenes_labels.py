@@ -70,6 +70,11 @@ _CYCLES_WITHOUT_RIDER_INFO: Final = ("bicycle", "motorcycle")
 _OCCLUSIONS: Final = {4: 0.0, 3: 1.0, 2: 1.0, 1: 2.0}  # by visibility; else unknown, 3
 _DONT_CARE: Final = "DontCare"
 _MAX_LEAN_DEG: Final = 20.0  # of an object on a slope against the LiDAR
+_MIN_COUNTED_POINTS: Final = 5  # by the tables, of an object whose box is compared with the sweep
+_OFF_ROAD: Final = np.array((0, 0, 0.3, 0.6, 0.6, 0, 0))
+"""Change of a box [m] that leaves the road out and allows for motion during the sweep."""
+_MIN_FOUND_SHARE: Final = 0.05  # of the tables' count, which may be of several sweeps
+_MIN_EMPTY: Final = 2  # and a quarter of what is compared
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -85,6 +90,10 @@ class LabelTally:
     """Annotations of known categories outside the image."""
     leaning: int = 0
     """Annotations of known categories that do not stand upright."""
+    compared: int = 0
+    """Annotations inside the image that have several LiDAR points by the tables."""
+    empty: int = 0
+    """Compared annotations in whose box the sweep has far fewer points."""
 
     def __add__(self, other: "LabelTally") -> "LabelTally":
         """Return the sums."""
@@ -94,6 +103,8 @@ class LabelTally:
             categories_left_out=self.categories_left_out + other.categories_left_out,
             outside=self.outside + other.outside,
             leaning=self.leaning + other.leaning,
+            compared=self.compared + other.compared,
+            empty=self.empty + other.empty,
         )
 
     def lines(self) -> tuple[str, ...]:
@@ -117,6 +128,13 @@ class LabelTally:
                 f"warning: {self.leaning} annotations lean by more than {_MAX_LEAN_DEG:g} degrees "
                 "against the LiDAR, so their labels are probably wrong: rotations in "
                 "sample_annotation, ego_pose and calibrated_sensor are quaternions w, x, y, z"
+            )
+        if self.empty >= max(_MIN_EMPTY, self.compared / 4):
+            lines.append(
+                f"warning: {self.empty} of {self.compared} annotations with at least "
+                f"{_MIN_COUNTED_POINTS} LiDAR points by the tables have far fewer of the sweep "
+                "in their boxes, so labels are probably misplaced: correct ego_pose and "
+                "calibrated_sensor, or extract nuScenes' archives again"
             )
         if not labels:
             lines.append(
@@ -186,7 +204,16 @@ def kitti_from_annotations(
     )
     counts = _tally(annotations, class_names, outside=len(known) - len(kept))
     leaning = sum(_lean_deg(each, lidar_from_world) > _MAX_LEAN_DEG for each, _ in known)
-    return objects, replace(counts, leaning=leaning)
+    compared = {
+        index: count
+        for index in kept
+        if (count := known[index][0].num_lidar_points or 0) >= _MIN_COUNTED_POINTS
+    }
+    empty = sum(
+        _count_points(boxes[index] + _OFF_ROAD, points) < _MIN_FOUND_SHARE * count
+        for index, count in compared.items()
+    )
+    return objects, replace(counts, leaning=leaning, compared=len(compared), empty=empty)
 
 
 def _tally(
@@ -224,8 +251,14 @@ def _has_points(
     """Return whether the object has a LiDAR point, by the tables' count or else by the sweep."""
     if annotation.num_lidar_points is not None:
         return annotation.num_lidar_points > 0
+    return _count_points(box, points) > 0
+
+
+def _count_points(
+    box: Float64[np.ndarray, "7"], points: Float32[np.ndarray, "num_points 4"]
+) -> int:
     places = torch.from_numpy(points[:, :3].astype(np.float64))
-    return bool(Boxes3D(torch.from_numpy(box[None])).contain(places).any())
+    return int(Boxes3D(torch.from_numpy(box[None])).contain(places).sum())
 
 
 def _counted(counts: Counter[str]) -> str:
