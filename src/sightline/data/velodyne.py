@@ -22,7 +22,7 @@ from sightline.geometry.cloud_checks import (
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
-_REMEDY = "extract the velodyne archive again"
+_REMEDY = "copy the file again (KITTI's: out of the velodyne archive)"
 COLUMNS: Final = {
     3: "three columns (x, y, z)",
     4: "four columns",
