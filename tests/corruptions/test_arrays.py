@@ -183,3 +183,18 @@ def test_a_masked_depth_is_unknown_there():
         for each in (masked, 0 * depth)
     )
     assert np.array_equal(found.image, expected.image)
+
+
+@pytest.mark.parametrize(
+    ("doubtful", "message"),
+    [
+        ({"image": (IMAGE > 99).astype(np.uint8)}, "no level above 1 of 255"),
+        ({"points": POINTS + np.float32([150, 0, 0, 0])}, "none nearer than .* another unit"),
+        ({"points": POINTS * np.float32([1, 1, 1, 1e-4])}, "below a hundredth of max_intensity"),
+    ],
+)
+def test_arrays_are_doubted_as_those_of_a_sample_are(doubtful, message):
+    with pytest.warns(UserWarning, match=message):
+        corrupt_arrays(
+            "camera_fog", 1, **{"image": IMAGE, "points": POINTS, **MATRICES, **doubtful}
+        )

@@ -258,6 +258,20 @@ def test_what_would_hang_or_fill_the_memory_is_one_line_unread(tree, file, repla
     assert line.startswith(f"{tree / file}: {complaint}")
 
 
+def test_clouds_without_permission_are_neither_broken_nor_empty(tree, monkeypatch):
+    whole = Path.stat
+
+    def refuse(path, **options):
+        if path.suffix == ".bin":
+            raise PermissionError(13, "Permission denied", str(path))
+        return whole(path, **options)
+
+    monkeypatch.setattr(Path, "stat", refuse)
+    remedy = "cannot be read: permission denied; give this user access to it and its folder"
+    names = ("000001", "000002", "000003")
+    assert lines(tree.parent) == [f"{tree / 'velodyne' / name}.bin: {remedy}" for name in names]
+
+
 def test_a_fault_that_no_reader_foresaw_is_told_of_its_frame_and_the_others_are_checked(
     tree, monkeypatch
 ):

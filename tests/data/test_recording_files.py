@@ -209,5 +209,5 @@ def test_times_closer_than_any_lidar_turns_are_told():
     def doubt(step: str):
         return doubtful_steps([(str(place), place * Decimal(step)) for place in range(4)])
 
-    assert "0.00167 s apart, so its times are probably in minutes" in doubt("0.001666667")[0]
+    assert "0.00167 s apart, so its times are probably not in seconds" in doubt("0.001666667")[0]
     assert doubt("0.01") is None

@@ -9,6 +9,7 @@ from sightline.files.problem import (
     Extra,
     FileError,
     Problem,
+    error_text,
     escaped,
     install_command,
     memory_fault,
@@ -73,3 +74,10 @@ def test_a_hint_installs_an_extra_that_the_project_has_from_its_own_folder(extra
 def test_no_hint_names_a_package_of_an_index_where_there_is_none():
     for path in (ROOT / "src").rglob("*.py"):
         assert "sightline[" not in path.read_text(), path
+
+
+def test_a_lack_of_permission_is_told_with_the_path_and_how_to_get_it():
+    error = PermissionError(13, "Permission denied", "data/calib")
+    text = "data/calib: permission denied; give this user access to it and its folder"
+    assert error_text(error) == text
+    assert error_text(ValueError("other")) == "other"

@@ -118,6 +118,18 @@ def test_an_exported_network_is_told_from_a_damaged_file(tmp_path, name):
         read_weights(tmp_path / name)
 
 
+def test_a_file_without_permission_is_not_called_damaged(tmp_path, monkeypatch):
+    path = tmp_path / "weights.safetensors"
+    path.touch()
+
+    def refuse(path, *_):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("pathlib.Path.open", refuse)
+    with pytest.raises(ValueError, match="safetensors: permission denied; give this user access"):
+        read_weights(path)
+
+
 def test_a_file_that_was_cut_short_is_refused_wherever_it_ends(tmp_path):
     path = tmp_path / "weights.safetensors"
     write_weights(path, TENSORS, **DESCRIPTION)

@@ -267,11 +267,19 @@ def test_rows_that_a_masked_array_masks_are_no_echoes():
         (np.dstack((IMAGE, IMAGE[..., :1])), "leave its fourth channel out"),
         (IMAGE.astype(">u2"), "convert it to RGB of 8 bits"),
         (np.array("a.png"), "read the file first"),
+        (IMAGE[None], "give one picture at a time"),
+        (IMAGE[:0], "it holds no pixel: give a whole picture"),
     ],
 )
 def test_a_picture_of_another_layout_is_told_how_to_convert_it(image, remedy):
     with pytest.raises(ValueError, match=f"the image is .* expected uint8, .*{remedy}"):
         image_planes(image)
+
+
+@pytest.mark.parametrize("kind", [bool, complex, object, str])
+def test_points_of_another_type_than_numbers_are_told_to_convert_it(kind):
+    with pytest.raises(ValueError, match=r"expected numbers in rows .*; convert them to float32"):
+        sweep_points(POINTS.astype(kind))
 
 
 def test_a_picture_of_shares_in_whole_numbers_is_doubted_and_a_black_one_is_not():

@@ -1,4 +1,5 @@
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 import torch
@@ -116,8 +117,11 @@ def test_settings_come_from_the_recipe_else_from_the_weights_else_are_the_defaul
     stored = toy.ToyConfig(channels=5)
     file = write(tmp_path / "w.safetensors", toy.ToyModule(stored), 0)
     given = toy.ToyConfig(channels=7)
-    assert choose_settings(given, toy.ToyConfig, file) == given
-    assert choose_settings(None, toy.ToyConfig, file) == stored
-    assert choose_settings(None, toy.ToyConfig, None) == toy.ToyConfig()
+    choose = partial(choose_settings, task_name=toy.ToyModule.task_name)
+    assert choose(given, toy.ToyConfig, file) == given
+    assert choose(None, toy.ToyConfig, file) == stored
+    assert choose(None, toy.ToyConfig, None) == toy.ToyConfig()
     with pytest.raises(ValueError, match=r"w\.safetensors describes a network that cannot be buil"):
-        choose_settings(None, OptimizerConfig, file)
+        choose(None, OptimizerConfig, file)
+    with pytest.raises(ValueError, match=r"w\.safetensors is of task toy, expected two-stages"):
+        choose_settings(None, TwoStagesConfig, file, task_name="two-stages")

@@ -47,7 +47,7 @@ from sightline.cli.simulate import simulate_command
 from sightline.cli.tasks import list_tasks
 from sightline.export.names import Format
 from sightline.files.plain_text import shortened
-from sightline.files.problem import memory_fault
+from sightline.files.problem import error_text, memory_fault
 from sightline.tasks import PACKAGE_RECIPES, choose_task, find_task, task_names
 from sightline.training.interruption import Interruption
 
@@ -206,7 +206,7 @@ def main(arguments: list[str] | None = None) -> int:
         if (number := raised_signal()) is not None:
             return fail(HOW_TO_FINISH, Interruption("", number).exit_status)
         if isinstance(error, (ValueError, OSError)):
-            return fail(_fault_of_system(error) or str(error), REFUSED)
+            return fail(_fault_of_system(error) or error_text(error), REFUSED)
         if isinstance(error, UserWarning):
             return fail(f"{error} (a warning, which PYTHONWARNINGS makes an error)", REFUSED)
         if isinstance(error, RuntimeError) and str(error).startswith(_LINK_LOOP):

@@ -29,7 +29,13 @@ from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.given_arrays import Given, given_array, without_masked
 from sightline.geometry.mount import mount_doubt
 from sightline.geometry.wrong_types import named_arguments
-from sightline.structures.arrays import cloud_columns, image_remedy, warn_of_view
+from sightline.structures.arrays import (
+    cloud_columns,
+    image_remedy,
+    warn_of_cloud,
+    warn_of_levels,
+    warn_of_view,
+)
 from sightline.structures.mounting import warn_of_axes
 from sightline.structures.sample import CameraLidarSample
 
@@ -79,11 +85,11 @@ def corrupt_arrays(
     Args:
         kind: One of `kinds.KINDS`, or several in their order, joined by `+`: camera_fog+lidar_fog.
         severity: From 1, slight, to 5.
-        image: RGB, uint8, height x width x 3; an array, a tensor or nested lists, as for all
-            following arrays. None: no camera.
+        image: RGB, uint8, height x width x 3; an array or a tensor. None: no camera.
         points: N x 4: x forward, y left, z up [m] and reflectance in [0, 1]; in N x 3 the
-            reflectances are 0, further columns are dropped (`point_sources` gives the rows). None:
-            no LiDAR. The output is float32.
+            reflectances are 0, further columns are dropped (`point_sources` gives the rows). An
+            array, a tensor or nested lists, as for the matrices. None: no LiDAR. The output is
+            float32.
         image_from_camera: 3 x 4, pixels from metres of the camera (x right, y down, z forward):
             KITTI's P2; for an intrinsic matrix K, K with a column of zeros. None, as for the next
             argument, for kinds that need no calibration: then `lidar_mask` is meaningless.
@@ -202,6 +208,7 @@ def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height wi
             f"image must be uint8, height x width x 3; got {_dtype_and_shape(image)}: "
             f"{image_remedy(image)}"
         )
+    warn_of_levels(image, stacklevel=4)
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
 
 
@@ -228,6 +235,7 @@ def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_poi
             f"reflectances (column 3 of points) must be from 0 to 1, got {reflectances.min():g} to "
             f"{reflectances.max():g}; divide by the sensor's full scale, for example 255"
         )
+    warn_of_cloud(columns, 1.0, stacklevel=4)
     return torch.from_numpy(columns.astype(np.float32))
 
 

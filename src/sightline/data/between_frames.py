@@ -192,7 +192,8 @@ def _warn_of_empty_clouds(clouds: Sequence[Path]) -> None:
 
 def _check_emptiness(paths: Sequence[Path], described: str, remedy: str) -> list[Problem]:
     """Find a folder whose files all hold nothing; single empty ones are no problem."""
-    if not paths or any((_size(path) or 0) > _MAX_BLANK_BYTES for path in paths):
+    sizes = [_size(path) for path in paths]
+    if not sizes or any(size is None or size > _MAX_BLANK_BYTES for size in sizes):
         return []
     problem = f"holds {len(paths)} {described}"
     return [Problem(path=paths[0].parent, problem=problem, remedy=remedy)]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sightline.data.other_layouts import no_data_set
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
-from sightline.files.problem import Problem
+from sightline.files.problem import GIVE_ACCESS, Problem
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
@@ -70,7 +70,9 @@ def _run(check: Check, *, folder: Path) -> list[Problem]:
     except OSError as error:  # a broken disk, or a damaged shard
         place = folder if error.filename is None else Path(os.fsdecode(error.filename))
         problem = f"{check.subject} cannot be checked: {error.strerror or error}"
-        return [Problem(path=place, problem=problem, remedy="copy or extract the file again")]
+        is_closed = isinstance(error, PermissionError)
+        remedy = GIVE_ACCESS if is_closed else "copy or extract the file again"
+        return [Problem(path=place, problem=problem, remedy=remedy)]
     except Exception as error:  # noqa: BLE001 - any exception becomes a problem
         cause = f"{type(error).__name__}: {error}".rstrip(": ")
         problem = f"{check.subject} cannot be checked ({cause})"

@@ -343,8 +343,8 @@ def doubtful_steps(timed: Sequence[tuple[str, Decimal]]) -> tuple[str, str] | No
         )
     if middle < _MIN_STEP_S:
         return (
-            f"has frames that are {float(middle):.3g} s apart, so its times are probably in "
-            "minutes or another unit",
+            f"has frames that are {float(middle):.3g} s apart, so its times are probably "
+            "not in seconds",
             "give seconds",
         )
     gaps = [each for each in steps if each[0] >= max(_GAP_STEPS * middle, Decimal(_MIN_GAP_S))]

@@ -24,7 +24,7 @@ from sightline.files.atomic import (
 )
 from sightline.files.byte_source import url_of
 from sightline.files.plain_file import read_bytes
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, error_text
 from sightline.files.safe_names import relative_parts
 from sightline.files.shard_index import (
     FORMAT,
@@ -196,7 +196,7 @@ def _attempt(job: Callable[[], bool | None]) -> bool | str | None:
     try:
         return job()
     except (ValueError, OSError) as error:
-        return str(error)
+        return error_text(error)
 
 
 def _find_sources(data: Path) -> _Sources:

@@ -55,7 +55,9 @@ class DepthCompletion(TrainingModule):
         Raises:
             ValueError: The weights cannot be read or belong to another network.
         """
-        settings = choose_settings(network, DepthCompletionConfig, initial_weights)
+        settings = choose_settings(
+            network, DepthCompletionConfig, initial_weights, task_name=self.task_name
+        )
         untrained = DepthCompletionNet(settings)
         untrained.start_at_constant_depth()
         super().__init__(

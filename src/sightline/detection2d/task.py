@@ -113,7 +113,9 @@ class Detection2D(TrainingModule):
         Raises:
             ValueError: The initial weights cannot be read or are another network's.
         """
-        settings = choose_settings(network, Detection2DConfig, initial_weights)
+        settings = choose_settings(
+            network, Detection2DConfig, initial_weights, task_name=self.task_name
+        )
         super().__init__(
             Detector(settings),
             KittiObjectMetric(),

@@ -75,7 +75,9 @@ class Detection3D(TrainingModule):
             ValueError: The initial weights cannot be read or are another network's, or there is no
                 second stage to train.
         """
-        settings = choose_settings(network, Detection3DConfig, initial_weights)
+        settings = choose_settings(
+            network, Detection3DConfig, initial_weights, task_name=self.task_name
+        )
         super().__init__(
             Detector3D(replace(settings, alignment=())),
             KittiObjectMetric(),

@@ -6,7 +6,7 @@ import stat
 from pathlib import Path
 from typing import Final
 
-from sightline.files.problem import FileError
+from sightline.files.problem import GIVE_ACCESS, FileError
 
 _GROWN_BYTES = 2**16  # allowed excess over the reported length: system files report 0
 _TIMEOUT_S: Final = 60.0
@@ -90,6 +90,8 @@ def _read(path: Path | str, num_bytes: int, remedy: str) -> bytes:
 
 
 def _unreadable(path: Path | str, error: OSError, remedy: str) -> FileError:
-    if isinstance(error, FileNotFoundError) and remedy.startswith(_CORRECT):
+    if isinstance(error, PermissionError):
+        remedy = GIVE_ACCESS
+    elif isinstance(error, FileNotFoundError) and remedy.startswith(_CORRECT):
         remedy = f"name a file that exists or {remedy.removeprefix(_CORRECT)}"
     return FileError(path, f"cannot be read: {(error.strerror or str(error)).lower()}", remedy)

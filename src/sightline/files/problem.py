@@ -1,12 +1,16 @@
 """Problems of files, each with a remedy."""
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 Extra = Literal["app", "export", "pretrained", "ray", "remote", "ros", "simulate", "train", "viz"]
 """Optional libraries, as `pyproject.toml` names them."""
+
+GIVE_ACCESS: Final = "give this user access to it and its folder"
+"""Remedy for a file or folder without permission, whose contents are unknown."""
 
 
 def escaped(text: str) -> str:
@@ -65,6 +69,14 @@ class FileError(ValueError):
     def __str__(self) -> str:
         """Format the problem's line."""
         return str(self.problem)
+
+
+def error_text(error: Exception) -> str:
+    """Format an error; a lack of permission with a remedy, where no reader has foreseen it."""
+    if isinstance(error, PermissionError) and error.filename is not None:
+        path = plain_line(os.fsdecode(error.filename))
+        return f"{path}: {(error.strerror or str(error)).lower()}; {GIVE_ACCESS}"
+    return str(error)
 
 
 class SetupError(ValueError):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from sightline.files.problem import error_text
 from sightline.geometry.arguments import nearest, plain_path
 
 RUN_WEIGHTS: Final = "weights.safetensors"
@@ -90,6 +91,8 @@ def read_description(path: Path) -> WeightsDescription:
             if length > _MAX_HEADER_BYTES:
                 raise ValueError(f"its header claims {length} bytes")
             header = json.loads(file.read(length))
+    except PermissionError as error:
+        raise ValueError(error_text(error)) from error
     except (OSError, struct.error, ValueError, RecursionError) as error:
         raise ValueError(
             f"{path} cannot be read as safetensors; it is cut short, damaged or of another kind: "

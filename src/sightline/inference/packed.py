@@ -11,7 +11,7 @@ from sightline.data.open import SampleDataset
 from sightline.data.sharding import files_below, is_whole, pack_files
 from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of
-from sightline.files.problem import FileError, SetupError
+from sightline.files.problem import FileError, SetupError, error_text
 from sightline.files.shard_index import FORMAT, MANIFEST, read_index, read_manifest, tars_of
 from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
@@ -166,7 +166,7 @@ def _run_named(work: Work) -> str | None:
     except SetupError:
         raise
     except (ValueError, OSError) as error:
-        raise ValueError(f"{work}: {error}") from error
+        raise ValueError(f"{work}: {error_text(error)}") from error
 
 
 def _source(data: Path) -> tuple[Path, str, dict[str, Any]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.files.extras import require_library
-from sightline.files.problem import SetupError, memory_fault
+from sightline.files.problem import SetupError, error_text, memory_fault
 from sightline.jobs.crew import Crew, Driver, Lost, Piece, run_on_crew
 from sightline.jobs.pool import ProcessCrew, one_blas_thread
 from sightline.jobs.progress import track
@@ -199,7 +199,7 @@ class _Attempt:
         except SetupError as error:
             return f"{work}: {error}\n{_RUN_AGAIN}"
         except (ValueError, OSError, UserWarning) as error:  # a warning as an error: `python -W`
-            text = str(error)
+            text = error_text(error)
             named = text if text.startswith(f"{work} ") else f"{work}: {text}"
             return f"{named}\n{self.way_on}"
         except Exception as error:

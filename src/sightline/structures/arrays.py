@@ -76,13 +76,18 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
             "height, width, 3 or a tensor of 3, height, width; "
             f"{image_remedy(plain, is_tensor=isinstance(image, Tensor))}"
         )
-    if planes.max() == 1:
+    warn_of_levels(planes, stacklevel=4)
+    return torch.from_numpy(np.array(planes, order="C"))
+
+
+def warn_of_levels(image: UInt8[np.ndarray, "..."], *, stacklevel: int) -> None:
+    """Warn of a picture with no other levels than 0 and 1."""
+    if image.max() == 1:
         warnings.warn(
             "the image has no level above 1 of 255, which is all but black: it is probably of "
             "shares from 0 to 1; give (255 * image).round() as uint8",
-            stacklevel=3,
+            stacklevel=stacklevel,
         )
-    return torch.from_numpy(np.array(planes, order="C"))
 
 
 def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -> str:
@@ -90,6 +95,10 @@ def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -
     height_first = given.ndim == 3 and given.shape[0] in (1, 3, 4) and given.shape[2] > 4
     if given.ndim < 2:
         return "read the file first, e.g. with PIL or OpenCV"
+    if given.ndim > 3:
+        return "give one picture at a time"
+    if not given.size:
+        return "it holds no pixel: give a whole picture"
     if given.dtype != np.uint8 and given.dtype.kind == "f":
         largest = float(np.nanmax(given)) if given.size and np.isfinite(given).any() else 0.0
         scale = "255 * image" if largest <= 1 else "image"
@@ -144,12 +153,19 @@ def sweep_points(
     if fault is not None:
         problem, remedy = fault
         raise ValueError(f"the cloud has {problem}; {remedy}")
-    shape = shape_doubt(columns[:, :3])
-    if shape is not None:
-        warnings.warn(f"the cloud {shape[0]}; {shape[1]}", stacklevel=3)
-    warn_of_scale(columns[:, 3], max_intensity)
+    warn_of_cloud(columns, max_intensity, stacklevel=4)
     columns[:, 3] = reflectances(columns[:, 3], max_intensity)
     return torch.from_numpy(columns.astype(np.float32))
+
+
+def warn_of_cloud(
+    columns: Float64[np.ndarray, "num_points 4"], max_intensity: float, *, stacklevel: int
+) -> None:
+    """Warn of a cloud of unlikely shape, or of intensities far below the scale."""
+    shape = shape_doubt(columns[:, :3])
+    if shape is not None:
+        warnings.warn(f"the cloud {shape[0]}; {shape[1]}", stacklevel=stacklevel)
+    warn_of_scale(columns[:, 3], max_intensity)
 
 
 def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_points 4"]:
@@ -165,9 +181,11 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
     if plain.dtype.names is not None:
         raise ValueError(_structured_array_message(plain.dtype.names))
     if rows is None:
+        is_number = plain.dtype.kind in "fiu"
+        remedy = "give one row a point" if is_number else "convert them to float32"
         raise ValueError(
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
-            "y, z [m] and perhaps intensity; give one row a point"
+            f"y, z [m] and perhaps intensity; {remedy}"
         )
     warn_of_columns(rows.shape[1], len(rows))
     warn_of_integers(rows.dtype, len(rows))

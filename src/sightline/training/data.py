@@ -17,6 +17,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from sightline.data.kitti_trees import Part
 from sightline.data.open import SampleDataset
+from sightline.files.problem import error_text
 from sightline.files.settings import NetworkConfig
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
@@ -177,7 +178,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         try:
             return preparation.collate([self._prepare(key, preparation) for key in keys])
         except (ValueError, OSError) as error:  # a worker would print a traceback
-            return FailedBatch(str(error))
+            return FailedBatch(error_text(error))
 
 
 class CameraLidarData(lightning.LightningDataModule):

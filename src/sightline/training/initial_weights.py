@@ -11,13 +11,16 @@ from sightline.files.settings import ConfigT, NetworkConfig, differing_settings,
 from sightline.files.weights import Weights, fill_network, read_weights
 
 
-def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | None) -> ConfigT:
+def choose_settings(
+    given: ConfigT | None, kind: type[ConfigT], weights: Path | None, *, task_name: str
+) -> ConfigT:
     """Choose a network's settings: the given ones, else those of the initial weights.
 
     Args:
         given: Settings of the recipe; None: those of the weights.
         kind: Class of the network's settings.
         weights: Name or file of the initial weights; None: no weights, default settings.
+        task_name: Task of the network.
 
     Raises:
         ValueError: The weights cannot be read or belong to another network.
@@ -26,9 +29,10 @@ def choose_settings(given: ConfigT | None, kind: type[ConfigT], weights: Path | 
         return given
     if weights is None:
         return kind()
-    plain = read_weights(weights).config
+    stored = read_weights(weights)
+    _check_task(str(weights), stored.task, task_name)
     try:
-        return parse_settings(kind, plain)
+        return parse_settings(kind, stored.config)
     except ValueError as error:
         raise ValueError(
             f"{weights} describes a network that cannot be built here ({error}); name others"

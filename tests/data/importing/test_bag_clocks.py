@@ -43,6 +43,8 @@ LIDAR_STAMPS = {
     "negative": (lambda _: -(10**9), "header stamps of /points are not above 0"),
     "constant": (lambda _: START_NS, "header stamps of /points stand still"),
     "falling": (lambda at: 2 * START_NS - at, "header stamps of /points fall from message"),
+    "microseconds": (lambda at: at // 1000, "header stamps of /points are in microseconds"),
+    "milliseconds": (lambda at: at // 10**6, "header stamps of /points are in milliseconds"),
     "years": (lambda at: at + 10 * YEAR_NS, "header stamps of /points are 10 years after"),
     "set back": (
         lambda at: at - (at > START_NS + 10**8) * 10**11,
@@ -71,6 +73,14 @@ def test_a_clock_of_both_sensors_of_its_own_is_taken_and_told(tmp_path):
     report = str(import_recording(bag, tmp_path / "out"))
     assert "by header time" in report
     assert "header stamps of all sensors are 40.1 years before receipt" in report
+
+
+def test_microseconds_of_both_sensors_are_no_clock_of_their_own(tmp_path):
+    bag = write_drive(tmp_path / "drive", stamp=lambda _, at: at // 1000)
+    report = str(import_recording(bag, tmp_path / "out"))
+    assert "by received time, 8.0 ms apart" in report
+    assert "image_raw are in microseconds instead of nanoseconds: messages are paired by" in report
+    assert "not in seconds" not in report
 
 
 @pytest.mark.parametrize(("late_ns", "is_told"), [(2 * 10**8, False), (10**9, True)])

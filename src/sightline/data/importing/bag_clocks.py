@@ -13,6 +13,8 @@ Clock = Literal["header", "received"]
 """Time for pairing messages: time of measurement, or of receipt by the bag."""
 
 _DAY_NS: Final = 86_400 * 10**9
+_UNITS_NS: Final = {"microseconds": 10**3, "milliseconds": 10**6}
+"""Units that drivers write by mistake as nanoseconds."""
 _MAX_DELAY_DIFFERENCE_NS: Final = 5 * 10**8
 """Largest difference of the sensors' delays that exposure, a turn and processing explain."""
 _MAX_FALL_NS: Final = 10**9
@@ -127,6 +129,10 @@ def _stamps_fault(times: MessageTimes) -> str | None:
         unset = np.count_nonzero(~is_set)
         return f"{unset} of {len(is_set)} {stamps_label} are not set, or days off the others"
     stamps = times.header_ns[is_set]
+    for unit, unit_ns in _UNITS_NS.items():
+        offset_ns = float(np.median(stamps)) * unit_ns - float(np.median(times.received_ns))
+        if stamps.max() < times.received_ns.min() - _DAY_NS and abs(offset_ns) <= _DAY_NS:
+            return f"{stamps_label} are in {unit} instead of nanoseconds"
     if len(stamps) > 1 and len(np.unique(stamps)) * 2 <= len(stamps):
         return (
             f"{stamps_label} stand still: {len(np.unique(stamps))} different ones of {len(stamps)}"
