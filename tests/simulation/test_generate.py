@@ -184,7 +184,7 @@ def test_reduced_sweeps_hold_what_the_camera_sees(frames: Path, tmp_path: Path):
     ("num_frames", "options", "message"),
     [
         (0, {}, "at least 1 frame"),
-        (2, {"validation_frames": 3}, "no more validation_frames than frames, got 2 and 3"),
+        (2, {"validation_frames": 3}, "got 2, and no more validation_frames, got 3: set both"),
         (2, {"workers": 0}, "workers must be at least 1, got 0"),
         (10**6 + 1, {}, "at most 1000000 frames"),
         (3 * 10**4 + 1, {"config": DRIVES}, "at most 30000 frames"),

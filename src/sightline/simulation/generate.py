@@ -286,8 +286,8 @@ def simulate(
     check_workers(workers, driver)
     if frames < 1 or not 0 <= validation_frames <= frames:
         raise ValueError(
-            "a simulation needs at least 1 frame and no more validation_frames than frames, got "
-            f"{frames} and {validation_frames}"
+            f"a simulation needs at least 1 frame, got {frames}, and no more validation_frames, "
+            f"got {validation_frames}: set both, as a preset has numbers of its own"
         )
     max_frames = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
     if frames > max_frames:
