@@ -400,6 +400,8 @@ def test_other_data_in_the_folder_are_refused(tree, shards):
         write_shards(tree, shards, frames_per_shard=3)
     with pytest.raises(ValueError, match="holds no frames"):
         write_shards(tree / "ImageSets", shards.with_name("new"), frames_per_shard=3)
+    with pytest.raises(ValueError, match="holds shards already; use them as they are"):
+        write_shards(shards, shards.with_name("new"), frames_per_shard=3)
     with pytest.raises(ValueError, match="frames_per_shard must be at least 1, got 0"):
         write_shards(tree, shards.with_name("new"), frames_per_shard=0)
     unpacked = shards.with_name("back")

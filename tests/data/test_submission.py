@@ -122,10 +122,13 @@ def test_files_and_folders_that_are_left_out_are_counted(results):
         write_submission(results, out)
 
 
-def test_results_without_any_detection_are_refused(results):
+@pytest.mark.parametrize(
+    ("content", "found"), [("", ""), (CAR.replace("Car", "Van"), ", only van")]
+)
+def test_results_without_any_detection_of_a_scored_class_are_refused(results, content, found):
     for path in results.iterdir():
-        path.write_text("")
-    with pytest.raises(ValueError, match="has no detection in any of its 3 result files"):
+        path.write_text(content)
+    with pytest.raises(ValueError, match=f"in any of its 3 result files{found}: check whether"):
         write_submission(results, results.parent / "submission.zip")
 
 

@@ -71,8 +71,8 @@ class ImageHeader:
     """Bits per pixel in the file; with a palette, those of the colour index."""
 
 
-def read_image_size(path: Path | str) -> tuple[int, int]:
-    """Height and width [px] of a PNG or JPEG file, from its header: the pixels stay unread.
+def read_image_header(path: Path | str) -> ImageHeader:
+    """Properties of a PNG or JPEG file; its pixels stay unread.
 
     Raises:
         FileError: The file is neither PNG nor JPEG, has a truncated header, or is too short for its
@@ -80,7 +80,12 @@ def read_image_size(path: Path | str) -> tuple[int, int]:
     """
     file_bytes = check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     start = read_start(path, _MAX_HEADER_BYTES, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
-    return parse_image_header(start, path, file_bytes=file_bytes).size
+    return parse_image_header(start, path, file_bytes=file_bytes)
+
+
+def read_image_size(path: Path | str) -> tuple[int, int]:
+    """Height and width [px] of a PNG or JPEG file; errors as in `read_image_header`."""
+    return read_image_header(path).size
 
 
 def read_orientation(path: Path | str) -> int:

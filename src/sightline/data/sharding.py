@@ -216,6 +216,8 @@ def _find_sources(data: Path) -> _Sources:
         others += files_below(root, "ImageSets")
     kept = {key: files for key, files in frames.items() if any(map(_is_sensor, files))}
     if not kept:
+        if (data / MANIFEST).is_file():
+            raise FileError(data, "holds shards already", "use them as they are, or unshard them")
         raise FileError(data, "holds no frames", "give the folder of a data set")
     shared = [path for key, files in frames.items() if key not in kept for path in files]
     return _Sources(

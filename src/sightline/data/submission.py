@@ -12,6 +12,7 @@ from sightline.data.kitti_labels import (
     KittiObjects,
     parse_objects,
 )
+from sightline.data.result_boxes import SCORED_CLASSES
 from sightline.data.result_checks import doubts_about_results
 from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
@@ -45,9 +46,9 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
             `results`. None: all frames with a file.
 
     Raises:
-        ValueError: `out` is no .zip, no file has a detection, or a frame has no file, a name that
-            is not six digits, or an invalid result file, such as with an unknown class or a box
-            whose end is before its start; contains the position.
+        ValueError: `out` is no .zip, no file has a detection of a scored class, or a frame has no
+            file, a name that is not six digits, or an invalid result file, such as with an unknown
+            class or a box whose end is before its start; contains the position.
     """
     if out.suffix.lower() != ".zip":
         raise ValueError(f"{out} does not end in .zip, which the benchmark requires; rename it")
@@ -61,10 +62,13 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
         _check_objects(path, objects)
         contents.append(content)
         frames.append(objects)
-    if not any(map(len, frames)):
+    classes = {name.lower() for frame in frames for name in frame.class_names}
+    if classes.isdisjoint(map(str.lower, SCORED_CLASSES)):
+        found = f", only {', '.join(sorted(classes))}" if classes else ""
         raise ValueError(
-            f"{results} has no detection in any of its {len(frames):,} result files: check whether "
-            "the detector ran, and its score threshold"
+            f"{results} has no detection of a class that the benchmark scores "
+            f"({', '.join(SCORED_CLASSES)}) in any of its {len(frames):,} result files{found}: "
+            "check whether the detector ran, its classes and its score threshold"
         )
     for doubt in doubts_about_results(frames):
         warnings.warn(f"{results}: {doubt}", stacklevel=2)

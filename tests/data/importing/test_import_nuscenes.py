@@ -60,6 +60,23 @@ def test_images_take_no_room_and_a_second_run_writes_what_is_missing(nuscenes, t
     assert (report.written, report.skipped) == (1, 1)
 
 
+def test_images_whose_names_have_no_usual_ending_are_read_from_the_recording(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+
+    def rename(rows):
+        for row in rows:
+            if row["filename"].endswith(".jpg"):
+                old = tmp_path / "data" / row["filename"]
+                row["filename"] = row["filename"].removesuffix(".jpg")
+                old.rename(tmp_path / "data" / row["filename"])
+
+    edit(tmp_path / "data", "sample_data", rename)
+    import_recording(tmp_path / "data", tmp_path / "out")
+    (sample,) = open_dataset(tmp_path / "out")
+    assert sample.image is not None
+    assert (tmp_path / "out" / "images" / "scene-0001-000.jpeg").is_file()
+
+
 def test_what_no_point_fell_on_is_a_region_and_a_parked_cycle_is_misc(tmp_path):
     write_nuscenes(tmp_path / "data", num_samples=1)
 
@@ -77,7 +94,7 @@ def test_what_no_point_fell_on_is_a_region_and_a_parked_cycle_is_misc(tmp_path):
 
 
 def test_a_channel_that_is_not_there_is_answered_with_those_that_are(nuscenes, tmp_path):
-    with pytest.raises(ValueError, match="CAM_BACK; name one of CAM_FRONT, LIDAR_TOP by --camera"):
+    with pytest.raises(ValueError, match="a camera CAM_BACK; name one of CAM_FRONT by --cam"):
         import_recording(nuscenes, tmp_path, camera_topic="CAM_BACK")
 
 
@@ -379,8 +396,15 @@ def test_tables_of_any_damage_give_moments_or_one_line_that_names_file_and_row(t
 
 
 def test_two_channels_that_are_no_camera_and_lidar_are_refused(nuscenes, tmp_path):
-    with pytest.raises(ValueError, match=r"no sample with key frames of LIDAR_TOP and LIDAR_TOP"):
-        import_recording(nuscenes, tmp_path, camera_topic="LIDAR_TOP")
+    with pytest.raises(ValueError, match="a camera LIDAR_TOP; name one of CAM_FRONT by --camera"):
+        import_recording(nuscenes, tmp_path, camera_topic="LIDAR_TOP", lidar_topic="CAM_FRONT")
+
+
+def test_tables_without_any_camera_say_so(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+    edit(tmp_path / "data", "sensor", lambda rows: rows[0].update(modality="radar"))
+    with pytest.raises(ValueError, match="of a camera CAM_FRONT; it has no camera"):
+        import_recording(tmp_path / "data", tmp_path / "out")
 
 
 def test_samples_without_files_in_the_tables_are_counted(tmp_path):
@@ -390,27 +414,30 @@ def test_samples_without_files_in_the_tables_are_counted(tmp_path):
     assert "dropped 2 samples without a key frame of each channel" in report
 
 
-@pytest.mark.parametrize(
-    ("timestamps", "complaint"),
-    [
-        ([7, 7, 7], "times that do not rise from frame to frame: 2 of 3, 2 of them equal"),
-        ([1500.0, 1500.1, 1500.2], "times are probably not in seconds"),
-    ],
-)
-def test_times_that_the_recording_would_be_doubted_for_are_a_warning(
-    tmp_path, timestamps, complaint
-):
-    write_nuscenes(tmp_path / "data", num_samples=3)
+def set_times(root, timestamps):
+    write_nuscenes(root, num_samples=len(timestamps))
 
     def change(rows):
         for index, row in enumerate(rows):
             row["timestamp"] = timestamps[index * len(timestamps) // len(rows)]
 
     for table in ("sample", "sample_data"):
-        edit(tmp_path / "data", table, change)
+        edit(root, table, change)
+
+
+def test_times_that_do_not_rise_are_a_warning(tmp_path):
+    set_times(tmp_path / "data", [7, 7, 7])
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert f"warning: {tmp_path / 'out' / 'times.txt'}: " in report
-    assert complaint in report
+    assert "times that do not rise from frame to frame: 2 of 3, 2 of them equal" in report
+
+
+@pytest.mark.parametrize("timestamps", [[1.5e9, 1.5e9 + 0.5], [15, 15, 16], [1500, 2000]])
+def test_times_in_seconds_or_milliseconds_are_refused_by_their_table(tmp_path, timestamps):
+    set_times(tmp_path / "data", timestamps)
+    with pytest.raises(FileError, match=r"sample_data\.json: .*write microseconds in sample\.json"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_times_that_no_recording_may_have_are_refused_before_anything_is_written(tmp_path):
@@ -451,6 +478,14 @@ def test_rotations_with_w_last_are_told_by_boxes_that_lean(nuscenes, tmp_path):
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert "annotations lean by more than 20 degrees against the LiDAR" in report
     assert "quaternions w, x, y, z" in report
+
+
+def test_a_sweep_without_points_is_not_taken_for_misplaced_labels(tmp_path):
+    write_nuscenes(tmp_path / "data")
+    (tmp_path / "data" / "samples" / "LIDAR_TOP" / "1.pcd.bin").write_bytes(b"")
+    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
+    assert "warning: 1 of 2 sweeps have no point left" in report
+    assert "misplaced" not in report
 
 
 def test_poses_that_do_not_fit_the_annotations_are_told_by_boxes_without_points(nuscenes, tmp_path):

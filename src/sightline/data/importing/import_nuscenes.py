@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.image_header import read_image_size
+from sightline.data.image_header import IMAGE_SUFFIXES, read_image_header, read_image_size
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes import Moment, Moments, Tables
 from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
@@ -53,6 +53,8 @@ from sightline.jobs.progress import track
 
 _MIN_TILT_DEG: Final = 3.0
 """Smallest tilt of a LiDAR that moves boxes; nuScenes' is tilted by 1.4 degrees."""
+_MIN_STEP_US: Final = 4_000
+"""Smallest time between two key frames; nuScenes' are half a second apart."""
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26
 _REMEDY: Final = "extract nuScenes' archive again"
@@ -72,6 +74,7 @@ def import_nuscenes(
             f"{tables.root} lacks the files of all {len(listed)} key frames of {camera} and "
             f"{lidar}, e.g. {listed[0].image}; extract the archives with {camera} into it"
         )
+    _check_time_unit(moments, tables.folder / "sample_data.json")
     settings = {
         "sightline": version("sightline"),
         "source": data_name(tables.folder),
@@ -113,6 +116,22 @@ def import_nuscenes(
             *describe_view(out),
         ),
     )
+
+
+def _check_time_unit(moments: Sequence[Moment], path: Path) -> None:
+    """Raise a FileError if all sweeps of a scene are too close for times in microseconds."""
+    steps_us = [
+        1e6 * (after.time_s - before.time_s)
+        for before, after in pairwise(moments)
+        if not begins_sequence(before.name, after.name)
+    ]
+    if 0 < (longest_us := max(steps_us, default=0)) < _MIN_STEP_US:
+        raise FileError(
+            path,
+            f"has sweeps of up to {longest_us:.3g} microseconds after the one before, so its "
+            "timestamps are probably in seconds or milliseconds",
+            "write microseconds in sample.json and sample_data.json",
+        )
 
 
 def _scene_notes(moments: Sequence[Moment]) -> Iterator[str]:
@@ -170,6 +189,8 @@ class _Frames:
         write_calibration(self.out, calibration, moment.name)
         write_objects(self.out / LABELS / f"{moment.name}.txt", objects)
         suffix = moment.image.suffix
+        if suffix.lower() not in IMAGE_SUFFIXES:  # else no command reads it
+            suffix = f".{read_image_header(moment.image).file_format}"
         atomic_link(self.out / IMAGES / f"{moment.name}{suffix}", moment.image)
         write_cloud(self.out, moment.name, points)
         return tally, clouds

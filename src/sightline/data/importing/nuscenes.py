@@ -16,6 +16,7 @@ from sightline.files.safe_names import checked_name, path_below
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import Tilt
 
+_MODALITIES: Final = ("camera", "lidar", "radar")
 _CYCLE: Final = "cycle."
 _WITH_RIDER: Final = "cycle.with_rider"
 
@@ -142,31 +143,35 @@ class _Reader:
         """Return the rows of the two channels by sample and channel, and the number of repeats."""
         by_sample: dict[str, dict[str, Row]] = {}
         num_repeated = 0
-        found_channels: set[str] = set()
+        modalities: dict[str, object] = {}
         num_between = 0
         for row in read_rows(self._path("sample_data")):
             if not row.flag("is_key_frame"):
                 num_between += 1
                 continue
-            channel = self._channel(row)
-            found_channels.add(channel)
+            sensor = self._sensor(row)
+            channel = sensor.text("channel")
+            modalities[channel] = sensor.entries.get("modality")
             if channel in channels:
                 token = self._samples.of(row, "sample_token").text("token")
                 by_channel = by_sample.setdefault(token, {})
                 num_repeated += channel in by_channel
                 by_channel.setdefault(channel, row)
-        if not found_channels:
+        if not modalities:
             raise FileError(
                 self._path("sample_data"),
                 f"has no key frame: none of its {num_between} rows has is_key_frame true, and "
                 "only key frames have labels",
                 "extract nuScenes' metadata archive again, or mark the rows to import",
             )
-        for channel, option in zip(channels, ("--camera-topic", "--lidar-topic"), strict=True):
-            if channel not in found_channels:
+        for channel, kind in zip(channels, ("camera", "lidar"), strict=True):
+            others = [each for each in _MODALITIES if each != kind]
+            fitting = [name for name, each in modalities.items() if each not in others]
+            if channel not in fitting:
+                names = ", ".join(sorted(map(shortened, fitting)))
                 raise ValueError(
-                    f"{self._tables.folder} has no key frame of the channel {channel}; name one of "
-                    f"{', '.join(sorted(map(shortened, found_channels)))} by {option}"
+                    f"{self._tables.folder} has no key frame of a {kind} {shortened(channel)}; "
+                    + (f"name one of {names} by --{kind}-topic" if names else f"it has no {kind}")
                 )
         return by_sample, num_repeated
 
@@ -236,10 +241,8 @@ class _Reader:
     def _referenced(self, row: Row, name: str) -> Row:
         return self._tables_by_name[name].of(row, f"{name}_token")
 
-    def _channel(self, row: Row) -> str:
-        return self._referenced(self._referenced(row, "calibrated_sensor"), "sensor").text(
-            "channel"
-        )
+    def _sensor(self, row: Row) -> Row:
+        return self._referenced(self._referenced(row, "calibrated_sensor"), "sensor")
 
     def _file(self, row: Row) -> Path:
         place = f"row {row.number}: the filename"

@@ -207,7 +207,7 @@ def kitti_from_annotations(
     compared = {
         index: count
         for index in kept
-        if (count := known[index][0].num_lidar_points or 0) >= _MIN_COUNTED_POINTS
+        if (count := known[index][0].num_lidar_points or 0) >= _MIN_COUNTED_POINTS and len(points)
     }
     empty = sum(
         _count_points(boxes[index] + _OFF_ROAD, points) < _MIN_FOUND_SHARE * count
