@@ -42,3 +42,20 @@ def test_valid_only_writes_depth_where_the_method_vouches_for_it(tmp_path: Path)
         assert 0.5 < (kept > 0).mean() < 0.95
         assert (kept[kept > 0] == everywhere[kept > 0]).all()
         assert not kept[:20].any()  # the sky
+
+
+@pytest.mark.parametrize(
+    "words", [["predict", "detection3d"], ["perceive"], ["show", "--task", "detection2d"]]
+)
+def test_a_folder_that_is_not_there_is_told_before_networks_are_loaded(
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.setattr("sightline.tasks.Task.predictor", None)
+    data, out = tmp_path / "boxes", tmp_path / "out"
+    rest = [str(data), "0", "--out", str(out)] if words[0] == "show" else [str(data), str(out)]
+    assert cli.main([*words, *rest]) == 2
+    assert f"{data}: does not exist" in capsys.readouterr().err
+    assert not out.exists()

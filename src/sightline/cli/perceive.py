@@ -120,13 +120,15 @@ def _run(
 ) -> None:
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
     files = [named_file(each) for each in (*weights.values(), job["sample_list"])]
-    check_outputs(places, data=[data, *files])  # before networks are loaded
+    check_outputs(places, data=[data, *files])
     not_packed = {name: job[name] for name in ("sample_list", "overwrite", "video", "rerun")}
     if pack:
         refuse_with_pack(**not_packed)
+    from sightline.data.open import existing_folder
     from sightline.perception.perceive import LINES_NAME, perceive, perceive_shards
     from sightline.perception.perceiver import MultiTaskPredictor
 
+    existing_folder(data)  # before networks are loaded
     # One thread per worker; with several threads PyTorch's last digits differ.
     perceiver = MultiTaskPredictor.load(weights, engine=engine, device=device, threads=1)
     engines = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}

@@ -130,8 +130,10 @@ def _run(
     check_outputs(places, data=[data, named_file(weights), named_file(sample_list)])
     if pack:
         refuse_with_pack(sample_list=sample_list, overwrite=overwrite, **also)
+    from sightline.data.open import existing_folder
     from sightline.inference.predict import predict, predict_shards
 
+    existing_folder(data)  # before the network is loaded
     predictor = task.predictor(
         method=method,
         weights=weights,

@@ -45,8 +45,10 @@ def show(
     path = out or Path(f"{name}.png")
     folders = [Path(folder) for folder in results]
     check_places({"--out": path}, data=[data, named_file(weights)], results=folders)
+    from sightline.data.open import existing_folder
     from sightline.perception.show import PredictorSource, ResultSource, write_frames_picture
 
+    existing_folder(data)  # before a network is loaded
     if results and (task or method or weights):
         raise ValueError("--results needs no task, method or weights; leave these out")
     source: PredictorSource | ResultSource

@@ -161,13 +161,11 @@ def open_dataset(
             contains only files of other formats; a sweep is not in metres, or has reflectances
             outside 0 to 1.
     """
-    path = data_path(plain_path("path", path, "the folder of a data set; give its name"))
+    path = existing_folder(path)
     if velodyne is not None:
         plain_names("velodyne", (velodyne,), get_args(Velodyne))
     parts = None if parts is None else plain_names("parts", parts, get_args(Part))
     needs = None if needs is None else plain_names("needs", needs, get_args(Part))
-    if not path.is_dir():
-        raise _no_data_set(path)
     requested: Collection[Part] = ("image", "points", "objects") if parts is None else parts
     if parts is None and needs is None:
         needs = ()
@@ -199,6 +197,19 @@ def open_dataset(
     _check_gaps(dataset, path, needs or ())
     _check_samples(dataset, path, requested)
     return dataset
+
+
+def existing_folder(path: Path | str) -> Path:
+    """Folder of a data set, or its shards as one; its contents stay unread.
+
+    Raises:
+        TypeError: `path` is no path.
+        ValueError: It does not exist, or is no folder.
+    """
+    folder = data_path(plain_path("path", path, "the folder of a data set; give its name"))
+    if not folder.is_dir():
+        raise _no_data_set(folder)
+    return folder
 
 
 def _open_object_tree(
