@@ -83,8 +83,11 @@ def test_what_an_import_takes_is_told_to_be_imported(tmp_path, name):
 
 def test_a_sensor_alone_in_another_format_is_named(tmp_path):
     (tmp_path / "training" / "image_2").mkdir(parents=True)
-    (tmp_path / "training" / "image_2" / "000000.bmp").write_bytes(b"BM")
-    assert "image_2: holds 1 files that are not read (1 .bmp)" in told(tmp_path)
+    for name in ("000000.bmp", "000001.bmp", "000002"):
+        (tmp_path / "training" / "image_2" / name).write_bytes(b"BM")
+    assert "image_2: holds 3 files that are not read (2 .bmp, 1 without an ending)" in told(
+        tmp_path
+    )
 
 
 def test_labels_of_a_raw_drive_are_said_not_to_be_read(tmp_path):

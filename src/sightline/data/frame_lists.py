@@ -172,10 +172,18 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
     for below in (folder / place for place in _LABEL_PLACES):
         if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
             return f"they are probably in {below}; name that folder"
-    for below in _folders_below(entries):
-        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
-            writer = ", as KITTI's own program writes them" * (below.name == "data")
-            return f"they are in {below}{writer}; name that folder"
+    found = [
+        below
+        for below in _folders_below(entries)
+        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED])
+    ]
+    if len(found) > 1:
+        listed = ", ".join(shortened(below.name) for below in found[:_MAX_LISTED])
+        more = ", .." * (len(found) > _MAX_LISTED)
+        return f"{len(found)} of its folders hold some ({listed}{more}); name one of them"
+    if found:
+        writer = ", as KITTI's own program writes them" * (found[0].name == "data")
+        return f"they are in {found[0]}{writer}; name that folder"
     files = [each for each in entries if each.is_file() and not each.name.startswith(".")]
     others = [each for each in files if each.suffix == _SUFFIX]
     renamed = _same_frame(others, names)

@@ -280,7 +280,8 @@ def _find_unread_in(place: PartFolder) -> UnreadFiles | None:
     remedy = "convert them" if set(place.suffixes) & {".bin", *IMAGE_SUFFIXES} else "rename them"
     if counts:
         listed = ", ".join(
-            f"{num} {shortened(end, 12)}" for end, num in counts.most_common(_MAX_LISTED)
+            f"{num} {shortened(end, 12) or 'without an ending'}"
+            for end, num in counts.most_common(_MAX_LISTED)
         )
         total = sum(counts.values())
         if read:
