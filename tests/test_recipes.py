@@ -29,7 +29,10 @@ SMALL = (
     "--trainer.enable_progress_bar=false",
     "--trainer.accelerator=cpu",
 )
-_NARROW = "--model.init_args.network.trunk.channels=[8,8,16,16]"
+NARROW_TRUNK = tuple(
+    f"--model.init_args.network.trunk.{setting}"
+    for setting in ("modules=1", "channels=[8,8,16,16]")
+)
 
 
 def test_recipes_of_papers_keep_the_last_weights_as_their_validation_list_is_the_test_list():
@@ -133,7 +136,7 @@ def test_a_recipe_trains_and_its_weights_answer(
             small = tuple(flag for flag in small if ".network." not in flag)  # of these weights
         small = (*small, f"--model.init_args.initial_weights={begun}")
     if "shiftconv" in recipe:  # takes ten seconds at its width
-        small = (*small, "--model.init_args.network.trunk.modules=1", _NARROW)
+        small = (*small, *NARROW_TRUNK)
     status = main(["fit", "--config", recipe, f"--data.init_args.root={root}", *small])
     assert status == 0, capfd.readouterr().err
     run = tmp_path / "runs" / recipe

@@ -93,11 +93,11 @@ def test_results_in_the_folder_data_are_found_and_named(tmp_path):
     )
     (tmp_path / "data" / "000000.txt").unlink()
     assert refusal(tmp_path).endswith(": write them")
-    for name in ("joined", "detection2d"):
-        (tmp_path / name).mkdir()
+    for name in ("joined/data", "detection2d"):
+        (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "000001.txt").write_text("")
     assert refusal(tmp_path).endswith(
-        "2 of its folders hold some (detection2d, joined); name one of them"
+        "2 of its folders hold some (detection2d, joined/data); name one of them"
     )
 
 

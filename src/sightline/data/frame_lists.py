@@ -178,7 +178,9 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
         if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED])
     ]
     if len(found) > 1:
-        listed = ", ".join(shortened(below.name) for below in found[:_MAX_LISTED])
+        listed = ", ".join(
+            shortened(str(below.relative_to(folder))) for below in found[:_MAX_LISTED]
+        )
         more = ", .." * (len(found) > _MAX_LISTED)
         return f"{len(found)} of its folders hold some ({listed}{more}); name one of them"
     if found:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import torch
 from jaxtyping import Float32, Float64
+from torch import Tensor
 
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes import Annotation
@@ -181,8 +182,9 @@ def kitti_from_annotations(
         for index in range(len(known))
     ]
     kept = [index for index, each in enumerate(image_boxes) if _is_visible(each)]
+    places = torch.from_numpy(points[:, :3].astype(np.float64))
     is_detectable = np.array(
-        [_has_points(known[index][0], boxes[index], points) for index in kept], bool
+        [_has_points(known[index][0], boxes[index], places) for index in kept], bool
     )
     bearing = np.arctan2(locations[kept, 0], locations[kept, 2])
     alpha = (rotations[kept] - bearing + np.pi) % (2 * np.pi) - np.pi
@@ -207,10 +209,10 @@ def kitti_from_annotations(
     compared = {
         index: count
         for index in kept
-        if (count := known[index][0].num_lidar_points or 0) >= _MIN_COUNTED_POINTS and len(points)
+        if (count := known[index][0].num_lidar_points or 0) >= _MIN_COUNTED_POINTS and len(places)
     }
     empty = sum(
-        _count_points(boxes[index] + _OFF_ROAD, points) < _MIN_FOUND_SHARE * count
+        _count_points(boxes[index] + _OFF_ROAD, places) < _MIN_FOUND_SHARE * count
         for index, count in compared.items()
     )
     return objects, replace(counts, leaning=leaning, compared=len(compared), empty=empty)
@@ -246,18 +248,15 @@ def _class_of(annotation: Annotation) -> str | None:
 def _has_points(
     annotation: Annotation,
     box: Float64[np.ndarray, "7"],
-    points: Float32[np.ndarray, "num_points 4"],
+    places: Float64[Tensor, "num_points 3"],
 ) -> bool:
     """Return whether the object has a LiDAR point, by the tables' count or else by the sweep."""
     if annotation.num_lidar_points is not None:
         return annotation.num_lidar_points > 0
-    return _count_points(box, points) > 0
+    return _count_points(box, places) > 0
 
 
-def _count_points(
-    box: Float64[np.ndarray, "7"], points: Float32[np.ndarray, "num_points 4"]
-) -> int:
-    places = torch.from_numpy(points[:, :3].astype(np.float64))
+def _count_points(box: Float64[np.ndarray, "7"], places: Float64[Tensor, "num_points 3"]) -> int:
     return int(Boxes3D(torch.from_numpy(box[None])).contain(places).sum())
 
 
