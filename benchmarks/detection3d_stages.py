@@ -34,9 +34,9 @@ from sightline.export.names import EngineName
 from sightline.files.weights import fill_network
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.jobs.progress import track
-from sightline.structures.precision_recall import PrecisionRecall
 from sightline.structures.predictions import Detections3D
 from sightline.structures.sample import CameraLidarSample
+from sightline.structures.score_curves import PrecisionRecall
 from sightline.visualization.precision_recall import draw_precision_recall
 
 _COUNTS: Final = (100, 300)  # proposals of a frame

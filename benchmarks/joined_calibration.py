@@ -26,7 +26,7 @@ from sightline.evaluation.kitti_object_pairs import find_pairs
 from sightline.evaluation.kitti_object_rules import CLASSES, DIFFICULTIES, METRICS, Metric
 from sightline.export.names import EngineName
 from sightline.joining.models import SHIPPED
-from sightline.structures.reliability import Reliability
+from sightline.structures.score_curves import Reliability
 from sightline.visualization.reliability import draw_reliability_sheet
 
 _BINS: Final = 10

@@ -16,7 +16,7 @@ from sightline.corruptions.generate import corrupt_dataset, read_corrupted
 from sightline.corruptions.suites import SUITES
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
-from sightline.data.mask_png import read_mask_png
+from sightline.data.map_png import read_mask_png
 from sightline.data.open import open_dataset
 from sightline.jobs.run import JobResult
 from sightline.simulation.packaged import PACKAGED_FRAMES

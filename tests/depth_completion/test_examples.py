@@ -9,6 +9,7 @@ from sightline.augmentation.sample_changes import ColorJitterConfig, thin_rings
 from sightline.data.open import open_dataset
 from sightline.depth_completion.examples import (
     AugmentationConfig,
+    DepthBatch,
     DepthExamples,
     ExampleConfig,
     make_example,
@@ -292,3 +293,9 @@ def test_examples_may_lack_returns_but_not_their_truth(sample, augmentation, lea
     share = float((batch.sparse_depth_m > 0).sum() / (plain.sparse_depth_m > 0).sum())
     assert least <= share <= most
     assert torch.equal(batch.depth_m, plain.depth_m)
+
+
+def test_maps_of_another_size_than_the_image_are_refused():
+    maps = {"sparse_depth_m": torch.ones(2, 1, 4, 6), "depth_m": torch.ones(2, 1, 4, 7)}
+    with pytest.raises(TypeError):
+        DepthBatch(sample_ids=("a", "b"), image=torch.zeros(2, 3, 4, 6), **maps)

@@ -5,9 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sightline.health.camera_checks import CameraChecks, block_statistics, check_camera
+from sightline.health.camera_checks import (
+    CameraChecks,
+    bad_image_regions,
+    block_statistics,
+    check_camera,
+)
 from sightline.health.monitor import rgb_of
-from sightline.health.regions import bad_image_regions
 from tests.health.frames import sound
 
 

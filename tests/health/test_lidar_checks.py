@@ -9,11 +9,11 @@ from sightline.health.lidar_checks import (
     WIDEST_DEG,
     LidarChecks,
     _compare_neighbours,
+    bad_sweep_regions,
     blind_sectors,
     cell_counts,
     check_lidar,
 )
-from sightline.health.regions import bad_sweep_regions
 from sightline.health.sphere import to_sphere
 from tests.health.frames import sound
 from tests.reference import health as reference

@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from sightline.health.report import HealthReport, doubts
+from sightline.health.alignment_checks import AlignmentChecks
+from sightline.health.camera_checks import CameraChecks
+from sightline.health.lidar_checks import LidarChecks
+from sightline.health.report import CHECK_MEANINGS, HealthReport, doubts
 from sightline.structures.health import Alarms, FrameHealth, Health, SampleHealth
 
 SOUND = Health(score=0.9, worst_check="dark")
@@ -92,3 +95,9 @@ def test_bad_images_of_another_size_than_the_fitted_ones_make_the_limits_doubtfu
         assert "3 of 10 images are bad by 'lifted' (3)" in told[0]
         assert "fitted on simulated images of 375x1242" in told[0]
         assert "--fit-first 30" in told[0]
+
+
+def test_each_check_has_a_meaning_in_few_words():
+    fields = [*CameraChecks._fields, *LidarChecks._fields, *AlignmentChecks._fields]
+    assert list(CHECK_MEANINGS) == ["absent", *fields]
+    assert max(map(len, CHECK_MEANINGS.values())) < 70

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sightline.structures.precision_recall import PrecisionRecall
+from sightline.structures.score_curves import PrecisionRecall
 from sightline.visualization.precision_recall import draw_precision_recall
 
 EASY, MODERATE = (86, 180, 233), (240, 150, 20)

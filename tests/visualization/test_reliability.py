@@ -1,6 +1,6 @@
 import numpy as np
 
-from sightline.structures.reliability import Reliability
+from sightline.structures.score_curves import Reliability
 from sightline.visualization.reliability import draw_reliability, draw_reliability_sheet
 
 

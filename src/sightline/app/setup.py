@@ -16,7 +16,7 @@ from sightline.app.state import (
 )
 from sightline.app.timeline import frames_shown
 from sightline.corruptions.kinds import KINDS, SEVERITIES
-from sightline.health.meanings import CHECK_MEANINGS
+from sightline.health.report import CHECK_MEANINGS
 from sightline.structures.sample import SENSOR_FIELDS
 from sightline.tasks import find_task, task_names
 from sightline.visualization.colors import DEPTH_SCALE, UNCERTAINTY_SCALE, ColorScale, class_color

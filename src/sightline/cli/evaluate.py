@@ -7,7 +7,7 @@ would import the evaluation for `--help`.
 from pathlib import Path
 from typing import Literal
 
-from sightline.cli.engine import announce_engine
+from sightline.cli.network_options import announce_engine
 from sightline.cli.object_plots import write_object_plots
 from sightline.cli.output import say
 from sightline.cli.parser import Device

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sightline.evaluation.object_report import ObjectReport
-    from sightline.structures.precision_recall import PrecisionRecall
+    from sightline.structures.score_curves import PrecisionRecall
 
 
 def write_object_plots(report: "ObjectReport", folder: Path) -> int:

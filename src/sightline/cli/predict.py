@@ -4,12 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from sightline.cli.declared import declare
-from sightline.cli.engine import announce_engine
+from sightline.cli.network_options import Around, announce_engine, chosen_field, warn_of_rig
 from sightline.cli.output import say
-from sightline.cli.parser import Device
+from sightline.cli.parser import Device, declare
 from sightline.cli.report import named_file, refuse_with_pack
-from sightline.cli.rig import Around, chosen_field, warn_of_rig
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.crew import Driver

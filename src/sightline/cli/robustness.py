@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from sightline.cli.engine import announce_engine
+from sightline.cli.network_options import announce_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file

@@ -8,8 +8,8 @@ from typing import Any, get_type_hints
 
 from docstring_parser import parse_from_object
 
-from sightline.cli.declared import declare
 from sightline.cli.output import say
+from sightline.cli.parser import declare
 from sightline.jobs.crew import Driver
 from sightline.simulation.rigs import choose_rig
 from sightline.simulation.settings import PresetName, SimulatedSet, SimulationConfig, choose_set

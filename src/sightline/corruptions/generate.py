@@ -22,7 +22,7 @@ from sightline.data.kitti_trees import (
     list_object_frames,
     part_folder,
 )
-from sightline.data.mask_png import read_mask_png, write_mask_png
+from sightline.data.map_png import read_mask_png, write_mask_png
 from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text

@@ -1,17 +1,18 @@
-"""Readers and writers of maps as PNGs with 16 bits: depth and instances."""
+"""Readers and writers of maps as PNGs: depth and instances with 16 bits, masks with 8."""
 
 from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Bool, Float, Float32, Int32
 
-from sightline.data.image_file import read_png16
+from sightline.data.image_file import read_png16, read_rgb
 from sightline.files.atomic import atomic_write_bytes
 
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE
 """Largest depth in 16 bits."""
+_YES = 255
 
 
 def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
@@ -83,4 +84,26 @@ def write_instance_png(path: Path | str, instances: Int32[np.ndarray, "height wi
             "objects from 1"
         )
     _, encoded = cv2.imencode(".png", instances.astype(np.uint16))
+    atomic_write_bytes(path, encoded.tobytes())
+
+
+def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
+    """Read a mask of `write_mask_png`: True for pixels lighter than middle grey.
+
+    Raises:
+        FileError: The file is no complete picture.
+    """
+    mask: Bool[np.ndarray, "height width"] = read_rgb(path)[..., 0] > _YES // 2
+    return mask
+
+
+def write_mask_png(path: Path | str, mask: Bool[np.ndarray, "height width"]) -> None:
+    """Write a mask with 8 bits, visible in any viewer: white for True, black for False; atomic.
+
+    Raises:
+        ValueError: There is no pixel.
+    """
+    if mask.size == 0:
+        raise ValueError(f"{path} cannot be written: a mask needs at least one pixel")
+    _, encoded = cv2.imencode(".png", mask.astype(np.uint8) * _YES)
     atomic_write_bytes(path, encoded.tobytes())

@@ -1,23 +1,22 @@
 """Depth completion's part of the demo: complete depth, score it in two ways, draw it."""
 
 import html
-from functools import partial
 from pathlib import Path
 from typing import get_args
 
+from sightline.data.image_file import write_rgb
 from sightline.data.open import SampleDataset, open_dataset
-from sightline.depth_completion.frame_picture import draw_completed
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.predictor import Completer, DepthCompleter, choose_completer
 from sightline.evaluation.depth import DepthReport, evaluate_depth
 from sightline.evaluation.held_out import HeldOutReport, evaluate_held_out
 from sightline.inference.demo import DemoPart
 from sightline.inference.demo_page import picture_html
-from sightline.inference.pictures import write_frame_picture
 from sightline.inference.predict import predict
 from sightline.inference.predictor import PredictingTask
 from sightline.robustness.page import plain_table
 from sightline.robustness.texts import TextTable
+from sightline.visualization.sheet import frame_sheet
 
 _HTML = """<p>Dense depth from a LiDAR sweep and an image by <b>{name}</b>. The depth maps are
 16-bit PNGs (metres times 256), in <code>depth/</code>.</p>
@@ -50,11 +49,11 @@ def run_depth_demo(task: PredictingTask, frames: Path, out: Path) -> DemoPart:
     completers: list[Completer] = [DepthCompleter(method) for method in get_args(Method)]
     by_name = {each.name: each for each in (*completers, completer)}
     held_out = {name: _score_held_out(dataset, each) for name, each in by_name.items()}
-    draw = partial(draw_completed, completer=completer)
-    pictures = [
-        write_frame_picture(frames, name, out / f"{name}.png", draw=draw)
-        for name in dataset.sample_ids
-    ]
+    pictures = [out / f"{name}.png" for name in dataset.sample_ids]
+    whole = open_dataset(frames)  # with the labels, which the pictures show
+    for index, picture in enumerate(pictures):
+        sample = whole[index]
+        write_rgb(picture, frame_sheet(sample, completer(sample), dense_name=completer.name))
     score = held_out[completer.name].scores[0]
     return DemoPart(
         title="Depth completion",

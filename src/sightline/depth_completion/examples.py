@@ -6,7 +6,8 @@ from typing import Literal, get_args
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from beartype import beartype
+from jaxtyping import Float32, jaxtyped
 from torch import Tensor
 
 from sightline.augmentation.camera_chain import CameraChainConfig, change_camera
@@ -21,7 +22,6 @@ from sightline.corruptions.blank import LidarBlank
 from sightline.corruptions.lidar_loss import LidarSector
 from sightline.corruptions.occlusion import LidarOcclusion
 from sightline.data.rings import NUM_RINGS
-from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.method_names import Filling
 from sightline.depth_completion.methods import starting_depth
 from sightline.depth_completion.street_depth import street_depth, to_focal_length
@@ -41,8 +41,33 @@ from sightline.evaluation.held_out_frame import (
 )
 from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.ranges import check_range
+from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.data import SamplePreparation
+
+
+@jaxtyped(typechecker=beartype)
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DepthBatch(FieldwiseBatch):
+    """Batch of samples of one image size. Depth maps: metres along the optical axis, 0 = none.
+
+    A missing camera image is black, like the image of a dead camera.
+    """
+
+    sample_ids: tuple[str, ...]
+    image: Float32[Tensor, "batch 3 height width"]
+    """RGB in [0, 1]."""
+    sparse_depth_m: Float32[Tensor, "batch 1 height width"]
+    """The sweep projected into the image."""
+    filled_depth_m: Float32[Tensor, "batch 1 height width"] | None = None
+    """The sparse map completed by a classical method, for networks that start from one."""
+    depth_m: Float32[Tensor, "batch 1 height width"] | None = None
+    """Ground truth for training or scoring."""
+    dense_depth_m: Float32[Tensor, "batch 1 height width"] | None = None
+    """Additional dense ground truth for training, where `depth_m` contains only a few rings."""
+    weight: Float32[Tensor, "batch 1 height width"] | None = None
+    """Weight of each pixel of `depth_m` in the loss; None: all equal."""
+
 
 TruthKind = Literal["depth", "held_out", "both"]
 """Kind of ground truth. `depth`: the depth map of the data set, dense from the simulator or the

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from sightline.depth_completion.batch import DepthBatch
+from sightline.depth_completion.examples import DepthBatch
 from sightline.depth_completion.model import DepthCompletionOutput
 from sightline.visualization.depth import colorize_depth, colorize_error
 from sightline.visualization.lettering import with_title

@@ -39,8 +39,7 @@ from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import DepthMap
-from sightline.structures.sample import CameraLidarSample
-from sightline.structures.sweep_checks import check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_finite_points
 
 _COORDINATES = 3
 

@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import UInt8
 from torch import Tensor
 
-from sightline.depth_completion.batch import DepthBatch
 from sightline.depth_completion.config import DepthCompletionConfig
-from sightline.depth_completion.examples import DepthExamples
+from sightline.depth_completion.examples import DepthBatch, DepthExamples
 from sightline.depth_completion.loss import DepthLossConfig, DepthLosses, depth_completion_loss
 from sightline.depth_completion.model import DepthCompletionNet, DepthCompletionOutput
 from sightline.depth_completion.pictures import training_picture

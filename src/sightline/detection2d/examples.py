@@ -37,8 +37,7 @@ from sightline.geometry.projection import DHI_RANGE_M
 from sightline.geometry.ranges import check_range
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample
-from sightline.structures.sample import CameraLidarSample
-from sightline.structures.sweep_checks import check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_finite_points
 from sightline.training.data import SamplePreparation, check_agrees
 
 _MIN_OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.0)  # the last one: any patch

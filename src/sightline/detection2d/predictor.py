@@ -20,8 +20,7 @@ from sightline.geometry.checked import checked
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.structures.predictions import Detections2D
-from sightline.structures.sample import CameraLidarSample
-from sightline.structures.sweep_checks import check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_finite_points
 
 
 @checked()

@@ -12,8 +12,7 @@ from sightline.detection2d.config import CLASSES
 from sightline.detection2d.placement import Placement
 from sightline.geometry.ranges import check_range
 from sightline.structures.batch import FieldwiseBatch
-from sightline.structures.labels import ObjectLabels
-from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
+from sightline.structures.labels import LOOK_ALIKES, ObjectLabels, check_look_alikes
 
 
 @jaxtyped(typechecker=beartype)

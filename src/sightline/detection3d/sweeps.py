@@ -15,12 +15,10 @@ from sightline.detection3d.checks import check_numbers
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.ranges import check_range
 from sightline.ops.points_in_boxes import first_box_of_points
-from sightline.structures.labels import ObjectLabels
+from sightline.structures.labels import LOOK_ALIKES, ObjectLabels, check_look_alikes
 from sightline.structures.level import level_detections, level_sample, mounted_detections
-from sightline.structures.look_alikes import LOOK_ALIKES, check_look_alikes
 from sightline.structures.predictions import Detections3D
-from sightline.structures.sample import CameraLidarSample
-from sightline.structures.sweep_checks import check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_finite_points
 
 Sweep = Float32[Tensor, "_ 4"]
 """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float64, Int64
 
 from sightline.evaluation.kitti_object_matching import FrameSteps, MatchingTask, pick_by_overlap
 from sightline.ops.compiled import compiled
-from sightline.structures.reliability import Reliability
+from sightline.structures.score_curves import Reliability
 
 
 class Outcomes(NamedTuple):

@@ -8,7 +8,7 @@ from sightline.evaluation.calibration_errors import OptimalLrp
 from sightline.evaluation.calibrators import Calibrator, CalibratorName
 from sightline.evaluation.kitti_object_rules import ClassName, Difficulty, Metric
 from sightline.evaluation.object_tables import add_notes
-from sightline.structures.reliability import Reliability
+from sightline.structures.score_curves import Reliability
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64, Int32, Int64
 
 from sightline.evaluation.kitti_object_pairs import MatchingData
 from sightline.ops.compiled import compiled
-from sightline.structures.precision_recall import NUM_SLOTS
+from sightline.structures.score_curves import NUM_SLOTS
 
 _LOWEST_SCORE = -1e7
 """Score for "nothing found" in the official program: pass 1 never takes a lower score."""

@@ -17,7 +17,7 @@ from sightline.evaluation.kitti_object_matching import (
     match_by_score,
 )
 from sightline.ops.compiled import compiled
-from sightline.structures.precision_recall import NUM_SLOTS
+from sightline.structures.score_curves import NUM_SLOTS
 
 
 class ResampledCurve(NamedTuple):

@@ -31,7 +31,7 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.evaluation.object_report import BootstrapAP, DistanceBand, ObjectEntry, ObjectReport
-from sightline.structures.precision_recall import NUM_SLOTS
+from sightline.structures.score_curves import NUM_SLOTS
 
 
 def score_objects(

@@ -28,7 +28,7 @@ from sightline.evaluation.object_tables import (
     slots_note,
 )
 from sightline.files.atomic import atomic_write_text
-from sightline.structures.precision_recall import PrecisionRecall
+from sightline.structures.score_curves import PrecisionRecall
 
 if TYPE_CHECKING:
     from rich.console import Group

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, ClassName, Difficulty
-from sightline.structures.precision_recall import NUM_SLOTS
+from sightline.structures.score_curves import NUM_SLOTS
 
 if TYPE_CHECKING:
     from rich.table import Table

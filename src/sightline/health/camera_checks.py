@@ -222,3 +222,10 @@ def _blockiness(grey: UInt8[np.ndarray, "height width"]) -> float:
         inside = np.delete(each, np.s_[_JPEG_PX - 1 :: _JPEG_PX]).mean()
         ratios.append((border + _TINY) / (inside + _TINY))
     return float(np.log2(np.mean(ratios)))
+
+
+def bad_image_regions(
+    image: UInt8[np.ndarray, "height width 3"],
+) -> Bool[np.ndarray, "rows columns"]:
+    """Mark blocks, about `BLOCK_PX` wide, that are black or blinded."""
+    return blank_blocks(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))

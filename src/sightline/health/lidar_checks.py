@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
@@ -30,6 +31,7 @@ _LEVER_DEG_M = 12.0  # lasers are up to 0.2 m off the origin: near returns appea
 _NEAR_M = 25.0  # range up to which surfaces are even enough to measure the range noise
 _ABOVE_M = -1.3  # minimum height of clutter, above the road, in the LiDAR's frame
 _TINY = 1e-4
+_SMALLEST_HOLE = 12  # connected cells; fewer are glass or a dark car
 _MIN_POINTS = 3
 _FAR_M = 15.0  # range beyond which fog absorbs much of the light
 _MIN_FAR_POINTS = 50  # minimum number of returns beyond it
@@ -216,3 +218,16 @@ def _compare_neighbours(
             deviations[count] = off
             count += 1
     return deviations[:count], num_spikes, num_stray, num_clutter
+
+
+def bad_sweep_regions(
+    points: Float32[np.ndarray, "num_points 4"],
+) -> Bool[np.ndarray, "rows columns"]:
+    """Mark `CELL_DEG` cells below the horizon in large holes without points."""
+    _, azimuth_deg, elevation_deg = to_sphere(points)
+    empty = (cell_counts(azimuth_deg, elevation_deg) == 0).astype(np.uint8)
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(empty, connectivity=4)
+    large = statistics[:, cv2.CC_STAT_AREA] >= _SMALLEST_HOLE
+    large[0] = False  # label of the cells that are not empty
+    bad: Bool[np.ndarray, "rows columns"] = large[labels]
+    return bad

@@ -6,10 +6,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from sightline.health.alignment_checks import check_alignment
-from sightline.health.camera_checks import check_camera
-from sightline.health.lidar_checks import blind_sectors, check_lidar
+from sightline.health.camera_checks import bad_image_regions, check_camera
+from sightline.health.lidar_checks import bad_sweep_regions, blind_sectors, check_lidar
 from sightline.health.limits import Checks, HealthLimits, SensorLimits, read_limits
-from sightline.health.regions import bad_image_regions, bad_sweep_regions
 from sightline.health.yaw_error import EdgeMatch, estimate_yaw, match_edges
 from sightline.structures.health import Health, SampleHealth
 from sightline.structures.level import level_sample

@@ -3,16 +3,16 @@
 `yaw_error` works along rings; this works across them: where the range jumps from one ring to the
 next higher one, there is the top of an object. Its edge in the image is searched at every pitch
 angle, separately for parts of the view from left to right; their differences give the roll.
+`edge_strength` serves both.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
 
-from sightline.health.edge_strength import edge_strength
 from sightline.health.ring_order import number_rings
 from sightline.health.sphere import to_sphere
 from sightline.ops.compiled import compiled
@@ -27,6 +27,7 @@ _JUMP_SHARE = 0.1  # same, as a share of the nearer range
 _BESIDE_DEG = 0.15  # maximum azimuth difference of points above each other
 _WIDEST_RING_STEP_DEG = 3.0
 _BLUR_PX = (1.0, 3.0)  # blur of the image's edges, along and across them
+_ALONG_PX, _ACROSS_PX = 81, 41  # neighbourhood of an edge: along the gradient and across
 _MIDDLES = (_PARTS[1:] + _PARTS[:-1]) / 2
 
 
@@ -191,3 +192,18 @@ def _strength_by_part(
             sums[parts[i], number] += weights[i] * strength[row, column]
             totals[parts[i], number] += weights[i]
     return sums, totals
+
+
+def edge_strength(
+    image: UInt8[np.ndarray, "height width 3"], gradient: Literal["horizontal", "vertical"]
+) -> Float32[np.ndarray, "height width"]:
+    """Compute the root of the gradient over its local mean, so that faint edges count too."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    is_horizontal = gradient == "horizontal"
+    order = (1, 0) if is_horizontal else (0, 1)
+    slope = cv2.Sobel(cv2.GaussianBlur(grey, (0, 0), 1), cv2.CV_32F, *order)
+    strength = np.sqrt(np.abs(slope))
+    around_px = (_ALONG_PX, _ACROSS_PX) if is_horizontal else (_ACROSS_PX, _ALONG_PX)
+    even: Float32[np.ndarray, "height width"]
+    even = strength / (cv2.blur(strength, around_px) + 1)
+    return even

@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from sightline.health.edge_strength import edge_strength
 from sightline.health.ring_order import ring_by_ring
 from sightline.health.sphere import to_sphere
-from sightline.health.tilt_error import TopMatch, match_tops
+from sightline.health.tilt_error import TopMatch, edge_strength, match_tops
 from sightline.ops.compiled import compiled
 from sightline.structures.sample import CameraLidarSample
 

@@ -16,9 +16,8 @@ from sightline.joining.lifting import lift
 from sightline.joining.models import CLASSES, COLUMNS, JoinModels, LogisticModel, identity_maps
 from sightline.joining.scene import Scene, make_scene
 from sightline.ops.rotated_iou import pairwise_iou_3d
-from sightline.structures.labels import ObjectLabels
+from sightline.structures.labels import LOOK_ALIKES, ObjectLabels
 from sightline.structures.level import level_sample
-from sightline.structures.look_alikes import LOOK_ALIKES
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 

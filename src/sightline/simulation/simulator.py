@@ -12,9 +12,13 @@ from sightline.data.kitti_labels import KittiObjects
 from sightline.data.pixels import resized_and_cropped
 from sightline.geometry.road_height import LidarPose
 from sightline.simulation.bodies.own_car import bonnet, own_car
-from sightline.simulation.camera.camera import CameraConfig, SensorConfig, render_camera
+from sightline.simulation.camera.camera import (
+    CameraConfig,
+    SensorConfig,
+    render_camera,
+    stored_image,
+)
 from sightline.simulation.camera.samples import RollingView, View, camera_view
-from sightline.simulation.camera.stored_image import stored_image
 from sightline.simulation.camera.windscreen import Dirt, draw_dirt
 from sightline.simulation.labels import label_frame
 from sightline.simulation.lidar import LIDARS, LidarConfig, mounted, take_sweep

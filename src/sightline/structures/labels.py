@@ -1,6 +1,9 @@
-"""Object labels of a frame."""
+"""Object labels of a frame, and classes of KITTI that look like a detected class."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
 
 import torch
 from jaxtyping import Bool, Float64, Int64
@@ -9,6 +12,11 @@ from torch import Tensor
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
+
+LOOK_ALIKES: Final = MappingProxyType(
+    {"Van": "Car", "Truck": "Car", "Person_sitting": "Pedestrian"}
+)
+"""Detected class of each look-alike; training can ignore look-alikes of a class."""
 
 
 @checked()
@@ -68,4 +76,17 @@ class ObjectLabels:
             truncation=self.truncation[mask],
             occlusion=self.occlusion[mask],
             alpha=self.alpha[mask],
+        )
+
+
+def check_look_alikes(names: Collection[str]) -> None:
+    """Refuse names in settings that are no look-alikes.
+
+    Raises:
+        ValueError: A name is no look-alike.
+    """
+    unknown = set(names) - set(LOOK_ALIKES)
+    if unknown:
+        raise ValueError(
+            f"ignored_names may hold {', '.join(LOOK_ALIKES)}, got {', '.join(sorted(unknown))}"
         )

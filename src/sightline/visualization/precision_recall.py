@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from sightline.structures.precision_recall import NUM_SLOTS, PrecisionRecall
+from sightline.structures.score_curves import NUM_SLOTS, PrecisionRecall
 from sightline.visualization.canvas import put_lines
 from sightline.visualization.cells import MUTED
 from sightline.visualization.chart import BACKGROUND, TEXT, Plot, put_axes, put_title

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.structures.reliability import Reliability
+from sightline.structures.score_curves import Reliability
 from sightline.visualization.canvas import put_lines
 from sightline.visualization.cells import MUTED
 from sightline.visualization.chart import (

@@ -1,11 +1,15 @@
-"""Rig of a recording on the command line: its field of 3D detection, its distance from training."""
+"""Options and messages of commands that run networks: field of 3D detection, rig, engine."""
 
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, Literal
 
 from sightline.cli.output import warn
 from sightline.data.kitti_trees import Velodyne
+from sightline.export.choice import VARIABLE, has_openvino
+from sightline.export.names import EngineChoice
+from sightline.files.problem import install_command
 
 Around = Literal["auto", "yes", "no"]
 """Field of 3D detection: the LiDAR's whole turn, the camera's view, or as the data say (auto)."""
@@ -30,3 +34,19 @@ def warn_of_rig(
     distance = rig_distance(data, weights, sample_list=sample_list, velodyne=velodyne)
     if distance is not None:
         warn(str(distance))
+
+
+def announce_engine(choice: EngineChoice, taken: str | None, device: str) -> None:
+    """Print the engine that runs the network, unless the arguments determine it.
+
+    Args:
+        choice: The requested engine.
+        taken: Name of the engine; None: no network runs.
+        device: The requested device; only the CPU has several engines.
+    """
+    if choice != "auto" or taken is None or device != "cpu" or VARIABLE in os.environ:
+        return
+    hint = "--engine torch for PyTorch" if taken != "torch" else ""
+    if taken == "torch" and not has_openvino():
+        hint = f"for openvino, usually two to three times as fast: {install_command('export')}"
+    warn(f"engine {taken}{f' ({hint})' if hint else ''}")

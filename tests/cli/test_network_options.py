@@ -1,7 +1,7 @@
 import pytest
 
-from sightline.cli import engine
-from sightline.cli.engine import announce_engine
+from sightline.cli import network_options
+from sightline.cli.network_options import announce_engine
 
 
 @pytest.fixture
@@ -10,7 +10,7 @@ def message(monkeypatch, capsys):
     monkeypatch.delenv("SIGHTLINE_ENGINE")
 
     def call(choice, taken, device="cpu", *, has_openvino=True):
-        monkeypatch.setattr(engine, "has_openvino", lambda: has_openvino)
+        monkeypatch.setattr(network_options, "has_openvino", lambda: has_openvino)
         announce_engine(choice, taken, device)
         captured = capsys.readouterr()
         assert not captured.out
