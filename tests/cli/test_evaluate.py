@@ -27,6 +27,7 @@ def test_scores_by_distance_go_to_people_and_to_files(folders, tmp_path, capsys)
     assert main([*command, *options, "--plots", str(plots)]) in (0, None)
     printed = capsys.readouterr().out
     assert all(band in printed for band in ("0-10 m", "10-20.5 m", "20.5 m on"))
+    assert printed.count("AP R40") == printed.count("AP all points") == 3 * (1 + 3)
     assert "1 frame had no result file" in printed
     assert all((tmp_path / name).stat().st_size > 100 for name in files)
     assert f"{plots}: 12 pictures" in printed

@@ -204,13 +204,15 @@ class ObjectReport:
         for start in range(0, len(self.entries), len(DIFFICULTIES)):
             for band in self.bands:
                 levels = band.entries[start : start + len(DIFFICULTIES)]
+                points = [level.all_points for level in levels]
                 rows = [
                     ("AP R40", [percentage(level.ap_r40) for level in levels]),
-                    ("objects", [f"{level.n_gt:,}" for level in levels]),
+                    ("AP all points", [percentage(p.ap if p else None) for p in points]),
                 ]
                 centres = [level.centres for level in levels]
                 if any(centres):
-                    rows[1:1] = centre_rows(centres, with_interval=False)[:1]
+                    rows.append(centre_rows(centres, with_interval=False)[0])
+                rows.append(("objects", [f"{level.n_gt:,}" for level in levels]))
                 first = levels[0]
                 add_section(table, (first.class_name, first.metric, band.title), rows)
         add_notes(table, _slots_notes([entry for band in self.bands for entry in band.entries]))
