@@ -18,7 +18,6 @@ import torch
 from sightline.export.graph import ExportGraph
 from sightline.export.onnx import OPSET, export_onnx
 from sightline.files.atomic import atomic_write_bytes, scratch_folder
-from sightline.jobs.progress import waiting
 from sightline.ops.cache_folder import cache_folder
 
 _MAX_FILES: Final = 24
@@ -43,6 +42,8 @@ def onnx_file_of(graph: ExportGraph) -> bytes:
 
 
 def _export(graph: ExportGraph) -> bytes:
+    from sightline.jobs.progress import waiting  # rich: not needed where the file is kept
+
     message = f"converting a {graph.metadata.task} network (cached afterwards)"
     with waiting(message), scratch_folder() as folder:
         path = folder / "model.onnx"
