@@ -96,6 +96,26 @@ def test_a_whole_sweep_has_64_rings_in_kittis_order(seed: int):
         assert (np.diff(azimuth[rings == ring]) > 0).all()  # counter-clockwise from ahead
 
 
+def test_azimuths_are_reported_at_the_encoders_steps_and_ranges_as_measured():
+    """KITTI's rings have steps of 0.18 degrees and, one in seven, of 0.09."""
+    encoder = LIDARS["hdl-64e"]
+    exact = sweep_of(street(scenery=courtyard()), replace(encoder, azimuth_resolution_deg=0.0))
+    points = sweep_of(street(scenery=courtyard()), encoder)
+    assert len(points) == len(exact)
+    assert np.abs(np.linalg.norm(points[:, :3] - exact[:, :3], axis=1)).max() < 0.1
+    assert np.allclose(
+        np.linalg.norm(points[:, :2], axis=1), np.linalg.norm(exact[:, :2], axis=1), atol=0.1
+    )
+    rings = ring_numbers(points)
+    far = np.linalg.norm(points[:, :2], axis=1) > 5  # files hold millimetres
+    steps = np.concatenate([np.diff(azimuths(points[(rings == ring) & far])) for ring in range(64)])
+    steps = steps[(steps > 0) & (steps < 0.2)]  # no gaps of lost returns
+    is_short = np.abs(steps - 0.09) < 0.03
+    assert len(steps) > 10_000
+    assert (is_short | (np.abs(steps - 0.18) < 0.03)).all()
+    assert is_short.mean() == pytest.approx((0.18 - 360 / 2150) / 0.09, abs=0.02)
+
+
 def test_the_part_that_the_camera_sees_is_numbered_too():
     points = sweep_of(street(scenery=courtyard()), LIDARS["hdl-64e"])
     ahead = points[np.abs(points[:, 1]) < 0.8 * points[:, 0]]

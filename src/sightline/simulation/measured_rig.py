@@ -196,7 +196,9 @@ def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple
         if np.count_nonzero(is_ring) < _MIN_RING_POINTS:
             continue
         rings.append(round(float(np.median(elevation_deg[is_ring])), 2))
-        steps.append(float(np.median(np.diff(np.sort(azimuth_deg[is_ring])))))
+        gaps_deg = np.diff(np.sort(azimuth_deg[is_ring]))
+        # Encoders round azimuths, so steps of two lengths may alternate: their mean is the step.
+        steps.append(float(gaps_deg[gaps_deg < 1.5 * np.median(gaps_deg)].mean()))
     if not rings:
         raise ValueError(f"no ring of its LiDAR has {_MIN_RING_POINTS} points")
     return LidarRig(

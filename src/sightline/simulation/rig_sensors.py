@@ -83,14 +83,17 @@ def _camera_from_level(camera: CameraRig, lidar_height_m: float) -> Float64[np.n
 def lidar_config(rig: LidarRig) -> LidarConfig:
     """Build the configuration of a rig's LiDAR."""
     lasers = tuple(Laser(elevation_deg=elevation) for elevation in rig.elevations_deg)
+    azimuth_resolution_deg = 0.0
     if rig.model is not None:
         lasers = LIDARS[rig.model].lasers
+        azimuth_resolution_deg = LIDARS[rig.model].azimuth_resolution_deg
     is_tilted = bool(rig.pitch_deg or rig.roll_deg)
     reach_m = _REACH_SHARE * rig.range_m
     return LidarConfig(
         lasers=lasers,
         rosette=rig.rosette,
         azimuth_step_deg=rig.azimuth_step_deg,
+        azimuth_resolution_deg=azimuth_resolution_deg,
         blind_sectors=tuple(
             BlindSector(azimuth_deg=(start, end), below_deg=below)
             for start, end, below in rig.blind_sectors
