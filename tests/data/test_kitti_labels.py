@@ -111,6 +111,7 @@ def test_columns_cannot_be_written_to():
         (LABEL.replace(b"182.46", b"nan"), "line 1: y_min is 'nan', not finite"),
         (LABEL.replace(b"182.46", b"-inf"), "line 1: y_min is '-inf', not finite"),
         (LABEL.replace(b"182.46", b"1e999"), "line 1: y_min is '1e999', not finite"),
+        (LABEL.replace(b"182.46", b"-1e13"), "line 1: y_min is '-1e13', beyond 1e.12; write m"),
         (LABEL.replace(b"0.80 1 ", b"0.80 0.5 "), "line 1: occlusion is '0.5', not a whole"),
         (LABEL.replace(b"Car", b"C" * 65), "line 1: class is 'C+...', longer than 64 characters"),
         (LABEL.replace(b"Car", b"\xff\xfa"), "line 1: class is .*, not text in UTF-8"),
@@ -180,6 +181,7 @@ def test_scores_keep_all_digits_and_other_fields_as_many_as_asked_for(tmp_path):
         ),
         ({"alpha": np.array([math.nan])}, "line 1: alpha is nan, not finite"),
         ({"occlusion": np.array([0.5])}, "line 1: occlusion is 0.5, not a whole number"),
+        ({"locations": np.full((1, 3), 1e30)}, "line 1: x is 1e.30, beyond 1e.12: write metres"),
     ],
 )
 def test_what_no_reader_would_understand_is_not_written(tmp_path, change, message):
@@ -193,7 +195,8 @@ def test_columns_of_different_lengths_are_refused():
         replace(labels(LABEL), class_names=("Car", "Van"))
 
 
-numbers = st.floats(allow_nan=False, allow_infinity=False)
+scores = st.floats(allow_nan=False, allow_infinity=False)
+numbers = st.floats(-1e12, 1e12)
 names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8).filter(
     lambda name: name.encode().split() == [name.encode()]
 )
@@ -204,7 +207,7 @@ def columns(draw):
     # not a KittiObjects yet: the shape checks draw random numbers, which a strategy must not
     count = draw(st.integers(0, 3))
 
-    def column(width=None):
+    def column(width=None, numbers=numbers):
         shape = count if width is None else (count, width)
         size = count * (width or 1)
         values = draw(st.lists(numbers, min_size=size, max_size=size))
@@ -220,7 +223,7 @@ def columns(draw):
         dimensions_hwl=column(3),
         locations=column(3),
         rotation_y=column(),
-        scores=column() if draw(st.booleans()) else None,
+        scores=column(numbers=scores) if draw(st.booleans()) else None,
     )
 
 

@@ -269,17 +269,39 @@ def test_wrong_arguments_of_a_script_are_one_line(tmp_path, monkeypatch):
             read_frame(picture, str(sweep), described)
 
 
-def test_points_that_are_not_finite_or_a_camera_without_focal_length_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    "rows",
+    [
+        np.float32([[20, 0, -1, 0.3], [np.nan, 0, 0, 0]]),
+        np.float32([[20, 0, -1, 76.5]]),  # reflectances of 0 to 255
+        np.float32([[20, 0, -1, 0.3, 7]] * 4),  # five columns: rings in the place of coordinates
+        np.float64([[20.1, 0.3, -1.7, 0.3]] * 4),
+        np.float32([[20100, 300, -1700, 0.3]]),  # millimetres
+    ],
+)
+def test_a_sweep_in_another_form_is_refused_by_the_scripts(tmp_path, rows):
+    from kitti_frame import read_frame
+
+    picture, _, calibration = files_of(PACKAGED_FRAMES, "000000")
+    rows.tofile(tmp_path / "odd.bin")
+    with pytest.raises(SystemExit, match=r"expected points \[m\], reflectances up to 1, and in P2"):
+        read_frame(picture, str(tmp_path / "odd.bin"), calibration)
+
+
+def test_a_camera_without_focal_length_is_refused_by_the_scripts_and_blank_lines_are_not(tmp_path):
     from kitti_frame import read_frame
 
     picture, sweep, calibration = files_of(PACKAGED_FRAMES, "000000")
-    np.float32([[20, 0, -1, 0.3], [np.nan, 0, 0, 0]]).tofile(tmp_path / "odd.bin")
-    blind = tmp_path / "calib.txt"
     text = Path(calibration).read_text()
-    blind.write_text(re.sub(r"^P2:.*", "P2:" + " 0" * 12, text, flags=re.MULTILINE))
-    for given in ((str(tmp_path / "odd.bin"), calibration), (sweep, str(blind))):
-        with pytest.raises(SystemExit, match="expected finite points, and in P2 a focal length"):
-            read_frame(picture, *given)
+    odd = tmp_path / "calib.txt"
+    odd.write_text(re.sub(r"^P2:.*", "P2:" + " 0" * 12, text, flags=re.MULTILINE))
+    with pytest.raises(SystemExit, match="and in P2 a focal length"):
+        read_frame(picture, sweep, str(odd))
+    odd.write_text(text.replace("\n", "\n \n"))
+    assert np.array_equal(
+        read_frame(picture, sweep, str(odd)).camera,
+        read_frame(picture, sweep, calibration).camera,
+    )
 
 
 def test_a_frame_of_several_views_is_refused_in_one_line(tmp_path):

@@ -25,6 +25,10 @@ def test_arrays_tensors_and_lists_give_their_numbers(given):
     [
         (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "it has 1 of 3 values masked, .*; fill them"),
         (torch.empty(3, device="meta"), "it is a tensor on the device meta, .* no values; give"),
+        (
+            torch.ones(3).to(torch.float8_e5m2),
+            r"it is a tensor of torch.float8_e5m2, .*\.float\(\)",
+        ),
         ([[1], [2, 3]], "it is .*, expected an array; give rows of one length"),
     ],
 )

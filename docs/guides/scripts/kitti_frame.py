@@ -36,15 +36,15 @@ def read_frame(image: str, sweep: str, calibration: str) -> Frame:
     if bgr is None:
         sys.exit(f"{image} cannot be read as an image; give a .png file of image_2")
     try:
-        lines = [line.split(":") for line in Path(calibration).read_text().splitlines() if line]
-        values = {name: np.array(text.split(), np.float64) for name, text in lines}
+        lines = [line.partition(":") for line in Path(calibration).read_text().splitlines()]
+        values = {name: np.array(text.split(), np.float64) for name, _, text in lines}
         rectification, mounting = np.eye(4), np.eye(4)
         rectification[:3, :3] = values["R0_rect"].reshape(3, 3)
         mounting[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
         camera = values["P2"].reshape(3, 4)
         points = np.frombuffer(Path(sweep).read_bytes(), np.float32).reshape(-1, 4)
-        if not (np.isfinite(points).all() and camera[0, 0] > 0 and camera[1, 1] > 0):
-            raise ValueError("expected finite points, and in P2 a focal length")
+        if not ((np.abs(points) <= [1e3, 1e3, 1e3, 1]).all() and (np.diag(camera) > 0)[:2].all()):
+            raise ValueError("expected points [m], reflectances up to 1, and in P2 a focal length")
         return Frame(bgr[..., ::-1], points, camera, rectification @ mounting)
     except (OSError, KeyError, ValueError) as error:
         sys.exit(f"{sweep}, {calibration}: {error}; give IMAGE.png VELODYNE.bin CALIB.txt of KITTI")

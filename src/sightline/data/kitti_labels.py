@@ -46,6 +46,8 @@ NO_SIZE, NO_LOCATION, NO_ROTATION = -1.0, -1000.0, -10.0
 MAX_LABEL_BYTES = 2**24
 """Largest label or result file: more than 100,000 objects in one frame."""
 _MAX_NAME_LENGTH = 64  # characters of a class
+_MAX_MAGNITUDE = 1e12  # as of calibrations; squares of larger numbers are soon infinite
+_TOO_LARGE = (f"beyond {_MAX_MAGNITUDE:g}", "write metres, radians and pixels")
 _LABEL_FIELDS = 15
 _RESULT_FIELDS = 16
 _OCCLUSION = 1  # columns of the numbers of a line
@@ -140,7 +142,7 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
     Fields are separated by ASCII white space; blank lines are skipped. Numbers are finite decimals
     (KITTI's C program would also accept `nan`, `inf` and hexadecimals, and would misread all lines
     after a missing field: all four are errors here). The occlusion of a label is a whole number; in
-    a result it has no meaning and may be any number.
+    a result it has no meaning and may be any number. Only a score may have a magnitude above 1e12.
 
     Args:
         data: Bytes of the file.
@@ -148,8 +150,8 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
         with_scores: Whether lines end with a score.
 
     Raises:
-        FileError: A field is missing, not a number or not finite, a class name is too long, or the
-            file is UTF-16; contains the source and line.
+        FileError: A field is missing, not a number, not finite or too large, a class name is too
+            long, or the file is UTF-16; contains the source and line.
     """
     data = without_marks(data, source)
     num_fields = _RESULT_FIELDS if with_scores else _LABEL_FIELDS
@@ -172,7 +174,8 @@ def parse_objects(data: bytes, source: Path | str, *, with_scores: bool) -> Kitt
     if max(map(len, class_names), default=0) > _MAX_NAME_LENGTH:
         raise _first_fault(data, source, with_scores=with_scores)
     whole = with_scores or bool((values[:, _OCCLUSION] % 1 == 0).all())
-    if not (np.isfinite(values).all() and whole):
+    is_sound = np.isfinite(values).all() and whole
+    if not is_sound or (np.abs(values[:, : _LABEL_FIELDS - 1]) > _MAX_MAGNITUDE).any():
         raise _first_fault(data, source, with_scores=with_scores)
     values.setflags(write=False)
     return objects_from_rows(class_names, values)
@@ -209,7 +212,7 @@ def write_objects(path: Path, objects: KittiObjects, *, decimals: int | None = 2
 
     Raises:
         ValueError: A class name is empty, too long or has white space, an occlusion is no whole
-            number, or a number is not finite: readers would refuse the file.
+            number, or a number is not finite or too large: readers would refuse the file.
     """
     columns = [objects.truncation, objects.occlusion, objects.alpha, objects.boxes2d]
     columns += [objects.dimensions_hwl, objects.locations, objects.rotation_y]
@@ -311,9 +314,15 @@ def _fault_of_field(name: str, token: bytes, *, with_scores: bool) -> tuple[str,
         return f"{found}, not a number", "write a decimal number"
     if not math.isfinite(value):
         return f"{found}, not finite", "write a decimal number"
+    if _is_too_large(name, value):
+        return f"{found}, {_TOO_LARGE[0]}", _TOO_LARGE[1]
     if name == "occlusion" and value % 1 and not with_scores:
         return f"{found}, not a whole number", "write 0, 1, 2 or 3"
     return None
+
+
+def _is_too_large(field: str, value: float) -> bool:
+    return field != "score" and abs(value) > _MAX_MAGNITUDE
 
 
 def _fault_of_class(token: bytes, found: str) -> tuple[str, str] | None:
@@ -342,6 +351,8 @@ def _format_line(
     for field, value in zip(FIELDS[1:], values, strict=False):
         if not math.isfinite(value):
             raise ValueError(f"{field} is {value}, not finite: leave the object out")
+        if _is_too_large(field, value):
+            raise ValueError(f"{field} is {value}, {': '.join(_TOO_LARGE)}")
         if field == "occlusion" and value % 1 and not with_scores:
             raise ValueError(f"occlusion is {value}, not a whole number: give 0, 1, 2 or 3")
         if _is_written_whole(field, value, no_box3d=no_box3d):

@@ -72,5 +72,11 @@ def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:
         )
     dense = tensor if tensor.layout == strided else tensor.to_dense()
     wide = dense.float() if dense.dtype == bfloat16 else dense  # NumPy has no bfloat16
-    array: Shaped[np.ndarray, "..."] = wide.numpy(force=True)
+    try:
+        array: Shaped[np.ndarray, "..."] = wide.numpy(force=True)
+    except TypeError:
+        raise ValueError(
+            f"{name} is a tensor of {wide.dtype}, which NumPy has no type for; give "
+            f"tensor.{'dequantize' if wide.is_quantized else 'float'}()"
+        ) from None
     return array
