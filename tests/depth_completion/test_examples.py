@@ -1,3 +1,4 @@
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -6,6 +7,7 @@ import torch
 
 from sightline.augmentation.camera_chain import CameraChainConfig
 from sightline.augmentation.sample_changes import ColorJitterConfig, thin_rings
+from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.depth_completion.examples import (
     AugmentationConfig,
@@ -299,3 +301,21 @@ def test_maps_of_another_size_than_the_image_are_refused():
     maps = {"sparse_depth_m": torch.ones(2, 1, 4, 6), "depth_m": torch.ones(2, 1, 4, 7)}
     with pytest.raises(TypeError):
         DepthBatch(sample_ids=("a", "b"), image=torch.zeros(2, 3, 4, 6), **maps)
+
+
+def test_training_data_without_a_true_depth_in_reach_is_refused(tmp_path):
+    tree = tmp_path / "tree"
+    shutil.copytree(PACKAGED_FRAMES, tree)
+    examples = DepthExamples()
+    dataset = open_dataset(tree, parts=examples.parts)
+    rng = np.random.default_rng(0)
+    assert examples.for_training([dataset], rng) is examples
+    maps = sorted((tree / "training/depth").iterdir())
+    for path in maps[:-1]:
+        write_depth_png(path, np.zeros(dataset[0].image_size, np.float32))
+    assert examples.for_training([dataset], rng) is examples  # one is enough
+    write_depth_png(maps[-1], np.full(dataset[0].image_size, 200, np.float32))
+    with pytest.raises(ValueError, match=f"of {len(maps)} training frames, {maps[0].stem} to"):
+        examples.for_training([dataset], rng)
+    held_out = DepthExamples(ExampleConfig(truth="held_out"))
+    assert held_out.for_training([dataset], rng) is held_out

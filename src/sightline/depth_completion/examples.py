@@ -1,6 +1,6 @@
 """Training and validation examples from samples."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -21,6 +21,7 @@ from sightline.augmentation.sample_changes import (
 from sightline.corruptions.blank import LidarBlank
 from sightline.corruptions.lidar_loss import LidarSector
 from sightline.corruptions.occlusion import LidarOcclusion
+from sightline.data.open import SampleDataset
 from sightline.data.rings import NUM_RINGS
 from sightline.depth_completion.method_names import Filling
 from sightline.depth_completion.methods import starting_depth
@@ -69,6 +70,7 @@ class DepthBatch(FieldwiseBatch):
     """Weight of each pixel of `depth_m` in the loss; None: all equal."""
 
 
+_LOOKED_AT = 20  # frames of a data set, before a training
 TruthKind = Literal["depth", "held_out", "both"]
 """Kind of ground truth. `depth`: the depth map of the data set, dense from the simulator or the
 benchmark's. `held_out`: every eighth ring of the sweep, removed from the network's input
@@ -174,6 +176,34 @@ class DepthExamples(SamplePreparation):
         self.settings = settings
         if settings.truth != "held_out":
             self.parts = frozenset({"image", "points", "depth"})
+
+    def for_training(
+        self, datasets: Sequence[SampleDataset], rng: np.random.Generator
+    ) -> "DepthExamples":
+        """Refuse training data whose depth maps are empty, by frames from all of it.
+
+        Raises:
+            ValueError: No map of `_LOOKED_AT` frames of each data set has a depth in reach.
+        """
+        del rng
+        if self.settings.truth == "held_out":
+            return self
+        for dataset in datasets:
+            chosen = np.linspace(0, len(dataset) - 1, min(_LOOKED_AT, len(dataset))).astype(int)
+            for index in chosen.tolist():
+                depth_m = dataset[index].depth
+                if depth_m is None or bool(
+                    (_without_far(self.settings.farthest_m, depth_m) > 0).any()
+                ):
+                    break  # without a map, `prepare` says so
+            else:
+                first, last = (dataset.sample_ids[chosen[end]] for end in (0, -1))
+                raise ValueError(
+                    f"the depth maps of {len(chosen)} training frames, {first} to {last}, have no "
+                    f"depth from 0 to {self.settings.farthest_m:g} m: there is nothing to learn; "
+                    "check that they hold metres times 256 (sightline check)"
+                )
+        return self
 
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
