@@ -63,6 +63,16 @@ def test_rings_and_their_step_are_measured(sample_of):
     assert lidar.azimuth_step_deg == pytest.approx(0.2, abs=0.005)
 
 
+def test_the_step_of_rounded_azimuths_is_their_mean_and_second_returns_are_no_steps(sample_of):
+    sample = sample_of("kitti")  # in steps of 0.09 degrees: 0.18 and, one in seven, 0.09
+    doubled = replace(sample, points=sample.points.repeat_interleave(2, dim=0))
+    for each in (sample, doubled):
+        lidar = measure_rig(Samples(each), "own").rig.lidar
+        assert lidar.azimuth_step_deg == pytest.approx(
+            named_rig("kitti").lidar.azimuth_step_deg, abs=0.002
+        )
+
+
 def test_a_sweep_without_rings_becomes_a_pattern_of_its_view_with_a_note(sample_of):
     measured = measure_rig(Samples(sample_of("livox-horizon")), "own")
     assert measured.rig.lidar.rosette.width_deg == pytest.approx(81.7, abs=3)

@@ -196,10 +196,11 @@ def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple
         if np.count_nonzero(is_ring) < _MIN_RING_POINTS:
             continue
         rings.append(round(float(np.median(elevation_deg[is_ring])), 2))
-        gaps_deg = np.diff(np.sort(azimuth_deg[is_ring]))
-        # Encoders round azimuths, so steps of two lengths may alternate: their mean is the step.
-        steps.append(float(gaps_deg[gaps_deg < 1.5 * np.median(gaps_deg)].mean()))
-    if not rings:
+        # A firing may return twice; encoders round azimuths to steps of two lengths.
+        gaps_deg = np.diff(np.unique(azimuth_deg[is_ring].round(3)))
+        if len(gaps_deg):
+            steps.append(float(gaps_deg[gaps_deg < 1.5 * np.median(gaps_deg)].mean()))
+    if not steps:
         raise ValueError(f"no ring of its LiDAR has {_MIN_RING_POINTS} points")
     return LidarRig(
         elevations_deg=tuple(sorted(rings, reverse=True)),
