@@ -71,6 +71,7 @@ class DepthBatch(FieldwiseBatch):
 
 
 _LOOKED_AT = 20  # frames of a data set, before a training
+
 TruthKind = Literal["depth", "held_out", "both"]
 """Kind of ground truth. `depth`: the depth map of the data set, dense from the simulator or the
 benchmark's. `held_out`: every eighth ring of the sweep, removed from the network's input
@@ -180,7 +181,7 @@ class DepthExamples(SamplePreparation):
     def for_training(
         self, datasets: Sequence[SampleDataset], rng: np.random.Generator
     ) -> "DepthExamples":
-        """Refuse training data whose depth maps are empty, by frames from all of it.
+        """Refuse training data whose depth maps are empty, by frames spread over each data set.
 
         Raises:
             ValueError: No map of `_LOOKED_AT` frames of each data set has a depth in reach.
@@ -200,8 +201,9 @@ class DepthExamples(SamplePreparation):
                 first, last = (dataset.sample_ids[chosen[end]] for end in (0, -1))
                 raise ValueError(
                     f"the depth maps of {len(chosen)} training frames, {first} to {last}, have no "
-                    f"depth from 0 to {self.settings.farthest_m:g} m: there is nothing to learn; "
-                    "check that they hold metres times 256 (sightline check)"
+                    f"depth from 0 to {self.settings.farthest_m:g} m to learn from; leave out "
+                    "frames without depth, or check that maps hold metres times 256 (sightline "
+                    "check)"
                 )
         return self
 

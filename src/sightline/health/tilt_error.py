@@ -3,7 +3,7 @@
 `yaw_error` works along rings; this works across them: where the range jumps from one ring to the
 next higher one, there is the top of an object. Its edge in the image is searched at every pitch
 angle, separately for parts of the view from left to right; their differences give the roll.
-`edge_strength` serves both.
+`yaw_error` uses `edge_strength`, too.
 """
 
 from dataclasses import dataclass

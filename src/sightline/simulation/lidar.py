@@ -183,8 +183,8 @@ def _lidar(row: Mapping[str, Any]) -> LidarConfig:
 # HDL-64E is KITTI's own sensor, measured in its sweeps: two blocks of lasers, the upper one denser,
 # and the car's roof, rails and aerial below them. Its biases of range are those against planes
 # through walls, where the lower lasers read too little; those of readings against the lasers above
-# and below on the same surface. Its encoder has 4,000 steps a turn: neighbours in KITTI's rings are
-# 0.18 or, one in seven, 0.09 degrees apart.
+# and below on the same surface. Its azimuths come in steps of 0.09 degrees: neighbours in KITTI's
+# rings are 0.18 or, one in seven, 0.09 degrees apart.
 _ROWS: Final = read_table(__file__, "lidars")
 LIDARS: Final[Mapping[LidarModel, LidarConfig]] = {
     model: _lidar(_ROWS[model]) for model in get_args(LidarModel)
