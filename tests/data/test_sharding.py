@@ -220,6 +220,24 @@ def test_whole_shards_are_kept_and_a_damaged_one_is_made_again(tree, shards):
     assert {name for name in after if after[name] != before[name]} == {"000001.tar", "000002.tar"}
 
 
+@pytest.mark.parametrize("change", ["length", "same length", "other frame", "list"])
+def test_a_shard_of_files_that_changed_since_is_made_again(change, tree, shards, tmp_path):
+    label = tree / "training" / "label_2" / "000003.txt"
+    if change == "length":
+        label.write_text(label.read_text() * 2)
+    elif change == "same length":
+        label.write_text(label.read_text()[::-1])
+    elif change == "list":
+        (tree / "ImageSets" / "val.txt").write_text("000002\n")
+    else:
+        for path in sorted(tree.glob("training/*/000003.*")):
+            path.rename(path.with_stem("0000031"))
+    report = write_shards(tree, shards, frames_per_shard=2)
+    assert str(report) == "1 written, 3 there already"
+    unpack_shards(shards, tmp_path / "again")
+    assert contents(tmp_path / "again") == contents(tree)
+
+
 def test_a_damaged_shard_is_named_and_the_rest_is_unpacked(tree, shards, tmp_path, capsys):
     whole = (shards / "000001.tar").read_bytes()
     damage(shards / "000001.tar", "training/velodyne/000001.bin")

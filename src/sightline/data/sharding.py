@@ -89,8 +89,8 @@ def write_shards(
     A frame's files are those of one name: DIR/A/B/NAME.png becomes the member DIR/NAME.A.B.png,
     where DIR is a split or drive if there is one, so webdataset reads each frame as a sample. Files
     that belong to no frame go to shared.tar, hidden ones nowhere. Each tar gets an index with its
-    checksum after it is complete; shards that are whole are skipped, and one that fails does not
-    stop the others.
+    checksum after it is complete; shards that are whole, and of these files by their paths, lengths
+    and times, are skipped, and one that fails does not stop the others.
 
     Args:
         data: Folder of a data set, or a split of KITTI's object tree.
@@ -125,7 +125,7 @@ def write_shards(
         for first in range(0, count, frames_per_shard)
     ]
     jobs = [
-        partial(pack_files, sources.root, tar, files, compress=compress)
+        partial(_pack_current, sources.root, tar, files, compress=compress)
         for tar, files in zip(tars_of(out, count, frames_per_shard), contents, strict=True)
     ]
     return _run(jobs, workers, "packing")
@@ -277,6 +277,29 @@ def _member_name(path: str) -> str:
 
 def _without_dots(name: str) -> str:
     return quote(name, safe=" !#$&'()*+,:;=@[]~", encoding="utf-8").replace(".", "%2E")
+
+
+def _pack_current(root: Path, tar: Path, files: Sequence[str], *, compress: bool) -> bool:
+    """Write a tar and its index, unless they are there, whole, and of these files as they are."""
+    if not _is_of(tar, root, files):
+        index_path(tar).unlink(missing_ok=True)
+    return pack_files(root, tar, files, compress=compress)
+
+
+def _is_of(tar: Path, root: Path, files: Sequence[str]) -> bool:
+    """Test whether an index lists these files: none has another length, or changed after it."""
+    try:
+        index = read_index(tar)
+        if index is None or list(index.files) != list(files):
+            return False
+        packed_ns = index_path(tar).stat().st_mtime_ns
+        statuses = [(root / path).stat() for path in files]
+    except (ValueError, OSError):  # a file that cannot be read is named when it is packed
+        return False
+    lengths = [each.size for each in index.files.values()]
+    return [each.st_size for each in statuses] == lengths and all(
+        max(each.st_mtime_ns, each.st_ctime_ns) <= packed_ns for each in statuses
+    )
 
 
 def pack_files(
