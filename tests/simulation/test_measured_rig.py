@@ -110,6 +110,20 @@ def test_without_points_or_height_it_says_what_is_missing(sample_of):
     assert any("1.73 m is assumed" in note for note in notes)
 
 
+def test_frames_of_several_cameras_are_told_and_kept_in_the_file(sample_of, tmp_path):
+    sample = sample_of("nuscenes")
+    focal = torch.diag(torch.tensor([0.6, 0.6, 1.0], dtype=torch.float64))
+    matrix = focal @ sample.calibration.image_from_camera
+    wide = replace(sample, calibration=replace(sample.calibration, image_from_camera=matrix))
+    measured = measure_rig(Samples(sample, sample, wide), "own")
+    assert ["several cameras (focal length 760 to 1266 px" in each for each in measured.notes] == [
+        True
+    ]
+    (tmp_path / "own.yaml").write_text(rig_text(measured.rig))
+    assert measured.notes[0] in read_rig(tmp_path / "own.yaml").source
+    assert not measure_rig(Samples(sample, sample), "own").notes
+
+
 def test_rings_of_too_few_points_are_refused_with_the_remedy(sample_of, monkeypatch):
     monkeypatch.setattr("sightline.simulation.measured_rig._MIN_RING_POINTS", 10**6)
     with pytest.raises(ValueError, match=r"no ring of its LiDAR has 1000000 points; .*--rig"):

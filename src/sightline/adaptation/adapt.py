@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,6 +173,8 @@ def adapt(
     check_outside_dataset(data, [out])
     require_library("lightning", "train")  # before the simulation, which takes long
     rig, notes = _rig(data, out, rig_file)
+    for note in notes:  # before the work, which a wrong rig makes worthless
+        warnings.warn(note, stacklevel=2)
     claim = {
         "adapt": data_name(data),
         "rig": rig_text(rig),
@@ -209,7 +212,9 @@ def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, 
     if rig_file is not None:
         return read_rig(rig_file), ()
     if (out / RIG_NAME).exists():
-        return read_rig(out / RIG_NAME), (f"the rig is that of {out / RIG_NAME}",)
+        kept = read_rig(out / RIG_NAME)
+        source = f" ({kept.source})" if kept.source else ""
+        return kept, (f"the rig is that of {out / RIG_NAME}{source}",)
     parts: set[Part] = {"points"}
     measured = measure_rig(open_dataset(data, parts=parts), RIG_NAME.removesuffix(".yaml"))
     return measured.rig, measured.notes

@@ -58,8 +58,6 @@ def adapt(
         device=device,
     )
     report = run(data, out, settings, rig_file=rig_file)
-    for note in report.notes:
-        warn(f"warning: {note}")
     deliver(report, None)
     for task, weights in report.weights.items():
         advice = (

@@ -25,6 +25,8 @@ _VIEW_SHARES: Final = (0.005, 0.995)  # of the points: edges of a LiDAR without 
 _REACH_SHARE: Final = 0.9  # of the largest range: farther returns are rare
 _RANGES_M: Final = (20.0, 250.0)
 _STEPS_DEG: Final = (0.02, 5.0)
+_SAME_CAMERA: Final = 1.05
+"""Largest ratio of focal lengths, or widths, of one camera: those of KITTI's days differ by 2 %."""
 _REMEDY: Final = "give the rig's file by --rig (docs/guides/simulate.md, Other rigs)"
 
 
@@ -59,20 +61,40 @@ def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
             f"measured; {_REMEDY}"
         )
     sample = swept[len(swept) // 2]
-    notes = []
+    notes = _notes_on_other_cameras(swept, sample)
     if sample.lidar_height_m is None:
         notes.append(f"the LiDAR's height is not known: {KITTI_LIDAR_HEIGHT_M} m is assumed")
     try:
         lidar, lidar_notes = measure_lidar(swept)
+        notes += lidar_notes
         rig = Rig(
             name=name,
             camera=measure_camera(sample),
             lidar=lidar,
-            source="measured from a recording",
+            source="; ".join(["measured from a recording", *notes]),
         )
     except ValueError as error:
         raise ValueError(f"the rig cannot be simulated: {error}; {_REMEDY}") from error
-    return MeasuredRig(rig=rig, notes=(*notes, *lidar_notes))
+    return MeasuredRig(rig=rig, notes=tuple(notes))
+
+
+def _notes_on_other_cameras(
+    samples: Sequence[CameraLidarSample], chosen: CameraLidarSample
+) -> list[str]:
+    """Tell that frames are of several cameras, of which one is taken."""
+    views = [
+        (float(each.calibration.image_from_camera[0, 0]), each.image_size[1])
+        for each in (*samples, chosen)
+    ]
+    lows, highs = np.min(views, axis=0), np.max(views, axis=0)
+    if (highs <= _SAME_CAMERA * lows).all():
+        return []
+    return [
+        f"the {len(samples)} frames measured have several cameras (focal length {lows[0]:.0f} to "
+        f"{highs[0]:.0f} px, width {lows[1]:.0f} to {highs[1]:.0f} px): only that of "
+        f"{chosen.sample_id}, {views[-1][0]:.0f} px, is simulated; adapt to each by a data set of "
+        "its frames"
+    ]
 
 
 def spread_samples(dataset: SampleDataset, number: int) -> list[CameraLidarSample]:
