@@ -277,6 +277,16 @@ def test_full_frames_score_the_same_whether_they_are_matched_together_or_one_by_
     assert evaluate_objects(*street).to_json() == together
 
 
+def test_class_names_of_files_are_no_markup_in_the_notes(street, tmp_path):
+    for path in street[0].glob("*.txt"):
+        path.write_text(path.read_text().replace("Pedestrian", "<img/src=x|onerror=f()>"))
+    document = tmp_path / "scores.md"
+    write_object_rows(evaluate_objects(*street), markdown=document)
+    text = document.read_text()
+    assert "&lt;img/src=x\\|onerror" in text
+    assert "<" not in text
+
+
 def test_rows_for_spreadsheets_hold_what_the_report_says(street, tmp_path):
     for path in street[0].glob("*.txt"):
         located = [line for line in path.read_text().splitlines(True) if " -1000.0 " not in line]

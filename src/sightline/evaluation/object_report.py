@@ -28,6 +28,7 @@ from sightline.evaluation.object_tables import (
     slots_note,
 )
 from sightline.files.atomic import atomic_write_text
+from sightline.files.problem import markdown_text
 from sightline.structures.score_curves import PrecisionRecall
 
 if TYPE_CHECKING:
@@ -294,7 +295,7 @@ def write_object_rows(
     if csv is not None:
         atomic_write_text(csv, _as_csv(columns, rows))
     if markdown is not None:
-        notes = "".join(f"\n{note}\n" for note in report.notes())
+        notes = "".join(f"\n{markdown_text(note)}\n" for note in report.notes())
         atomic_write_text(markdown, _as_markdown(columns, rows) + notes)
 
 

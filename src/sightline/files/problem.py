@@ -28,6 +28,11 @@ def plain_line(text: str) -> str:
     return escaped(" ".join(text.split()))
 
 
+def markdown_text(text: str) -> str:
+    """Escape text for Markdown, so that it ends no cell and begins no tag or link."""
+    return plain_line(text).replace("|", "\\|").replace("<", "&lt;").replace("](", "]\\(")
+
+
 def kind_of_message(text: str) -> str:
     """Remove the file, the part before ": ", and all digits: messages of one kind become equal."""
     return re.sub(r"\d+", "", text.partition(": ")[2] or text)

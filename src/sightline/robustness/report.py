@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from sightline.files.atomic import atomic_write_text
+from sightline.files.problem import markdown_text
 from sightline.robustness.comparable import warn_of_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page
@@ -26,7 +27,6 @@ from sightline.robustness.texts import (
     TextTable,
     kinds_table,
     leading_metrics,
-    markdown_text,
     metrics_table,
     setting_text,
 )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from sightline.corruptions.suites import CLEAN
-from sightline.files.problem import plain_line
+from sightline.files.problem import markdown_text
 from sightline.robustness.measured import Measures
 from sightline.robustness.record import CaseInfo, Record
 from sightline.robustness.scoring import BenchMetric
@@ -33,11 +33,6 @@ class TextTable:
 
 def _markdown_row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(map(markdown_text, cells))} |"
-
-
-def markdown_text(text: str) -> str:
-    """Escape text for Markdown, so that it ends no cell and begins no tag or link."""
-    return plain_line(text).replace("|", "\\|").replace("<", "&lt;").replace("](", "]\\(")
 
 
 def score_text(value: float | None, metric: BenchMetric, *, signed: bool = False) -> str:
