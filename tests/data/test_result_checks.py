@@ -41,7 +41,7 @@ def frame(num=6):
     )
 
 
-FRAMES = [frame() for _ in range(12)]
+FRAMES = [frame() for _ in range(30)]
 
 
 def exact(objects):
@@ -134,7 +134,7 @@ CHANGES = {
     ),
     "equal scores": (
         lambda each: replace(each, scores=np.ones(len(each))),
-        "all 72 scores of results are 1: nothing ranks them",
+        "all 180 scores of results are 1: nothing ranks them",
     ),
 }
 
@@ -172,11 +172,11 @@ def test_one_doubt_names_the_other_convention(change):
         (lambda each: replace(
             each, rotation_y=-each.rotation_y, alpha=-each.rotation_y - bearings(each)),
          "rotation_y of results is probably negated"),
-        (lambda each: replace(each, alpha=np.zeros(len(each))), "alpha of all 72 results is 0"),
+        (lambda each: replace(each, alpha=np.zeros(len(each))), "alpha of all 180 results is 0"),
         (lambda each: replace(each, alpha=each.rotation_y), "results is probably rotation_y its"),
         (lambda each: replace(each, alpha=-each.alpha), "results is probably negated"),
         (lambda each: replace(each, alpha=each.alpha + 1), "contradicts rotation_y and the loc"),
-        (lambda each: replace(each, scores=-each.scores), "72 scores of results are negative"),
+        (lambda each: replace(each, scores=-each.scores), "180 scores of results are negative"),
         (lambda each: replace(each, scores=1e-3 * (each.boxes2d[:, 1] - each.boxes2d[:, 3]) + 1),
          "fall with the height of their 2D boxes (rank correlation -1.00)"),
     ],
@@ -225,7 +225,7 @@ def test_a_single_2d_box_far_beyond_the_image_is_told():
     boxes2d = first.boxes2d.copy()
     boxes2d[0, 2] = 99999
     (doubt,) = doubts_about_results([replace(first, boxes2d=boxes2d), *others])
-    assert doubt.startswith("1 of 72 2D boxes of results ends far beyond KITTI's images")
+    assert doubt.startswith("1 of 180 2D boxes of results ends far beyond KITTI's images")
     assert doubt.endswith("at up to 99999 px.")
 
 
@@ -237,6 +237,15 @@ def test_negative_scores_that_rise_with_the_height_raise_no_doubt():
     assert list(doubts_about_results(logarithms)) == []
 
 
+def test_a_few_frames_on_a_rising_road_raise_no_doubt():
+    rise = np.array((0, 0.6, 0))
+    rising = [replace(each, locations=each.locations - rise) for each in FRAMES]
+    rising = [replace(each, boxes2d=exact(each).boxes2d) for each in rising]
+    assert list(doubts_about_results(rising[:12])) == []
+    (doubt,) = doubts_about_results(rising)
+    assert "1.65 m below it" in doubt
+
+
 def test_centres_are_found_in_few_frames_by_their_2d_boxes():
     (doubt,) = doubts_about_results([centred(each) for each in FRAMES[:2]])
     assert "end half an object above their 2D boxes" in doubt
@@ -245,7 +254,7 @@ def test_centres_are_found_in_few_frames_by_their_2d_boxes():
 def test_frames_of_a_percent_detector_that_are_shares_are_counted():
     frames = [replace(each, scores=100 * each.scores) for each in FRAMES[:-2]] + FRAMES[-2:]
     (doubt,) = doubts_about_results(frames)
-    assert "in 2 of 12 frames none is above 1" in doubt
+    assert "in 2 of 30 frames none is above 1" in doubt
 
 
 def test_results_that_are_twice_in_a_frame_are_counted():
@@ -256,7 +265,7 @@ def test_results_that_are_twice_in_a_frame_are_counted():
     } | {name: np.concatenate([getattr(one, name)] * 2) for name in ("rotation_y", "scores")}
     doubled = replace(one, class_names=2 * one.class_names, **twice)
     (doubt,) = doubts_about_results([*FRAMES[1:], doubled])
-    assert "6 of 78 results of scored classes are there twice in their frame" in doubt
+    assert "6 of 186 results of scored classes are there twice in their frame" in doubt
 
 
 def test_packaged_labels_as_results_raise_no_doubt():
@@ -273,9 +282,9 @@ def test_a_submission_is_packed_with_a_warning_for_each_doubt(tmp_path):
     for number, each in enumerate(FRAMES):
         write_objects(results / f"{number:06}.txt", centred(each))
     with pytest.warns(UserWarning, match="results: 3D boxes of results .* that of the centre"):
-        assert write_submission(results, tmp_path / "a.zip") == 12
+        assert write_submission(results, tmp_path / "a.zip") == len(FRAMES)
     for number, each in enumerate(FRAMES):
         write_objects(results / f"{number:06}.txt", each)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert write_submission(results, tmp_path / "a.zip") == 12
+        assert write_submission(results, tmp_path / "a.zip") == len(FRAMES)

@@ -51,9 +51,10 @@ _CENTRE_SHARES: Final = (0.42, 0.75)
 KITTI's labels in 10 frames or more, bottoms are at 0.28 at most, and centres taken for them at 0.51
 to 0.70."""
 _MIN_FOR_HEIGHT: Final = 50
+_MIN_FRAMES_FOR_HEIGHT: Final = 30
 _MIN_MEDIAN_Y_M: Final = 1.2
-"""Minimum median of y. Of 3,000 draws of KITTI's labels in 30 frames, bottoms are at 1.48 m or more
-below the camera, and centres at 1.09 m or less."""
+"""Minimum median of y; a few frames may be of a rising road. Of 3,000 draws of KITTI's labels in
+30 frames, bottoms are at 1.48 m or more below the camera, and centres at 1.09 m or less."""
 _EQUAL_ANGLES_RAD: Final = 0.05
 """Largest difference of equal angles; KITTI's files have two digits."""
 _CONTRADICTION_RAD: Final = 0.5
@@ -91,7 +92,7 @@ def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
     in_image = (*remarks_on_boxes2d(boxes),) or (*_remarks_on_projection(boxes),)
     yield from in_image or remarks_on_far_boxes2d(boxes)
     behind = (*remarks_on_depths(boxes),)
-    locations = behind or (() if in_image else (*_remarks_on_bottoms(boxes),))
+    locations = behind or (() if in_image else (*_remarks_on_bottoms(boxes, len(frames)),))
     yield from locations
     if not num_degrees:
         rotations = () if in_image or locations else (*_remarks_on_rotations(boxes),)
@@ -358,7 +359,7 @@ def _projected(boxes: ScoredBoxes, *, rotation_sign: int = 1) -> tuple[Boxes, Bo
     return projected, boxes.boxes2d[chosen]
 
 
-def _remarks_on_bottoms(boxes: ScoredBoxes) -> Iterator[str]:
+def _remarks_on_bottoms(boxes: ScoredBoxes, num_frames: int) -> Iterator[str]:
     """Yield a sentence if the locations are those of centres, by the 2D boxes or the road."""
     boxes2d, locations = boxes.boxes2d, boxes.locations
     ahead = np.isfinite(locations).all(axis=1) & (locations[:, 2] > 1)
@@ -369,7 +370,8 @@ def _remarks_on_bottoms(boxes: ScoredBoxes) -> Iterator[str]:
     shares = (ends - horizon_px - focal_px * y / z)[uncut] / heights[uncut]
     low, high = _CENTRE_SHARES
     by_boxes = len(shares) >= 2 * MIN_RESULTS and low < np.median(shares) < high
-    by_road = len(y) >= _MIN_FOR_HEIGHT and 0 < np.median(y) < _MIN_MEDIAN_Y_M
+    enough = len(y) >= _MIN_FOR_HEIGHT and num_frames >= _MIN_FRAMES_FOR_HEIGHT
+    by_road = enough and 0 < np.median(y) < _MIN_MEDIAN_Y_M
     if by_boxes or by_road:
         yield (
             f"3D boxes of results stand {np.median(y):.2f} m below the camera (median), where "
