@@ -35,7 +35,8 @@ def adapt(
         frames: Number of simulated frames for training.
         validation_frames: Number of further simulated frames, on which both networks are scored.
         steps: Number of training steps for each task, of four frames each.
-        rig: File with the rig, in YAML, in place of the measured one: OUT/rig.yaml, corrected.
+        rig: File with the rig, in YAML, in place of the measured one: a corrected copy of the
+            rig.yaml of an earlier run. Needs a new OUT.
         seed: Seed of the streets.
         workers: Number of processes that simulate and predict.
         device: Device of the networks.
@@ -46,7 +47,7 @@ def adapt(
     rig_file = named_file(rig)
     if rig is not None and rig_file is None:
         fault = f"{rig} is a folder" if Path(rig).is_dir() else f"there is no file {rig}"
-        raise ValueError(f"{fault}; give the file of a rig in YAML, such as OUT/rig.yaml")
+        raise ValueError(f"{fault}; give the file of a rig in YAML, such as a copy of OUT/rig.yaml")
     check_outputs({"OUT": out}, data=[data, rig_file])
     settings = AdaptSettings(
         tasks=tuple(FINE_TUNINGS) if tasks is None else tasks,
