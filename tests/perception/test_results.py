@@ -33,3 +33,20 @@ def test_folders_that_hold_several_tasks_are_not_looked_into_any_deeper(tmp_path
     (inner / MANIFEST_NAME).write_text(json.dumps({"job": "perceive", "folders": ["inner"]}))
     with pytest.raises(ValueError, match="no results that can be drawn"):
         open_results([tmp_path])
+
+
+def test_a_listed_folder_that_is_gone_is_named_and_the_others_are_drawn(tmp_path):
+    folders = ["detection2d", "detection3d", "depth-completion"]
+    (tmp_path / MANIFEST_NAME).write_text(json.dumps({"job": "perceive", "folders": folders}))
+    for name in folders[:2]:
+        (tmp_path / name).mkdir()
+    written = {"task": "detection2d", "output": "results", "method": "a", "data": "b"}
+    (tmp_path / "detection2d" / MANIFEST_NAME).write_text(json.dumps(written))
+    with pytest.warns(UserWarning, match="lists detection3d, depth-completion, without a readable"):
+        assert [each.made_by for each in open_results([tmp_path])] == ["a"]
+
+
+def test_a_manifest_that_is_cut_short_is_named(tmp_path):
+    (tmp_path / MANIFEST_NAME).write_text('{"job": "perc')
+    with pytest.raises(ValueError, match=r"sightline\.json: is damaged"):
+        open_results([tmp_path])

@@ -1,4 +1,5 @@
 import re
+import warnings
 from pathlib import Path
 
 import pytest
@@ -215,3 +216,18 @@ def test_classes_that_no_training_frame_shows_are_listed(tree):
     assert absent(0) == ("Pedestrian", "Cyclist")
     assert absent(1, 2) == ("Car", "Pedestrian", "Cyclist")
     assert absent_classes([], ()) == ()
+
+
+def test_objects_without_the_box_that_a_network_learns_do_not_count_for_their_class(tree):
+    car = LABEL.format("Car").split()
+    flat = f"{' '.join(car[:8])} -1 -1 -1 -1000 -1000 -1000 -10"
+    unseen = f"{' '.join(car[:4])} 0 0 0 0 {' '.join(car[8:])}".replace("Car", "Cyclist")
+    write_list(tree, "two", (0, 1))
+    for number, line in enumerate((flat, unseen)):
+        (tree / "training" / "label_2" / f"{number:06}.txt").write_text(f"{line}\n")
+    with warnings.catch_warnings(action="ignore"):  # placeholders are told, too
+        dataset = open_with_classes(tree, sample_list="two")
+    names = ("Car", "Cyclist")
+    assert absent_classes([dataset], names) == ()
+    assert absent_classes([dataset], names, "2D") == ("Cyclist",)
+    assert absent_classes([dataset], names, "3D") == ("Car",)

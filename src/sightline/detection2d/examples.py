@@ -224,6 +224,7 @@ class DetectionExamples(SamplePreparation):
     """Examples for training and scoring detection, each a batch of one."""
 
     parts = frozenset({"image", "points", "objects"})
+    learned_box = "2D"
 
     def __init__(
         self,

@@ -162,6 +162,7 @@ class Detection3DExamples(SamplePreparation):
     """Examples for training and scoring detection, each a batch of one."""
 
     parts = frozenset({"points", "objects"})
+    learned_box = "3D"
 
     def __init__(
         self, settings: Detection3DExampleConfig | None = None, cache: Path | None = None

@@ -1,5 +1,6 @@
 """Reader of result files for pictures."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -70,6 +71,12 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
             raise ValueError(f"{folder} is no folder; give one of result files")
         claim = read_claim(folder)
         found = _claimed_results(folder, claim) if claim else _results_by_suffix(folder)
+        if not found and claim is None and (folder / MANIFEST_NAME).is_file():
+            raise FileError(
+                folder / MANIFEST_NAME,
+                "is damaged, so that the results beside it are unknown",
+                "write them again, or give the folder of each task",
+            )
         if not found:
             raise ValueError(
                 f"{folder} holds no results that can be drawn; give a folder that perceive or "
@@ -118,7 +125,7 @@ def _read_objects(path: Path, sample: CameraLidarSample, perception: Perception)
     if line is None:
         raise FileError(
             path,
-            f"does not hold the line of frame {sample.sample_id}",
+            f"does not hold the line of frame {sample.sample_id} as perceive wrote it",
             "remove it, and run perceive again",
         )
     rows, turn = line["objects"], line.get("undone_turn")
@@ -137,6 +144,13 @@ def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolde
         names = [checked_name(name, source, "folders:") for name in folders]
         parts = [(folder / name, read_claim(folder / name)) for name in dict.fromkeys(names)]
         found = [each for part, inner in parts if inner for each in _task_results(part, inner)]
+        lost = [part.name for part, inner in parts if inner is None]
+        if lost:
+            warnings.warn(
+                f"{source} lists {', '.join(lost)}, without a readable {MANIFEST_NAME} there: not "
+                "drawn; run perceive again, or give the folder of each task",
+                stacklevel=3,
+            )
         if found and ((folder / JOINED).is_dir() or ALIGNMENT in claim):
             found.append(
                 ResultFolder(

@@ -32,6 +32,7 @@ from sightline.training.sampling import (
     TrainingBatches,
 )
 from sightline.training.sources import (
+    LearnedBox,
     SourceConfig,
     absent_classes,
     data_tree,
@@ -47,6 +48,8 @@ class SamplePreparation(ABC):
 
     parts: Collection[Part] = frozenset({"image", "points"})
     """Parts of the samples to load."""
+    learned_box: LearnedBox | None = None
+    """Kind of the labelled boxes that the network learns; None: it learns no boxes."""
 
     def learned_classes(self) -> tuple[str, ...]:
         """Name the labelled classes that the network learns; by default none."""
@@ -339,8 +342,10 @@ class CameraLidarData(lightning.LightningDataModule):
     def _print_absent_classes(self, datasets: Sequence[SampleDataset]) -> None:
         """Print the classes that the network cannot learn, as no training frame shows them."""
         learned = self.preparation.learned_classes()
-        absent = absent_classes(datasets, learned)
+        box = self.preparation.learned_box
+        absent = absent_classes(datasets, learned, box)
         if absent:
+            with_box = "" if box is None else f" with a {box} box"
             effect = (
                 "there is nothing to learn"
                 if len(absent) == len(learned)
@@ -348,7 +353,7 @@ class CameraLidarData(lightning.LightningDataModule):
             )
             self._print_once(
                 "warning: the labels of the training frames have no object of "
-                f"{', '.join(absent)}: {effect}; check the labels and the names of "
+                f"{', '.join(absent)}{with_box}: {effect}; check the labels and the names of "
                 "their classes (sightline check)"
             )
 

@@ -3,15 +3,23 @@
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool
 
 from sightline.data.frame_lists import read_sample_list
-from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_labels import KittiObjects, read_labels
 from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, label_file, open_dataset
 from sightline.files.plain_text import shortened
 from sightline.files.shard_path import data_path
 from sightline.jobs.output_dirs import KITTI_SPLITS
+
+LearnedBox = Literal["2D", "3D"]
+"""Kind of the labelled boxes that a network learns."""
 
 _VALIDATION_SHARE = 10  # one frame in ten is for validation if there is no list
 
@@ -145,11 +153,12 @@ def _select_frames(
 
 
 def absent_classes(
-    datasets: Sequence[SampleDataset], class_names: Sequence[str]
+    datasets: Sequence[SampleDataset], class_names: Sequence[str], box: LearnedBox | None = None
 ) -> tuple[str, ...]:
     """List the classes of which no label file of some data sets has an object, in order.
 
-    Files are read until each class has been found; data sets without label files have all.
+    With `box`, objects without a box of that kind do not count. Files are read until each class has
+    been found; data sets without label files have all.
     """
     absent = set(class_names)
     for dataset in datasets:
@@ -157,10 +166,20 @@ def absent_classes(
         if not any(files):
             return ()
         for labels in filter(None, files):
-            absent -= set(read_labels(labels).class_names)
+            objects = read_labels(labels)
+            counts = _has_box(objects, box).tolist()
+            absent -= set(compress(objects.class_names, counts))
             if not absent:
                 return ()
     return tuple(name for name in class_names if name in absent)
+
+
+def _has_box(objects: KittiObjects, box: LearnedBox | None) -> Bool[np.ndarray, " num_objects"]:
+    if box is None:
+        return np.ones(len(objects.class_names), dtype=bool)
+    extents = objects.boxes2d[:, 2:] - objects.boxes2d[:, :2]
+    sizes = extents if box == "2D" else objects.dimensions_hwl
+    return np.asarray((sizes > 0).all(axis=1))
 
 
 def _has_list(folder: Path, name: str) -> bool:
