@@ -62,6 +62,7 @@ def test_with_a_token_the_address_opens_the_page_and_then_a_cookie_does():
     assert own.get("/").status_code == 403
     assert own.get("/api").status_code == 403
     assert own.get("/?token=wrong").status_code == 403
+    assert own.get(f"/?{'a=1&' * 200}").status_code == 403
     opened = own.get("/?token=secret-of-this-run")
     assert (opened.status_code, opened.headers["location"]) == (303, "/")
     assert "HttpOnly" in opened.headers["set-cookie"]

@@ -313,6 +313,8 @@ def test_weights_or_a_method_is_chosen_and_never_both(weights):
     assert choose_completer(weights=weights).name == "tiny"
     with pytest.raises(ValueError, match=r"got method linear and weights .*name one of them"):
         choose_completer(method="linear", weights=weights)
+    with pytest.raises(ValueError, match=r"adaptive is a method .* --method adaptive"):
+        choose_completer(weights="adaptive")
 
 
 def test_masked_values_are_no_measurements_and_other_byte_orders_are_numbers(weights):

@@ -364,8 +364,14 @@ def choose_completer(
     """Create a completer from a method's name or weights; by default from the default weights.
 
     Raises:
-        ValueError: Both are named, there is no such method, or as `DepthPredictor.load` does.
+        ValueError: Both are named, there is no such method, the weights are a method's name, or as
+            `DepthPredictor.load` does.
     """
+    if str(weights) in get_args(Method) and not Path(str(weights)).exists():
+        raise ValueError(
+            f"{weights} is a method without a network, and has no weights; name it as the method, "
+            f"--method {weights}"
+        )
     if method is None:
         return DepthPredictor.load(
             NETWORK_TASK.default_weights if weights is None else weights,
