@@ -113,7 +113,7 @@ def test_an_interruption_says_how_to_go_on(adapted, recording, monkeypatch):
         (["--steps", "0"], "steps must be at least 1"),
         (["--frames", "3"], "frames must be at least 4"),
         (["--rig", "no.yaml"], "there is no file no.yaml"),
-        (["--rig", "/"], "/ is a folder; give the file of a rig in YAML, such as OUT/rig.yaml"),
+        (["--rig", "/"], "/ is a folder; give the file of a rig in YAML, such as a copy of OUT"),
     ],
 )
 def test_wrong_arguments_are_refused_before_the_work(
