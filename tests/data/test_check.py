@@ -412,6 +412,17 @@ def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):
     assert "calib_cam_to_cam.txt: is missing, here and one folder up; " in calibration
 
 
+def test_part_of_a_calibration_in_a_drive_is_named_where_the_day_has_the_one_read(tmp_path):
+    folder = write_drive(tmp_path / "day" / "drive")
+    mounting = folder.parent / "calib_velo_to_cam.txt"
+    (folder / mounting.name).write_bytes(mounting.read_bytes())
+    (line,) = lines(folder)
+    assert "drive/calib_velo_to_cam.txt: is not read: the drive's folder has no calib_cam_" in line
+    camera = folder.parent / "calib_cam_to_cam.txt"
+    (folder / camera.name).write_bytes(camera.read_bytes())
+    assert lines(folder) == []
+
+
 def test_a_calibration_that_is_a_pipe_is_a_problem_and_nothing_waits_for_it(tmp_path):
     write_recording(tmp_path)
     (path,) = tmp_path.glob("calibration.*")

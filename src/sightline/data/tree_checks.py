@@ -389,9 +389,20 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         path = drive / "calib_cam_to_cam.txt"
         return [Problem(path=path, problem="is missing, here and one folder up", remedy=_REMEDY)]
     try:
-        return check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
+        problems = check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
     except FileError as error:
-        return [error.problem]
+        problems = [error.problem]
+    own = [drive / name for name in ("calib_velo_to_cam.txt", "calib_imu_to_velo.txt")]
+    return problems + [
+        Problem(
+            path=path,
+            problem="is not read: the drive's folder has no calib_cam_to_cam.txt, so all of the "
+            f"calibration is taken from {folder}",
+            remedy="move it there, or lay the other files beside it",
+        )
+        for path in own
+        if folder != drive and path.is_file()
+    ]
 
 
 def _tree(
