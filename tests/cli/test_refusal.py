@@ -84,6 +84,7 @@ def test_a_dash_is_no_file(words, tmp_path, monkeypatch, capsys):
     ("word", "message"),
     [
         ("", "an argument is empty, probably a variable of the shell without a value"),
+        ("--out=", "the value of --out is empty, probably a variable of the shell without a value"),
         ("~/out", "~ stands for the home folder only where the shell replaces it"),
         ("--out=~/out", "~ stands for the home folder only where the shell replaces it"),
     ],

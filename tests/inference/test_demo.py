@@ -3,6 +3,8 @@ from html.parser import HTMLParser
 from importlib.metadata import version
 from pathlib import Path
 
+import pytest
+
 from sightline.inference.demo import DemoPart, Headline, run_demo
 
 
@@ -58,6 +60,16 @@ def test_headline_and_picture_stand_above_all_parts(tmp_path):
     assert picture == {"src": "top.png", "alt": "All & everything"}
     assert {"a", "table", "pre"} & set(names) == {"a"}
     assert "3 < 4" in page.words["div"]
+
+
+def test_files_that_no_demo_wrote_are_not_replaced_and_its_own_are(tmp_path):
+    own, again = tmp_path / "own", tmp_path / "again"
+    own.mkdir()
+    (own / "report.html").write_text("mine")
+    with pytest.raises(ValueError, match="name another"):
+        run_demo(own, [plain])
+    assert [each.read_text() for each in own.iterdir()] == ["mine"]
+    assert run_demo(again, [plain]) == run_demo(again, [plain])
 
 
 def test_the_report_contains_its_version_and_date_and_fits_phones(tmp_path):

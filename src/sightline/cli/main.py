@@ -243,10 +243,11 @@ def _refuse_shell_mistakes(arguments: list[str]) -> None:
     """
     for argument in arguments:
         option, _, value = argument.rpartition("=")
-        if not argument:
+        if not value and (not option or option.startswith("--")):
+            empty = f"the value of {option}" if option else "an argument"
             raise ValueError(
-                "an argument is empty, probably a variable of the shell without a value; name a "
-                "file or folder, or . for the current folder"
+                f"{empty} is empty, probably a variable of the shell without a value; name a file "
+                "or folder, or . for the current folder"
             )
         if value.startswith("~/") and (not option or option.startswith("--")):
             raise ValueError(

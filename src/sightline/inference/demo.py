@@ -7,8 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 from sightline.data.check import check_tree
-from sightline.files.atomic import atomic_write_text, check_links
+from sightline.files.atomic import atomic_write_text
 from sightline.inference.demo_page import demo_page, picture_html
+from sightline.jobs.output_dirs import acquire_output_dir
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 
@@ -51,10 +52,10 @@ def run_demo(out: Path, parts: Iterable[Callable[[Path, Path], DemoPart | None]]
         Summary of the written files for the user.
 
     Raises:
-        ValueError: `out` cannot be written to or contains links that lead outside, or the embedded
-            frames are damaged.
+        ValueError: `out` cannot be written to, contains links that lead outside or files such as
+            a demo's that none wrote, or the embedded frames are damaged.
     """
-    check_links(out)
+    acquire_output_dir(out, {"job": "demo"}, results=("*.html", "*.png"))
     problems = list(check_tree(PACKAGED_FRAMES))
     if problems:
         raise ValueError(
