@@ -90,7 +90,7 @@ def write_shards(
     where DIR is a split or drive if there is one, so webdataset reads each frame as a sample. Files
     that belong to no frame go to shared.tar, hidden ones nowhere. Each tar gets an index with its
     checksum after it is complete; shards that are whole, and of these files by their paths, lengths
-    and times, are skipped, and one that fails does not stop the others.
+    and times of change, are skipped, and one that fails does not stop the others.
 
     Args:
         data: Folder of a data set, or a split of KITTI's object tree.
@@ -298,7 +298,8 @@ def _is_of(tar: Path, root: Path, files: Sequence[str]) -> bool:
         return False
     lengths = [each.size for each in index.files.values()]
     return [each.st_size for each in statuses] == lengths and all(
-        max(each.st_mtime_ns, each.st_ctime_ns) <= packed_ns for each in statuses
+        each.st_ctime_ns <= packed_ns
+        for each in statuses  # mtime may be set, even to the future
     )
 
 

@@ -83,17 +83,17 @@ def _notes_on_other_cameras(
 ) -> list[str]:
     """Tell that frames are of several cameras, of which one is taken."""
     views = [
-        (float(each.calibration.image_from_camera[0, 0]), each.image_size[1])
-        for each in (*samples, chosen)
+        (float(each.calibration.image_from_camera[0, 0]), each.image_size[1]) for each in samples
     ]
     lows, highs = np.min(views, axis=0), np.max(views, axis=0)
     if (highs <= _SAME_CAMERA * lows).all():
         return []
+    focal_px = float(chosen.calibration.image_from_camera[0, 0])
     return [
         f"the {len(samples)} frames measured have several cameras (focal length {lows[0]:.0f} to "
         f"{highs[0]:.0f} px, width {lows[1]:.0f} to {highs[1]:.0f} px): only that of "
-        f"{chosen.sample_id}, {views[-1][0]:.0f} px, is simulated; adapt to each by a data set of "
-        "its frames"
+        f"{chosen.sample_id}, {focal_px:.0f} px, is simulated; adapt to each by a data set of its "
+        "frames"
     ]
 
 
