@@ -1,5 +1,6 @@
 import math
 import pickle
+import re
 import shutil
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 import torch
 
 from sightline.data.check import check_tree
-from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
+from sightline.data.drive_poses import read_oxts_poses, read_poses
+from sightline.data.drive_times import read_timestamps
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_raw import KittiRawDrive
 from tests.data.trees import calibration, picture, points, write_drive
@@ -231,3 +233,53 @@ def test_times_that_do_not_rise_are_told_by_check_and_on_opening(tmp_path, secon
         KittiRawDrive(folder)
     (problem,) = check_tree(folder)
     assert problem.path == path
+
+
+def camera_times(folder, seconds):
+    """Give the images times [s] after 13:02:25.0; sweeps have 0.064, 0.164 and 0.264."""
+    path = folder / "image_02" / "timestamps.txt"
+    path.write_text("".join(f"2011-09-26 13:02:{25 + each:09.6f}\n" for each in seconds))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told", "remedy"),
+    [
+        ((0.07, 0.16, 0.27), None, None),
+        ((0.07, 0.264, 0.364), "2 of 3 .* that of 0000000001 0.0996 s after", "number each image"),
+        ((0.07, 0.1, 0.27), "1 of 3 images .* that of 0000000001 0.0644 s before", "number each"),
+        ((3.06, 3.16, 3.26), r"3 of 3 .* 3 s after", "correct the times if two clocks differ"),
+        ((0.06, 0.16), "holds 2 times, expected one for each of the 3 frames", "extract"),
+        ((0.06, 0.16, 0.26, 0.36), None, None),  # a time for each number, also for lost frames
+    ],
+)
+def test_images_taken_apart_from_their_sweeps_are_told_by_check_and_on_opening(
+    tmp_path, recwarn, seconds, told, remedy
+):
+    folder = write_drive(tmp_path / "day" / "drive")
+    path = camera_times(folder, seconds)
+    KittiRawDrive(folder)
+    warned = [str(each.message) for each in recwarn]
+    assert warned == [str(problem) for problem in check_tree(folder)]
+    if told is None:
+        assert warned == []
+    else:
+        (line,) = warned
+        assert line.startswith(f"{path}: ")
+        assert re.search(told, line)
+        assert remedy in line
+
+
+def test_times_of_frames_that_lack_an_image_are_not_compared(tmp_path, recwarn):
+    folder = write_drive(tmp_path / "day" / "drive")
+    (folder / "image_02" / "data" / "0000000001.png").unlink()
+    camera_times(folder, (0.07, 0.9, 0.27))
+    KittiRawDrive(folder, allow_gaps=True)
+    assert not recwarn
+
+
+def test_a_drives_own_calibration_that_is_not_read_is_told_on_opening(tmp_path):
+    folder = write_drive(tmp_path / "day" / "drive")
+    shutil.copy(tmp_path / "day" / "calib_velo_to_cam.txt", folder)
+    with pytest.warns(UserWarning, match=r"calib_velo_to_cam.txt: is not read: the drive's folder"):
+        KittiRawDrive(folder)

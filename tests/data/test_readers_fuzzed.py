@@ -9,7 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sightline.data.drive_poses import read_oxts_poses, read_poses, read_timestamps
+from sightline.data.drive_poses import read_oxts_poses, read_poses
+from sightline.data.drive_times import read_timestamps
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size

@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.drive_poses import read_poses, read_timestamps
+from sightline.data.drive_poses import read_poses
+from sightline.data.drive_times import read_timestamps
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_calibration import read_object_matrices
 from sightline.data.recording_files import read_times

@@ -6,12 +6,14 @@ from pathlib import Path
 import torch
 from torch.utils.data import Dataset
 
-from sightline.data.drive_poses import drive_times, drive_times_doubt, read_oxts_poses, read_poses
+from sightline.data.drive_poses import read_oxts_poses, read_poses
+from sightline.data.drive_times import drive_times, drive_times_doubts
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.kitti_trees import DriveFiles, describe_absent, list_drive
 from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
+from sightline.data.unread_files import unread_calibration
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
@@ -69,8 +71,9 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         warn_of_mount(self._pose, self.folder)
         self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
         self._times = drive_times(files)
-        doubt = None if self._times is None else drive_times_doubt(files, self._times)
-        if doubt is not None:
+        doubts = unread_calibration(self.folder, files.calibration)
+        doubts += [] if self._times is None else drive_times_doubts(files, self._times)
+        for doubt in doubts:
             warnings.warn(str(doubt), stacklevel=2)
         self._poses = None if poses is None else _poses(files, poses)
         images = [frame.image for frame in files.frames if frame.image is not None]

@@ -266,7 +266,9 @@ class DriveFiles:
     calibration: Path | None
     """Folder of `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`."""
     timestamps: Path | None
-    """File with one line per frame, or line N for the frame numbered N."""
+    """Times of the sweeps (else of the images): one line per frame, or line N for number N."""
+    image_timestamps: Path | None
+    """Times of the images, where `timestamps` are those of the sweeps."""
     oxts: Path | None
     """Folder of GPS and IMU readings, one file per frame."""
 
@@ -284,7 +286,9 @@ def list_drive(folder: Path) -> DriveFiles:
     calibrations = (
         place for place in (folder, folder.parent) if (place / "calib_cam_to_cam.txt").is_file()
     )
-    times = (find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS)
+    times = [find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS]
+    image_times = find_file(folder / "image_02", "timestamps.txt")
+    timestamps = next((path for path in times if path is not None), None)
     oxts = folder / "oxts" / "data"
     return DriveFiles(
         frames=tuple(
@@ -295,7 +299,8 @@ def list_drive(folder: Path) -> DriveFiles:
         image_folder=image_folder,
         points_folder=points_folder,
         calibration=next(calibrations, None),
-        timestamps=next((path for path in times if path is not None), None),
+        timestamps=timestamps,
+        image_timestamps=None if image_times == timestamps else image_times,
         oxts=oxts if oxts.is_dir() else None,
     )
 

@@ -12,7 +12,7 @@ from sightline.data.between_frames import (
     check_object_frames,
     check_recording_frames,
 )
-from sightline.data.drive_poses import check_drive_times
+from sightline.data.drive_times import check_drive_times
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -78,6 +78,7 @@ from sightline.data.unread_files import (
     find_unread,
     object_folders,
     recording_folders,
+    unread_calibration,
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem, plain_line
@@ -392,17 +393,7 @@ def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
         problems = check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
     except FileError as error:
         problems = [error.problem]
-    own = [drive / name for name in ("calib_velo_to_cam.txt", "calib_imu_to_velo.txt")]
-    return problems + [
-        Problem(
-            path=path,
-            problem="is not read: the drive's folder has no calib_cam_to_cam.txt, so all of the "
-            f"calibration is taken from {folder}",
-            remedy="move it there, or lay the other files beside it",
-        )
-        for path in own
-        if folder != drive and path.is_file()
-    ]
+    return problems + unread_calibration(drive, folder)
 
 
 def _tree(

@@ -1,0 +1,163 @@
+"""Timestamps of a raw drive's frames, and doubts about them."""
+
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from decimal import Decimal
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float64
+
+from sightline.data.kitti_trees import DriveFiles
+from sightline.data.recording_files import doubtful_steps
+from sightline.files.plain_text import REMEDY, read_text, shortened
+from sightline.files.problem import FileError, Problem
+
+_TIME_DIGITS: Final = 9  # decimals of seconds: nanoseconds
+_TIME: Final = re.compile(r"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)(\.\d+)?", re.ASCII)
+_MAX_OFFSET_S: Final = 0.05  # between an image and its sweep, as in imports; half a sweep at 10 Hz
+_CLOCK_SPREAD_S: Final = 0.02  # of offsets that are the difference of two clocks
+
+_Moment = tuple[datetime, float]
+"""Whole seconds and the fraction of nine digits, too many for a datetime."""
+
+
+def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
+    """Read lines such as "2011-09-26 13:02:25.964389445" as seconds since the first line.
+
+    The seconds are rounded to nanoseconds, the precision of the file.
+
+    Raises:
+        FileError: A line is no date with a time.
+    """
+    moments = _read_moments(path)
+    return _seconds_since(moments[0], moments) if moments else np.zeros(0)
+
+
+def drive_times(files: DriveFiles) -> tuple[float, ...] | None:
+    """Seconds since a raw drive's first frame, by the frames' numbers; None: there is no such file.
+
+    Raises:
+        FileError: The file cannot be read, or has too few times.
+    """
+    if files.timestamps is None:
+        return None
+    moments = _moments_of_frames(files.timestamps, files)
+    return tuple(_seconds_since(moments[0], moments).tolist())
+
+
+def check_drive_times(files: DriveFiles) -> list[Problem]:
+    """Find problems of a raw drive's times: unreadable, not rising, or images apart from sweeps."""
+    try:
+        times = drive_times(files)
+    except FileError as error:
+        return [error.problem]
+    return [] if times is None else drive_times_doubts(files, times)
+
+
+def drive_times_doubts(files: DriveFiles, times: Sequence[float]) -> list[Problem]:
+    """Find times that do not rise, gaps between frames, and images taken apart from their sweeps.
+
+    Args:
+        files: Files of the drive.
+        times: Result of `drive_times`.
+    """
+    doubts = (_steps_doubt(files, times), _camera_doubt(files))
+    return [doubt for doubt in doubts if doubt is not None]
+
+
+def _steps_doubt(files: DriveFiles, times: Sequence[float]) -> Problem | None:
+    if files.timestamps is None:
+        return None
+    not_rising = [place for place in range(1, len(times)) if times[place] <= times[place - 1]]
+    if not not_rising:
+        names = [frame.sample_id for frame in files.frames]
+        steps = doubtful_steps(list(zip(names, map(Decimal, times), strict=True)))
+        if steps is None:
+            return None
+        return Problem(path=files.timestamps, problem=steps[0], remedy=steps[1])
+    return Problem(
+        path=files.timestamps,
+        problem=f"has times that do not rise from frame to frame: {len(not_rising)} of "
+        f"{len(times)}, such as that of {files.frames[not_rising[0]].sample_id}",
+        remedy="correct them, or number the frames in the order in which they were taken",
+    )
+
+
+def _camera_doubt(files: DriveFiles) -> Problem | None:
+    """Problem of images that were taken long before or after their sweeps; else None."""
+    if files.timestamps is None or files.image_timestamps is None:
+        return None
+    try:
+        moments = _moments_of_frames(files.image_timestamps, files)
+    except FileError as error:
+        return error.problem
+    sweeps = _moments_of_frames(files.timestamps, files)
+    origin = sweeps[0]
+    offsets = _seconds_since(origin, moments) - _seconds_since(origin, sweeps)
+    paired = [frame.image is not None and frame.points is not None for frame in files.frames]
+    far = np.flatnonzero((abs(offsets) > _MAX_OFFSET_S) & paired)
+    if not len(far):
+        return None
+    worst = far[abs(offsets[far]).argmax()]
+    order = "after" if offsets[worst] > 0 else "before"
+    name = shortened(files.frames[worst].sample_id)
+    found = (
+        f"{len(far)} of {sum(paired)} images were taken more than {_MAX_OFFSET_S} s apart from "
+        f"their sweeps by {files.timestamps}, that of {name} {abs(offsets[worst]):.3g} s {order}"
+    )
+    remedy = "number each image as the sweep nearest in time"
+    if len(far) == sum(paired) and np.ptp(offsets[far]) < _CLOCK_SPREAD_S:
+        remedy = f"correct the times if two clocks differ; else {remedy}"
+    return Problem(path=files.image_timestamps, problem=found, remedy=remedy)
+
+
+def _moments_of_frames(path: Path, files: DriveFiles) -> list[_Moment]:
+    moments = _read_moments(path)
+    sample_ids = [frame.sample_id for frame in files.frames]
+    if len(moments) == len(sample_ids):
+        return moments
+    # KITTI has a time for every number, also for lost frames.
+    lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
+    if not 0 <= min(lines) <= max(lines) < len(moments):
+        raise FileError(
+            path,
+            f"holds {len(moments)} times, expected one for each of the {len(sample_ids)} frames, "
+            "or for each number up to the last",
+            "extract the drive again",
+        )
+    return [moments[line] for line in lines]
+
+
+def _read_moments(path: Path | str) -> list[_Moment]:
+    moments = []
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        if not line.strip():
+            continue
+        try:
+            moments.append(_parse_time(line.strip()))
+        except ValueError as error:
+            raise FileError(
+                path,
+                f"line {number}: '{shortened(line.strip(), 40)}' is no time, expected one such as "
+                "2011-09-26 13:02:25.964389445",
+                REMEDY,
+            ) from error
+    return moments
+
+
+def _parse_time(text: str) -> _Moment:
+    match = _TIME.fullmatch(text)
+    if match is None:
+        raise ValueError
+    return datetime.fromisoformat(match[1]), float(match[2] or 0)
+
+
+def _seconds_since(
+    origin: _Moment, moments: Sequence[_Moment]
+) -> Float64[np.ndarray, " num_frames"]:
+    start, fraction = origin
+    since = [(moment - start).total_seconds() + part - fraction for moment, part in moments]
+    return np.round(np.array(since), _TIME_DIGITS)
