@@ -54,3 +54,11 @@ def test_the_registry_and_what_tasks_declare_need_no_heavy_library():
 
 def test_every_place_in_the_registry_is_in_the_package():
     assert all(place.startswith("sightline.") for place in tasks.REGISTRY.values())
+
+
+def test_a_method_loaded_as_weights_is_told_as_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        ValueError, match=r"adaptive is a method .*; make DepthCompleter\(.adaptive"
+    ):
+        tasks.load("adaptive")

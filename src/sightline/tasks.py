@@ -7,8 +7,9 @@ imports PyTorch only for computations.
 import importlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Protocol, get_args, runtime_checkable
 
+from sightline.depth_completion.method_names import Method
 from sightline.files.plain_text import shortened
 from sightline.files.weights_header import find_weights, read_description, shipped_names
 from sightline.geometry.wrong_types import named_arguments
@@ -217,6 +218,11 @@ def load(
         from sightline.joining.predictor import JoinedPredictor
 
         return JoinedPredictor.load(engine=engine, device=device, threads=threads)
+    if weights in get_args(Method) and not Path(weights).exists():
+        raise ValueError(
+            f"{weights} is a method of depth completion without weights; make "
+            f'DepthCompleter("{weights}") of sightline.depth_completion.predictor'
+        )
     task = choose_task(None, find_weights(weights))
     return task.predictor(weights=weights, engine=engine, device=device, threads=threads)
 

@@ -1,5 +1,6 @@
 import re
 import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -51,8 +52,13 @@ def test_training_comes_before_testing_unless_testing_is_named(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     write_object_tree(tmp_path / "elsewhere", 1)
     (tmp_path / "elsewhere" / "training").rename(tmp_path / "testing")
-    assert len(open_dataset(tmp_path, parts=("points",))) == 2
-    assert len(open_dataset(tmp_path / "testing")) == 1
+    told = "only the frames in training are used, not the 1 in testing; give .*testing"
+    with pytest.warns(UserWarning, match=told):
+        assert len(open_dataset(tmp_path, parts=("points",))) == 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(open_dataset(tmp_path / "testing")) == 1
+        assert len(open_dataset(tmp_path, sample_list=["000001"])) == 1
 
 
 @pytest.mark.parametrize(
@@ -188,6 +194,7 @@ def test_reduced_sweeps_are_not_taken_for_none(tmp_path):
         open_dataset(tmp_path, parts=("points",), velodyne="velodyne")
 
 
+@pytest.mark.filterwarnings("ignore:.*only the frames in training are used")
 def test_each_split_has_sweeps_of_its_own(tmp_path):
     write_whole_object_tree(tmp_path, "000001")
     shutil.copytree(tmp_path / "training", tmp_path / "testing")

@@ -26,6 +26,8 @@ from tests.data.trees import (
     write_selection,
 )
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*only the frames in training are used")
+
 NAMES = tuple(f"{number:06d}" for number in range(5))
 
 

@@ -86,7 +86,12 @@ def test_radians_for_degrees_are_named(rigid, order):
 
 def test_an_offset_in_millimetres_is_named(rigid):
     rigid[:3, 3] *= 1000
-    assert "its last column is probably in millimetres" in mount_doubt(rigid)
+    assert "its last column is probably in millimetres; give metres" in mount_doubt(rigid)
+
+
+def test_an_offset_that_may_be_in_centimetres_is_called_so(rigid):
+    rigid[:3, 3] *= 100
+    assert "is probably in millimetres or centimetres; give metres" in mount_doubt(rigid)
 
 
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1.5, 2.0])

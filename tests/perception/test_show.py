@@ -151,6 +151,14 @@ def test_what_cannot_be_shown_is_refused_in_one_line(data, results, capsys, word
     assert err.count("\n") == 1
 
 
+def test_a_folder_without_a_result_of_the_frame_is_told(data, results, tmp_path):
+    (results / "detection2d" / "000001.txt").unlink()
+    words = ["show", str(data), "000001", "--results", str(results), "--out"]
+    with pytest.warns(UserWarning, match="detection2d has no result of frame 000001") as told:
+        assert main([*words, str(tmp_path / "picture.png")]) == 0
+    assert len(told) == 1
+
+
 def test_a_frame_without_results_is_refused(data, results, capsys):
     (results / "detection2d" / "000001.txt").unlink()
     (results / "depth-completion" / "000001.png").unlink()

@@ -224,6 +224,8 @@ def _open_object_tree(
         sweeps = velodyne or find_velodyne(root / split)
         if not list_object_frames(root / split, ("image", "points"), sweeps):
             continue
+        if root == path and sample_list is None:
+            _warn_of_other_split(root, split)
         read = {*parts, "calibration", "image"}  # images' sizes are always read
         warn_of_unread_files(object_folders(root / split, sweeps), read)
         return KittiObjectDataset(
@@ -235,6 +237,17 @@ def _open_object_tree(
             needs=needs,
         )
     return None
+
+
+def _warn_of_other_split(root: Path, used: str) -> None:
+    """Warn of frames in the split of a tree that is not opened."""
+    for split in KITTI_SPLITS:
+        if split != used and (found := list_object_frames(root / split, ("image", "points"))):
+            warnings.warn(
+                f"{root}: only the frames in {used} are used, not the {len(found):,} in {split}; "
+                f"give {root / split} for those",
+                stacklevel=4,
+            )
 
 
 def _check_gaps(dataset: SampleDataset, path: Path, needs: Collection[Part]) -> None:

@@ -27,6 +27,7 @@ _MAX_STRETCH = 10.0  # largest aspect ratio of a pixel
 _HANDFUL, _HANDFUL_SHARE = 20, 0.05  # number and share of points in the image
 _MAX_TILT_DEG = 25.0  # between the camera's and the LiDAR's vertical
 _MAX_ASIDE_DEG = 60.0  # between the view and the LiDAR's x axis
+_MAX_OFFSET_CM = 500.0  # of a LiDAR and a camera on one car, as a number
 _AHEAD_DEG = 5.0  # usual error of a mount that faces ahead
 _SWAPPED_DEG = 15.0  # from axes that are only swapped
 _SMALL_TURN_DEG = 5.0  # 90 degrees in radians, read as degrees, are 1.6
@@ -54,9 +55,10 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
     """
     offset_m = float(np.linalg.norm(camera_from_lidar[:3, 3]))
     if offset_m > MAX_OFFSET_M:
+        unit = "millimetres" if offset_m > _MAX_OFFSET_CM else "millimetres or centimetres"
         return (
             f"puts the LiDAR {offset_m:.4g} m from the camera, expected up to {MAX_OFFSET_M:.0f} "
-            "m: its last column is probably in millimetres; give metres"
+            f"m: its last column is probably in {unit}; give metres"
         )
     rotation = camera_from_lidar[:3, :3]
     if _tilt_deg(rotation) <= _MAX_TILT_DEG:

@@ -53,15 +53,23 @@ class ResultSource:
         return next((each.made_by for each in self._opened if _is_depth(each)), "")
 
     def __call__(self, sample: CameraLidarSample) -> Perception:
-        """Read the files.
+        """Read the files, and warn of folders without one of the sample.
 
         Raises:
             ValueError: The sample has no file, or a file is damaged.
         """
-        if not any(each.path(sample.sample_id).is_file() for each in self._opened):
+        lacking = [
+            each.folder for each in self._opened if not each.path(sample.sample_id).is_file()
+        ]
+        if len(lacking) == len(self._opened):
             raise ValueError(
                 f"{', '.join(map(str, self._folders))} has no result of frame {sample.sample_id}; "
                 "name another frame or another folder"
+            )
+        for folder in dict.fromkeys(lacking):
+            warnings.warn(
+                f"{folder} has no result of frame {sample.sample_id}, so its picture lacks it",
+                stacklevel=2,
             )
         return read_perception(self._opened, sample)
 
