@@ -17,6 +17,8 @@ from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.inference.test_predict import FunctionPredictor, sparse, write
 from tests.inference.trees import write_object_tree
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*only the frames in training are used")
+
 
 @pytest.fixture
 def shards(tmp_path):
