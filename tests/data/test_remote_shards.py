@@ -1,5 +1,6 @@
 """Shards on a web server of this machine, and in other file systems of fsspec."""
 
+import socket
 import threading
 from functools import partial
 from http import HTTPStatus
@@ -13,6 +14,7 @@ import torch
 from sightline.cli.main import main
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
+from sightline.files import byte_source
 from sightline.files.byte_source import url_of
 from tests.data.trees import write_object_tree
 
@@ -131,13 +133,51 @@ def test_what_cannot_be_reached_is_named(address):
     with pytest.raises(ValueError, match="/nothing: holds no shards, or cannot be reached; give"):
         open_dataset(f"{address}/nothing")
     with pytest.raises(
-        ValueError, match=r"^http:/127\.0\.0\.1:9/shards: holds no shards, or cannot"
+        ValueError,
+        match=r"^http://127\.0\.0\.1:9/shards/shards\.json: cannot be read: Connect call failed",
     ):
         open_dataset("http://127.0.0.1:9/shards")
     with pytest.raises(
         ValueError, match=r"steam://x/shards\.json cannot be read: steam is no known"
     ):
         open_dataset("steam://x")
+
+
+def test_a_server_that_accepts_and_says_nothing_is_named(monkeypatch):
+    monkeypatch.setattr(byte_source, "_TIMEOUT_S", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        shards = f"http://127.0.0.1:{silent.getsockname()[1]}/shards"
+        with pytest.raises(
+            ValueError, match=f"^{shards}/shards.json: cannot be read: .*[Tt]imeout"
+        ):
+            open_dataset(shards)
+
+
+@pytest.mark.parametrize("output", ["s3://b/out", "memory://x/out", "file:///tmp/x/out"])
+def test_an_output_at_an_address_is_refused(folder, capsys, monkeypatch, output):
+    monkeypatch.chdir(folder)
+    tree = str(folder / "tree")
+    before = sorted(folder.rglob("*"))
+    for arguments in (
+        ("shard", tree, output),
+        ("predict", "depth-completion", tree, output, "--method", "nearest"),
+        ("show", tree, "000000", "--out", f"{output}.png"),
+        ("health", tree, "--json", f"{output}.json"),
+        ("corrupt", tree, output, "--cases", "camera_blank"),
+        ("perceive", tree, output),
+        ("unshard", str(folder / "shards"), output),
+        ("simulate", output, "--preset", "street-8k"),
+    ):
+        assert main([*arguments]) == 2, arguments
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "is an address, and outputs are written to this machine; name" in line, arguments
+        assert output in line
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_file_s_address_keeps_its_root(folder):
+    dataset = open_dataset(f"file://{folder}/shards")
+    assert dataset.sample_ids == ("000000", "000001", "000002")
 
 
 def test_a_path_of_this_machine_is_no_url(tmp_path, monkeypatch):

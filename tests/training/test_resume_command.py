@@ -64,6 +64,24 @@ def test_resuming_with_other_settings_is_told(recipes, capfd, changes, expected)
     assert expected in printed if expected else "other settings" not in printed
 
 
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [("0 1 2 3 4", None), ("0 1 2 3", "now has 4"), ("0 1 2 3 5", "now has 5 others")],
+)
+def test_resuming_with_other_training_frames_is_told(recipes, capfd, names, told):
+    training = "--data.training=[{path: ., sample_list: frames.txt}]"
+    press = "--trainer.callbacks+=tests.training.test_resume_command.PressCtrlC"
+    Path("frames.txt").write_text("".join(f"00000{name}\n" for name in range(5)))
+    with pytest.raises(Interruption):
+        run_training("fit", ["--config", "toy", training, press], recipes)
+    Path("frames.txt").write_text("".join(f"00000{name}\n" for name in names.split()))
+    capfd.readouterr()
+    run_training("fit", ["--config", "toy", training, "--ckpt_path=last"], recipes)
+    printed = capfd.readouterr().err
+    assert printed.count("warning: the run had 5 training frames when") == bool(told)
+    assert (told or "") in printed
+
+
 def test_a_run_that_started_from_weights_goes_on_when_they_are_gone(recipes):
     run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
     config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]

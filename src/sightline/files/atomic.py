@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from sightline.files.byte_source import check_no_address
 from sightline.files.problem import SetupError
 from sightline.files.shard_path import ShardPath
 from sightline.files.temporary_folder import (
@@ -49,8 +50,9 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
 
 
 def _resolved(path: Path | str) -> Path:
-    """Resolve the folder of a path."""
+    """Resolve the folder of a path, which must be no address."""
     path = Path(path)
+    check_no_address(path)
     if path.name in ("", ".."):
         return Path(os.path.realpath(path))
     return Path(os.path.realpath(path.parent), path.name)

@@ -1,23 +1,36 @@
 """Reading of byte ranges from local files, and from any file system that fsspec opens."""
 
-import re
 import sys
 from pathlib import Path
 from typing import Any, Final
 
 from sightline.files.extras import import_library
 from sightline.files.plain_file import check_regular
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, address
 
-_URL: Final = re.compile(r"([a-z][a-z0-9+.-]+):/+(.+)", re.DOTALL)  # pathlib joins the slashes
+_TIMEOUT_S: Final = 15.0  # of a server that accepts a connection, and says nothing
 _REMEDY: Final = "check the address, the network and your rights"
 _LOCAL_REMEDY: Final = "copy it again, or make it again by the same command"
 
 
 def url_of(path: Path) -> str | None:
     """URL of a path such as s3:/bucket/shards; None: a path on this machine."""
-    match = _URL.fullmatch(str(path))
-    return f"{match[1]}://{match[2]}" if match and not path.exists() else None
+    url = address(path)
+    return url if url is not None and not path.exists() else None
+
+
+def check_no_address(output: Path) -> None:
+    """Refuse an output at an address: it would become a folder such as s3: on this machine.
+
+    Raises:
+        ValueError: It is an address.
+    """
+    url = address(output)
+    if url is not None:
+        raise ValueError(
+            f"{url} is an address, and outputs are written to this machine; name a folder or file "
+            "here, and copy it there afterwards"
+        )
 
 
 def read_range(path: Path, start: int, length: int) -> bytes:
@@ -68,7 +81,10 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
         else:
             system, place = _file_system(url)
             size = int(system.info(place)["size"])
-    except (FileNotFoundError, NotADirectoryError):
+    except (FileNotFoundError, NotADirectoryError) as error:
+        cause = error.__cause__  # fsspec says so, too, of servers that cannot be reached
+        if isinstance(cause, Exception) and not hasattr(cause, "status"):
+            raise _unreadable(path, cause) from error
         return None
     except ValueError:
         raise
@@ -84,8 +100,13 @@ def _file_system(url: str) -> tuple[Any, str]:
     """File system of a URL, and the place in it; fsspec keeps one for each process."""
     scheme = url.partition("://")[0]
     fsspec = import_library("fsspec", "remote")
+    options: dict[str, Any] = {}
+    if scheme in ("http", "https"):
+        aiohttp = import_library("aiohttp", "remote")
+        timeout = aiohttp.ClientTimeout(sock_connect=_TIMEOUT_S, sock_read=_TIMEOUT_S)
+        options["client_kwargs"] = {"timeout": timeout}
     try:
-        system, place = fsspec.core.url_to_fs(url)
+        system, place = fsspec.core.url_to_fs(url, **options)
     except ImportError as error:  # s3fs, say, which another package brings
         raise ValueError(f"{url}: {error}") from error
     except ValueError as error:

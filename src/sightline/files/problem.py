@@ -9,6 +9,8 @@ from typing import Final, Literal
 Extra = Literal["app", "export", "pretrained", "ray", "remote", "ros", "simulate", "train", "viz"]
 """Optional libraries, as `pyproject.toml` names them."""
 
+_ADDRESS: Final = re.compile(r"([a-z][a-z0-9+.-]+):/+(.+)", re.DOTALL)
+"""Address as pathlib keeps it, which joins its slashes."""
 GIVE_ACCESS: Final = "give this user access to it and its folder"
 """Remedy for a file or folder without permission, whose contents are unknown."""
 
@@ -26,6 +28,15 @@ def escaped(text: str) -> str:
 def plain_line(text: str) -> str:
     """Turn any text into one line for terminals, logs and pages."""
     return escaped(" ".join(text.split()))
+
+
+def address(path: Path | str) -> str | None:
+    """Address such as s3://bucket/shards of a path that pathlib made of it; None: it is none."""
+    match = _ADDRESS.fullmatch(str(path))
+    if match is None:
+        return None
+    slashes = "///" if match[1] == "file" else "//"
+    return f"{match[1]}:{slashes}{match[2]}"
 
 
 def markdown_text(text: str) -> str:
@@ -50,7 +61,8 @@ class Problem:
 
     def __str__(self) -> str:
         """Format file, fault and remedy in printable characters."""
-        return plain_line(f"{self.path}: {self.problem}; {self.remedy}")
+        place = address(self.path) or self.path
+        return plain_line(f"{place}: {self.problem}; {self.remedy}")
 
 
 def install_command(extra: Extra) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.files.atomic import atomic_create_text, check_links
+from sightline.files.byte_source import check_no_address
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened, shortened_pair
 from sightline.files.problem import escaped
@@ -91,6 +92,7 @@ def _is_claimed(
     manifest_name: str = MANIFEST_NAME,
 ) -> bool:
     """Whether the folder has the same settings; raises for others, and for unclaimed results."""
+    check_no_address(folder)
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is no folder; name another output folder")
     check_links(folder)
@@ -145,12 +147,13 @@ def check_outputs(
             replace one.
 
     Raises:
-        ValueError: An output is in the data, is one of the results, is named twice, or is a folder
-            with an input file that reports or results might replace.
+        ValueError: An output is in the data, is one of the results, is named twice, is an address,
+            or is a folder with an input file that reports or results might replace.
     """
     taken: dict[Path, str] = {}
     places = {option: path for option, path in outputs.items() if path is not None}
     for option, path in places.items():
+        check_no_address(path)
         other = taken.setdefault(path.resolve(), option)
         if other != option:
             raise ValueError(f"{other} and {option} are both {path}; give another path for one")
@@ -196,12 +199,13 @@ def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
         outputs: Files and folders to write.
 
     Raises:
-        ValueError: An output is the data set or file, or lies in the data set.
+        ValueError: An output is the data set or file, lies in the data set, or is an address.
     """
     roots = {_data_root(data.absolute()), _data_root(data.resolve())}
     folders = {folder for root in roots for folder in (root, *(root / s for s in KITTI_SPLITS))}
     sources = roots | {path for folder in folders for path in _targets(folder)}
     for output in outputs:
+        check_no_address(output)
         written = Path(os.path.normpath(output.absolute())), output.resolve()
         if any(path.is_relative_to(source) for path in written for source in sources):
             raise data_change_error(data, output)

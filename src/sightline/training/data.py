@@ -4,6 +4,7 @@ Random numbers depend only on the seed, the epoch and the sample, not on the num
 processes or on interruptions.
 """
 
+import hashlib
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
@@ -277,6 +278,23 @@ class CameraLidarData(lightning.LightningDataModule):
     def test_dataloader(self) -> DataLoader[Any]:
         """All test samples in order."""
         return self._scoring_loader("test")
+
+    def state_dict(self) -> dict[str, Any]:
+        """Number and digest of the training frames, for checkpoints."""
+        names = [name for ids in self._training_frames.values() for name in sorted(ids)]
+        digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
+        return {"num_training_frames": len(names), "training_frames": digest}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Warn of a run that is resumed with other training frames than it had."""
+        now = self.state_dict()
+        if self._training_frames and state_dict["training_frames"] != now["training_frames"]:
+            had, has = state_dict["num_training_frames"], now["num_training_frames"]
+            numbers = f"{has} others" if had == has else f"{has}"
+            self._print_once(
+                f"warning: the run had {had} training frames when its checkpoint was written, and "
+                f"now has {numbers}: check the lists, or begin a new run"
+            )
 
     def _training_samples(self) -> tuple[PreparedSamples, TrainingBatches]:
         samples = self._open("training", training=True)

@@ -9,6 +9,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 
 from sightline.cli.main import main
+from sightline.data.check import check_tree
 from sightline.data.image_file import read_rgb
 from sightline.data.importing import import_bag
 from sightline.data.importing.bag import CLOUD, TRANSFORMS, kind_of, open_bag
@@ -80,6 +81,8 @@ def test_an_interrupted_import_goes_on_and_gives_the_same(bag, tmp_path, monkeyp
         with pytest.raises(KeyboardInterrupt):
             import_recording(bag, tmp_path / "out")
     assert not list((tmp_path / "out" / "points").glob("*"))
+    (told,) = [str(each) for each in check_tree(tmp_path / "out") if "times.txt" in str(each)]
+    assert "times.txt: 1 of 2 lines name no frame (000001)" in told
     assert import_recording(bag, tmp_path / "out").written == 2
     (tmp_path / "out" / "images" / "000001.png").unlink()
     report = import_recording(bag, tmp_path / "out")
@@ -87,6 +90,39 @@ def test_an_interrupted_import_goes_on_and_gives_the_same(bag, tmp_path, monkeyp
     for path in sorted((tmp_path / "whole").rglob("*")):
         other = tmp_path / "out" / path.relative_to(tmp_path / "whole")
         assert path.is_dir() or path.read_bytes() == other.read_bytes()
+
+
+def test_a_bag_that_was_replaced_or_has_grown_does_not_mix_with_its_import(tmp_path):
+    def record(name, number, since_s):
+        with BagMaker(tmp_path / name) as bag:
+            bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+            for at in range(number):
+                time_ns = since_s * 10**9 + at * 10**8
+                bag.info("/front/camera_info", time_ns)
+                bag.image("/front/image_raw", time_ns)
+                bag.cloud("/points", time_ns)
+        (path,) = (tmp_path / name).glob("*.mcap")
+        return path
+
+    day = tmp_path / "day"
+    day.mkdir()
+    shutil.copy(record("late", 3, 200), day / "drive_2.mcap")
+    import_recording(day, tmp_path / "out")
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    told = r"source_bytes \d+ instead of \d+, times_s 3 from 200\.0+ to 200\.2.* instead of"
+    shutil.copy(record("early", 2, 100), day / "drive_1.mcap")
+    with pytest.raises(ValueError, match=f"{told} 5 from 100"):
+        import_recording(day, tmp_path / "out")
+    (day / "drive_1.mcap").unlink()
+    shutil.copy(record("other", 3, 100), day / "drive_2.mcap")
+    with pytest.raises(ValueError, match=r"times_s 3 from 200.* instead of 3 from 100"):
+        import_recording(day, tmp_path / "out")
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_an_address_is_no_source():
+    with pytest.raises(ValueError, match=r"^s3://bucket/drive is an address, and import reads"):
+        import_recording("s3://bucket/drive", "out")
 
 
 def test_another_import_does_not_mix_with_one_that_is_there(bag, tmp_path):

@@ -148,6 +148,11 @@ def _visible_files(folder: Path) -> list[Path]:
     return [each for each in folder.iterdir() if each.is_file() and not each.name.startswith(".")]
 
 
+def size_of_bag(path: Path) -> int:
+    """Total size of a bag's files, as they are on the disk [bytes]."""
+    return sum(each.stat().st_size for each in _files_of(path)[0])
+
+
 @contextmanager
 def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
     """Open the files of a bag, with limits on their decompressed size.
@@ -165,13 +170,10 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
     kinds: dict[str, Any] = {".mcap": McapReader, ".db3": Sqlite3Reader, ".bag": Ros1Reader}
     with ExitStack() as stack:
         stack.enter_context(_bounded_library())
-        compression = ""
-        paths = files_without_metadata(path) or [path]
-        if path.is_dir() and not files_without_metadata(path):
-            paths, compression = _listed_files(path)
-            if compression == "file":
-                folder = stack.enter_context(_temporary_folder(path))
-                paths = [_decompressed_file(each, folder) for each in paths]
+        paths, compression = _files_of(path)
+        if compression == "file":
+            folder = stack.enter_context(_temporary_folder(path))
+            paths = [_decompressed_file(each, folder) for each in paths]
         readers: list[Reader] = []
         for each in paths:
             if not is_bag_file(each):
@@ -217,6 +219,14 @@ def one_line(error: Exception) -> str:
     if len(text.split()) < 2:  # KeyError(7)
         text = f"{type(error).__name__} {text}".rstrip()
     return shortened(text, 200)
+
+
+def _files_of(bag: Path) -> tuple[list[Path], str]:
+    """List the files of a bag, and its kind of compression ("", "message", "file")."""
+    if not bag.is_dir():
+        return [bag], ""
+    files = files_without_metadata(bag)
+    return (files, "") if files else _listed_files(bag)
 
 
 def _listed_files(folder: Path) -> tuple[list[Path], str]:

@@ -1,8 +1,10 @@
 """Import of a bag: pairs images and sweeps by time, and writes a recording."""
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +18,7 @@ from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import calibration_of_bag
 from sightline.data.importing.bag_clocks import Clock
-from sightline.data.importing.bag_files import describe_unread_files
+from sightline.data.importing.bag_files import describe_unread_files, size_of_bag
 from sightline.data.importing.bag_messages import (
     cloud_from_message,
     image_file_from_message,
@@ -103,6 +105,8 @@ def import_bag(
         settings = {
             "sightline": version("sightline"),
             "source": data_name(source),
+            "source_bytes": size_of_bag(source),  # of a replaced bag, or one with further files
+            "times_s": _digest(pairs.times_s),
             "camera_topic": topics.camera.name,
             "lidar_topic": topics.lidar.name,
             "max_gap_s": max_gap_s,
@@ -117,11 +121,14 @@ def import_bag(
         )
         acquire_output_dir(out, settings, results=RESULTS)
         write_calibration(out, written)
+        times = dict(zip(names, pairs.times_s, strict=True))
+        write_times(out, times)  # before the frames: `check` tells an import that was stopped
         present = names_present(out, IMAGES, POINTS)
         pending = [number for number, name in enumerate(names) if name not in present]
         frames.write(bag, {names[number]: pairs.positions[number] for number in pending})
-        times = zip(names, pairs.times_s, strict=True)
-        write_times(out, {name: time_s for name, time_s in times if name not in frames.faults})
+        if frames.faults:
+            kept = times.keys() - frames.faults.keys()
+            write_times(out, {name: times[name] for name in names if name in kept})
     return ImportReport(
         out=out,
         written=len(pending) - len(frames.faults),
@@ -258,6 +265,13 @@ class _Frames:
         points, tally = count_echoes(name, read, self.max_intensity, source)
         self.clouds += tally
         return partial(write_cloud, self.out, name, moved_cloud(points, self.new_from_old))
+
+
+def _digest(times_s: Sequence[float | Decimal]) -> str:
+    """Describe times in words that differ where one of them does."""
+    text = " ".join(map(str, times_s))
+    digest = hashlib.sha256(text.encode()).hexdigest()[:12]
+    return f"{len(times_s)} from {times_s[0]:.6f} to {times_s[-1]:.6f} ({digest})"
 
 
 def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: Pairs) -> float:

@@ -9,6 +9,7 @@ from sightline.data.importing.import_bag import import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
 from sightline.data.importing.writer import ImportReport
+from sightline.files.byte_source import url_of
 from sightline.geometry.wrong_types import named_arguments
 
 
@@ -29,8 +30,9 @@ def import_recording(
     """Convert a ROS bag, an MCAP file or nuScenes to a recording for all commands.
 
     Frames are written atomically, and existing ones are skipped: to resume a stopped import, run it
-    again. If the camera points away from the LiDAR's x axis by more than 5 degrees, clouds are
-    rotated about z until it looks ahead.
+    again. A bag that was replaced, or has further files, needs another folder. If the camera points
+    away from the LiDAR's x axis by more than 5 degrees, clouds are rotated about z until it looks
+    ahead.
 
     Examples:
         >>> import pathlib, sightline
@@ -57,6 +59,8 @@ def import_recording(
             import.
     """
     source, out = Path(source), Path(out)
+    if (url := url_of(source)) is not None:
+        raise ValueError(f"{url} is an address, and import reads files of this machine; copy it")
     if not source.exists():
         raise ValueError(f"{source} does not exist; name a bag or a folder of nuScenes")
     if not 0 <= max_gap_s < 10:
