@@ -146,6 +146,26 @@ def read_rigid_transform(path: Path | str) -> Float64[np.ndarray, "4 4"]:
     return target_from_source
 
 
+def read_stated_size(path: Path | str, name: str) -> tuple[int, int] | None:
+    """Read a camera's image size from a `calib_cam_to_cam.txt`; None: the file does not state it.
+
+    Args:
+        path: The file, which holds the width before the height.
+        name: Entry: S_rect_02, or S_02 for the size before the rectification.
+
+    Returns:
+        Height, width [px].
+
+    Raises:
+        FileError: The entry has a wrong number of values, or is not numeric.
+    """
+    entries = _read_entries(path)
+    if name not in entries:
+        return None
+    width, height = _matrix(entries, name, (1, 2), path)[0].tolist()
+    return round(height), round(width)
+
+
 def object_calibration_text(matrices: CalibrationMatrices, pose: LidarPose | None = None) -> str:
     """The text of an object benchmark's calibration file, exact to the last bit.
 

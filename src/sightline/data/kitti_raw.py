@@ -76,9 +76,11 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         for doubt in doubts:
             warnings.warn(str(doubt), stacklevel=2)
         self._poses = None if poses is None else _poses(files, poses)
-        images = [frame.image for frame in files.frames if frame.image is not None]
+        self.first_image = files.first_image
         self.image_size = (
-            read_image_size(images[0]) if images else centred_image_size(self.calibration)
+            centred_image_size(self.calibration)
+            if self.first_image is None
+            else read_image_size(self.first_image)
         )
 
     @property

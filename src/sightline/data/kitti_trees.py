@@ -272,6 +272,11 @@ class DriveFiles:
     oxts: Path | None
     """Folder of GPS and IMU readings, one file per frame."""
 
+    @property
+    def first_image(self) -> Path | None:
+        """The first image; None: there is none."""
+        return next((frame.image for frame in self.frames if frame.image is not None), None)
+
 
 def list_drive(folder: Path) -> DriveFiles:
     """List a drive in the official layout, or in the flat one.

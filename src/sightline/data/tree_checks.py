@@ -12,6 +12,7 @@ from sightline.data.between_frames import (
     check_object_frames,
     check_recording_frames,
 )
+from sightline.data.drive_calibration import drive_matrices_doubts
 from sightline.data.drive_times import check_drive_times
 from sightline.data.frame_checks import (
     Findings,
@@ -22,13 +23,13 @@ from sightline.data.frame_checks import (
 )
 from sightline.data.kitti_calibration import (
     CalibrationMatrices,
-    check_matrices,
     read_object_matrices,
     read_raw_matrices,
 )
 from sightline.data.kitti_trees import (
     CORRUPTED,
     DepthFrame,
+    DriveFiles,
     DriveFrame,
     DriveSplit,
     ObjectFrame,
@@ -263,7 +264,7 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
             ("points", files.points_folder, ".bin"),
         )
     ]
-    read_calibration = partial(_check_raw_calibration, folder, files.calibration)
+    read_calibration = partial(_check_raw_calibration, folder, files)
     checks = [Check(subject="the calibration", run=read_calibration)]
     if files.timestamps is not None and files.frames:
         checks.append(Check(subject=files.timestamps.name, run=partial(check_drive_times, files)))
@@ -385,12 +386,13 @@ def _run_frame_check(examine: Callable[[], Findings], image: Path | None) -> lis
     return [Problem(path=image, problem=problem, remedy=remedy), *found.all()]
 
 
-def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
+def _check_raw_calibration(drive: Path, files: DriveFiles) -> list[Problem]:
+    folder = files.calibration
     if folder is None:
         path = drive / "calib_cam_to_cam.txt"
         return [Problem(path=path, problem="is missing, here and one folder up", remedy=_REMEDY)]
     try:
-        problems = check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
+        problems = drive_matrices_doubts(read_raw_matrices(folder), folder, files.first_image)
     except FileError as error:
         problems = [error.problem]
     return problems + unread_calibration(drive, folder)
