@@ -1,3 +1,4 @@
+import shutil
 import warnings
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def test_images_of_another_size_than_the_calibration_states_are_told_with_both(t
     (line,) = told(folder)
     assert line.startswith(f"{folder}/image_02/0000000000.png: is 40x20 (width x height), but ")
     assert "but S_rect_02 of " in line
-    assert "calib_cam_to_cam.txt is 40x12" in line
+    assert "calib_cam_to_cam.txt states 40x12 for rectified images" in line
     assert "let P_rect_02 and S_rect_02 both be of their new size" in line
 
 
@@ -79,6 +80,37 @@ def test_a_size_that_is_not_stated_or_is_close_gets_no_word(tmp_path, sizes):
 def test_a_stated_size_that_is_no_size_is_told(tmp_path):
     (line,) = told(resized_drive(tmp_path / "drive", (12, 40), sizes="S_rect_02: 40"))
     assert "calib_cam_to_cam.txt: S_rect_02 holds 1 values, expected 2 numbers (1x2)" in line
+
+
+@pytest.mark.parametrize("name", ["calib_cam_to_cam.txt", "calib_velo_to_cam.txt"])
+def test_two_calibrations_of_a_drive_that_differ_are_told_with_the_one_that_is_used(tmp_path, name):
+    folder = write_drive(tmp_path / "day" / "drive")
+    day = folder.parent
+    for path in day.glob("calib_*.txt"):
+        shutil.copy(path, folder)
+    assert told(folder) == []
+    text = (folder / name).read_text()
+    (folder / name).write_text("calib_time: 09-Jan-2012 13:57:47\n" + text)
+    assert told(folder) == []
+    entry, *words = (folder / name).read_text().splitlines()[-1].split()
+    for word, same in ((float(words[0]) * (1 + 1e-7), True), (float(words[0]) + 0.01, False)):
+        lines = (day / name).read_text().splitlines()
+        changed = " ".join((entry, str(word), *words[1:]))
+        (day / name).write_text("\n".join((*lines[:-1], changed, "")))
+        lines = told(folder)
+        assert len(lines) == (not same)
+    assert lines == [
+        f"{folder / name}: is used, but {day / name}, one folder up, has other values and is not "
+        "read; remove the wrong one of the two"
+    ]
+
+
+def test_the_days_calibration_is_found_from_within_the_drive(tmp_path, monkeypatch):
+    folder = write_drive(tmp_path / "day" / "drive")
+    monkeypatch.chdir(folder)
+    assert told(Path()) == []
+    monkeypatch.chdir(folder / "image_02")
+    assert told(Path("..")) == []
 
 
 def test_kittis_own_sizes_are_read(kitti_root):

@@ -8,11 +8,12 @@ from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import (
     CalibrationMatrices,
     check_matrices,
+    have_same_values,
     read_stated_size,
 )
+from sightline.data.kitti_trees import RAW_CALIBRATION, day_folder
 from sightline.files.problem import FileError, Problem
 
-_CAMERAS: Final = "calib_cam_to_cam.txt"
 _MAX_OTHER_SIZE_PX: Final = 4  # KITTI's own drives differ by nothing
 
 
@@ -26,12 +27,46 @@ def drive_matrices_doubts(
         folder: Folder of the calibration files.
         image: The drive's first image; None: it has none.
     """
-    path = folder / _CAMERAS
+    path = folder / RAW_CALIBRATION[0]
     size = read_or_note(read_image_size, image, [])
     doubts = check_matrices(matrices, size, path)
     if image is None or size is None or doubts != check_matrices(matrices, None, path):
         return doubts  # no size, or one that is doubted
     return doubts + _stated_size_doubt(path, image, size)
+
+
+def unread_calibration(drive: Path, calibration: Path) -> list[Problem]:
+    """Find files of a raw drive's other calibration: its own, or that of the day.
+
+    Args:
+        drive: Folder of the drive.
+        calibration: Folder that all of the calibration is read from: the drive's or the day's.
+
+    Returns:
+        Problems of the drive's own files where all are read from the day's folder, else of those
+        whose values differ from the day's.
+    """
+    if calibration != drive:
+        return [
+            Problem(
+                path=drive / name,
+                problem="is not read: the drive's folder has no calib_cam_to_cam.txt, so all of "
+                f"the calibration is taken from {calibration}",
+                remedy="move it there, or lay the other files beside it",
+            )
+            for name in RAW_CALIBRATION
+            if (drive / name).is_file()
+        ]
+    pairs = [(drive / name, day_folder(drive) / name) for name in RAW_CALIBRATION]
+    return [
+        Problem(
+            path=own,
+            problem=f"is used, but {other}, one folder up, has other values and is not read",
+            remedy="remove the wrong one of the two",
+        )
+        for own, other in pairs
+        if own.is_file() and other.is_file() and not have_same_values(own, other)
+    ]
 
 
 def _stated_size_doubt(path: Path, image: Path, size: tuple[int, int]) -> list[Problem]:
@@ -44,8 +79,8 @@ def _stated_size_doubt(path: Path, image: Path, size: tuple[int, int]) -> list[P
     if rectified is None or _is_close(size, rectified):
         return []
     problem = (
-        f"is {_named(size)} (width x height), but S_rect_02 of {path} is {_named(rectified)}, the "
-        "size of the images that P_rect_02 is for"
+        f"is {_named(size)} (width x height), but S_rect_02 of {path} states {_named(rectified)} "
+        "for rectified images"
     )
     remedy = (
         "if images were resized or cropped, let P_rect_02 and S_rect_02 both be of their new size; "

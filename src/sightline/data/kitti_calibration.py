@@ -40,6 +40,7 @@ from sightline.geometry.tilt import Tilt
 
 _LIMIT = 1e9  # far above any focal length, baseline or mounting; products stay finite
 _LAST_ROW_TOLERANCE = 1e-9
+_ROUNDING: Final = 1e-5  # hundredths of a pixel, of a millimetre and of an arc minute
 _REMEDY = "correct it or extract the calibration archive again"
 _HEIGHT_ENTRY, _TILT_ENTRY = "lidar_height_m", "lidar_tilt_deg"
 _MAX_SKEW_SHARE: Final = 0.01
@@ -164,6 +165,30 @@ def read_stated_size(path: Path | str, name: str) -> tuple[int, int] | None:
         return None
     width, height = _matrix(entries, name, (1, 2), path)[0].tolist()
     return round(height), round(width)
+
+
+def have_same_values(path: Path, other: Path) -> bool:
+    """Whether the numbers that two calibration files have in common are equal, but for rounding.
+
+    Entries without numbers, such as the time of the calibration, are not compared, nor is a file
+    that cannot be read.
+    """
+    try:
+        entries, others = _read_entries(path), _read_entries(other)
+    except FileError:
+        return True
+    common = entries.keys() & others.keys()
+    return all(_are_close(entries[name], others[name], path) for name in common)
+
+
+def _are_close(words: list[str], others: list[str], path: Path) -> bool:
+    try:
+        values, other_values = parse_numbers(words, path), parse_numbers(others, path)
+    except FileError:
+        return True
+    return len(values) == len(other_values) and np.allclose(
+        values, other_values, rtol=_ROUNDING, atol=_ROUNDING
+    )
 
 
 def object_calibration_text(matrices: CalibrationMatrices, pose: LidarPose | None = None) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 import torch
 from torch.utils.data import Dataset
 
+from sightline.data.drive_calibration import unread_calibration
 from sightline.data.drive_poses import read_oxts_poses, read_poses
 from sightline.data.drive_times import drive_times, drive_times_doubts
 from sightline.data.image_header import read_image_size
@@ -13,7 +14,6 @@ from sightline.data.kitti_calibration import read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.kitti_trees import DriveFiles, describe_absent, list_drive
 from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
-from sightline.data.unread_files import unread_calibration
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index

@@ -30,6 +30,11 @@ DriveSplit = Literal["train", "val"]
 SelectedSplit = Literal["val_selection_cropped", "test_depth_completion_anonymous"]
 Camera = Literal["image_02", "image_03"]
 
+RAW_CALIBRATION: Final = tuple(
+    f"calib_{name}.txt" for name in ("cam_to_cam", "velo_to_cam", "imu_to_velo")
+)
+"""Calibration files of a raw drive; the folder with the first is that of all."""
+
 _DATE_LENGTH = len("2011_09_26")
 _IMAGE_FOLDERS = ("image_02/data", "image_02")
 _POINTS_FOLDERS = ("velodyne_points/data", "velodyne_points", "velodyne")
@@ -264,7 +269,7 @@ class DriveFiles:
     image_folder: Path
     points_folder: Path
     calibration: Path | None
-    """Folder of `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`."""
+    """Folder of the `RAW_CALIBRATION`."""
     timestamps: Path | None
     """Times of the sweeps (else of the images): one line per frame, or line N for number N."""
     image_timestamps: Path | None
@@ -289,7 +294,7 @@ def list_drive(folder: Path) -> DriveFiles:
     points_folder = _first_folder(folder, _POINTS_FOLDERS)
     images, points = list_files(image_folder, IMAGE_SUFFIXES), list_files(points_folder, (".bin",))
     calibrations = (
-        place for place in (folder, folder.parent) if (place / "calib_cam_to_cam.txt").is_file()
+        place for place in (folder, day_folder(folder)) if (place / RAW_CALIBRATION[0]).is_file()
     )
     times = [find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS]
     image_times = find_file(folder / "image_02", "timestamps.txt")
@@ -308,6 +313,11 @@ def list_drive(folder: Path) -> DriveFiles:
         image_timestamps=None if image_times == timestamps else image_times,
         oxts=oxts if oxts.is_dir() else None,
     )
+
+
+def day_folder(drive: Path) -> Path:
+    """Folder of the day, one above a raw drive's, also of the current folder "."."""
+    return (drive if drive.name not in ("", "..") else drive.resolve()).parent
 
 
 def _first_folder(folder: Path, places: tuple[str, ...]) -> Path:

@@ -12,7 +12,7 @@ from sightline.data.between_frames import (
     check_object_frames,
     check_recording_frames,
 )
-from sightline.data.drive_calibration import drive_matrices_doubts
+from sightline.data.drive_calibration import drive_matrices_doubts, unread_calibration
 from sightline.data.drive_times import check_drive_times
 from sightline.data.frame_checks import (
     Findings,
@@ -79,7 +79,6 @@ from sightline.data.unread_files import (
     find_unread,
     object_folders,
     recording_folders,
-    unread_calibration,
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem, plain_line

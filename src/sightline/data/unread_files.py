@@ -126,21 +126,6 @@ def drive_folders(folder: Path) -> list[PartFolder]:
     ]
 
 
-def unread_calibration(drive: Path, calibration: Path) -> list[Problem]:
-    """Find a raw drive's own calibration files where all are read from another folder."""
-    own = [drive / name for name in ("calib_velo_to_cam.txt", "calib_imu_to_velo.txt")]
-    return [
-        Problem(
-            path=path,
-            problem="is not read: the drive's folder has no calib_cam_to_cam.txt, so all of the "
-            f"calibration is taken from {calibration}",
-            remedy="move it there, or lay the other files beside it",
-        )
-        for path in own
-        if calibration != drive and path.is_file()
-    ]
-
-
 def depth_folders(root: Path, split: DriveSplit | SelectedSplit) -> list[PartFolder]:
     """Folders of a depth completion split; its sparse maps count as points."""
     places: list[tuple[Part, Path]] = []
