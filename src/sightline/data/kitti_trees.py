@@ -36,8 +36,11 @@ RAW_CALIBRATION: Final = tuple(
 """Calibration files of a raw drive; the folder with the first is that of all."""
 
 _DATE_LENGTH = len("2011_09_26")
-_IMAGE_FOLDERS = ("image_02/data", "image_02")
-_POINTS_FOLDERS = ("velodyne_points/data", "velodyne_points", "velodyne")
+DRIVE_FOLDERS: Final[dict[Part, tuple[str, ...]]] = {
+    "image": ("image_02/data", "image_02"),
+    "points": ("velodyne_points/data", "velodyne_points", "velodyne"),
+}
+"""Possible folders of a raw drive's parts: the first one with files of the part is read."""
 _TIMES_FOLDERS = ("velodyne_points", "velodyne", "image_02", "")
 
 
@@ -290,9 +293,8 @@ def list_drive(folder: Path) -> DriveFiles:
     oxts/data/N.txt, the calibration in the parent folder (of the day). Flat: image_02/N.png,
     velodyne/N.bin and the calibration in the folder itself.
     """
-    image_folder = _first_folder(folder, _IMAGE_FOLDERS)
-    points_folder = _first_folder(folder, _POINTS_FOLDERS)
-    images, points = list_files(image_folder, IMAGE_SUFFIXES), list_files(points_folder, (".bin",))
+    image_folder, images = _files_of_drive(folder, "image")
+    points_folder, points = _files_of_drive(folder, "points")
     calibrations = (
         place for place in (folder, day_folder(folder)) if (place / RAW_CALIBRATION[0]).is_file()
     )
@@ -320,6 +322,11 @@ def day_folder(drive: Path) -> Path:
     return (drive if drive.name not in ("", "..") else drive.resolve()).parent
 
 
-def _first_folder(folder: Path, places: tuple[str, ...]) -> Path:
-    candidates = [folder / place for place in places]
-    return next((place for place in candidates if place.is_dir()), candidates[0])
+def _files_of_drive(folder: Path, part: Part) -> tuple[Path, dict[str, Path]]:
+    """Folder of a part and its files; without any, the first folder that exists."""
+    places = [folder / place for place in DRIVE_FOLDERS[part]]
+    for place in places:
+        files = list_files(place, PART_SUFFIXES[part])
+        if files:
+            return place, files
+    return next((place for place in places if place.is_dir()), places[0]), {}
