@@ -41,6 +41,8 @@ DRIVE_FOLDERS: Final[dict[Part, tuple[str, ...]]] = {
     "points": ("velodyne_points/data", "velodyne_points", "velodyne"),
 }
 """Possible folders of a raw drive's parts: the first one with files of the part is read."""
+OXTS_SUFFIXES: Final = (".txt",)
+_OXTS_FOLDERS = ("oxts/data", "oxts")
 _TIMES_FOLDERS = ("velodyne_points", "velodyne", "image_02", "")
 
 
@@ -291,7 +293,7 @@ def list_drive(folder: Path) -> DriveFiles:
 
     Official: image_02/data/N.png, velodyne_points/data/N.bin, timestamps.txt next to each `data`,
     oxts/data/N.txt, the calibration in the parent folder (of the day). Flat: image_02/N.png,
-    velodyne/N.bin and the calibration in the folder itself.
+    velodyne/N.bin, oxts/N.txt and the calibration in the folder itself.
     """
     image_folder, images = _files_of_drive(folder, "image")
     points_folder, points = _files_of_drive(folder, "points")
@@ -301,7 +303,6 @@ def list_drive(folder: Path) -> DriveFiles:
     times = [find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS]
     image_times = find_file(folder / "image_02", "timestamps.txt")
     timestamps = next((path for path in times if path is not None), None)
-    oxts = folder / "oxts" / "data"
     return DriveFiles(
         frames=tuple(
             DriveFrame(sample_id=number, image=images.get(number), points=points.get(number))
@@ -313,8 +314,15 @@ def list_drive(folder: Path) -> DriveFiles:
         calibration=next(calibrations, None),
         timestamps=timestamps,
         image_timestamps=None if image_times == timestamps else image_times,
-        oxts=oxts if oxts.is_dir() else None,
+        oxts=_oxts_folder(folder),
     )
+
+
+def _oxts_folder(folder: Path) -> Path | None:
+    """Folder of the readings: the first with text files, else the first that exists."""
+    places = [folder / place for place in _OXTS_FOLDERS if (folder / place).is_dir()]
+    full = (place for place in places if list_files(place, OXTS_SUFFIXES))
+    return next(full, places[0] if places else None)
 
 
 def day_folder(drive: Path) -> Path:

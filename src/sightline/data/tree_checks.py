@@ -13,6 +13,7 @@ from sightline.data.between_frames import (
     check_recording_frames,
 )
 from sightline.data.drive_calibration import drive_matrices_doubts, unread_calibration
+from sightline.data.drive_poses import check_oxts
 from sightline.data.drive_times import check_drive_times
 from sightline.data.frame_checks import (
     Findings,
@@ -267,6 +268,8 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     checks = [Check(subject="the calibration", run=read_calibration)]
     if files.timestamps is not None and files.frames:
         checks.append(Check(subject=files.timestamps.name, run=partial(check_drive_times, files)))
+    if files.oxts is not None and files.frames:
+        checks.append(Check(subject="the readings of oxts", run=partial(check_oxts, files)))
     matrices = read_or_note(read_raw_matrices, files.calibration, [])
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     checks.append(_between_frames(partial(check_drive_frames, files.frames)))
