@@ -174,7 +174,7 @@ def test_images_of_other_sizes_have_their_own_calibrations(tree):
 
 
 def test_an_image_of_another_size_in_a_drive_is_told(tmp_path):
-    drive = write_drive(tmp_path, official=False)
+    drive = write_drive(tmp_path / "drive", official=False)
     write_rgb(drive / "image_02" / "0000000002.png", picture(2, (14, 40)))
     ((path, said),) = problems(drive)
     assert path.name == "0000000002.png"

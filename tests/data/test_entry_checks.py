@@ -82,10 +82,10 @@ def test_an_inverted_calibration_is_a_warning_for_all_frames_together(tree):
 
 
 def test_a_raw_drives_calibration_is_judged_too(tmp_path):
-    write_drive(tmp_path, official=False)
-    path = tmp_path / "calib_velo_to_cam.txt"
+    drive = write_drive(tmp_path / "drive", official=False)
+    path = drive / "calib_velo_to_cam.txt"
     path.write_text("R: 1 0 0 0 1 0 0 0 1\nT: 0 0 0\n")
-    doubt, _ = doubts(tmp_path)
+    doubt, _ = doubts(drive)
     assert "has the identity for its rotation" in doubt
 
 
@@ -175,13 +175,14 @@ def test_pictures_that_nobody_reads_are_refused_where_none_is_left(tree, bad):
     ],
 )
 def test_files_that_nobody_reads_are_told_in_every_layout(tmp_path, write, folder):
-    write(tmp_path)
-    paths = sorted((tmp_path / folder).iterdir())
+    root = tmp_path / "data"  # a drive's calibration lies one folder up
+    write(root)
+    paths = sorted((root / folder).iterdir())
     for path in paths:
         path.rename(path.with_suffix(".laz"))
     with pytest.raises(FileError, match=r"files that are not read \(. \.laz\)"):
-        open_dataset(tmp_path)
-    problems = [each for each in check_tree(tmp_path) if each.path == tmp_path / folder]
+        open_dataset(root)
+    problems = [each for each in check_tree(root) if each.path == root / folder]
     assert [each.problem[:6] for each in problems] == ["holds "]
 
 

@@ -91,7 +91,7 @@ def test_a_sensor_alone_in_another_format_is_named(tmp_path):
 
 
 def test_labels_of_a_raw_drive_are_said_not_to_be_read(tmp_path):
-    write_drive(tmp_path)
-    (tmp_path / "tracklet_labels.xml").write_text("<x/>")
-    (summary,) = summarize_tree(tmp_path)
+    drive = write_drive(tmp_path / "drive")
+    (drive / "tracklet_labels.xml").write_text("<x/>")
+    (summary,) = summarize_tree(drive)
     assert "tracklet_labels.xml is not read" in str(summary)

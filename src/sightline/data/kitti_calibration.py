@@ -40,6 +40,7 @@ from sightline.geometry.tilt import Tilt
 
 _LIMIT = 1e9  # far above any focal length, baseline or mounting; products stay finite
 _LAST_ROW_TOLERANCE = 1e-9
+_ROUNDING: Final = 1e-5  # hundredths of a pixel, of a millimetre and of an arc minute
 _REMEDY = "correct it or extract the calibration archive again"
 _HEIGHT_ENTRY, _TILT_ENTRY = "lidar_height_m", "lidar_tilt_deg"
 _MAX_SKEW_SHARE: Final = 0.01
@@ -144,6 +145,50 @@ def read_rigid_transform(path: Path | str) -> Float64[np.ndarray, "4 4"]:
     target_from_source[:3, 3:] = _matrix(entries, "T", (3, 1), path)
     _check_rotation(target_from_source[:3, :3], path, "R")
     return target_from_source
+
+
+def read_stated_size(path: Path | str, name: str) -> tuple[int, int] | None:
+    """Read a camera's image size from a `calib_cam_to_cam.txt`; None: the file does not state it.
+
+    Args:
+        path: The file, which holds the width before the height.
+        name: Entry: S_rect_02, or S_02 for the size before the rectification.
+
+    Returns:
+        Height, width [px].
+
+    Raises:
+        FileError: The entry has a wrong number of values, or is not numeric.
+    """
+    entries = _read_entries(path)
+    if name not in entries:
+        return None
+    width, height = _matrix(entries, name, (1, 2), path)[0].tolist()
+    return round(height), round(width)
+
+
+def have_same_values(path: Path, other: Path) -> bool:
+    """Whether the numbers that two calibration files have in common are equal, but for rounding.
+
+    Entries without numbers, such as the time of the calibration, are not compared, nor is a file
+    that cannot be read.
+    """
+    try:
+        entries, others = _read_entries(path), _read_entries(other)
+    except FileError:
+        return True
+    common = entries.keys() & others.keys()
+    return all(_are_close(entries[name], others[name], path) for name in common)
+
+
+def _are_close(words: list[str], others: list[str], path: Path) -> bool:
+    try:
+        values, other_values = parse_numbers(words, path), parse_numbers(others, path)
+    except FileError:
+        return True
+    return len(values) == len(other_values) and np.allclose(
+        values, other_values, rtol=_ROUNDING, atol=_ROUNDING
+    )
 
 
 def object_calibration_text(matrices: CalibrationMatrices, pose: LidarPose | None = None) -> str:

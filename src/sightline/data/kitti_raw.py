@@ -1,19 +1,20 @@
 """Data set of a raw drive: consecutive frames of one recording."""
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 from torch.utils.data import Dataset
 
-from sightline.data.drive_poses import read_oxts_poses, read_poses
+from sightline.data.drive_calibration import unread_calibration
+from sightline.data.drive_poses import list_oxts, read_oxts_poses, read_poses
 from sightline.data.drive_times import drive_times, drive_times_doubts
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
-from sightline.data.kitti_trees import DriveFiles, describe_absent, list_drive
+from sightline.data.kitti_trees import RAW_CALIBRATION, DriveFiles, describe_absent, list_drive
 from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
-from sightline.data.unread_files import unread_calibration
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
@@ -75,10 +76,12 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         doubts += [] if self._times is None else drive_times_doubts(files, self._times)
         for doubt in doubts:
             warnings.warn(str(doubt), stacklevel=2)
-        self._poses = None if poses is None else _poses(files, poses)
-        images = [frame.image for frame in files.frames if frame.image is not None]
+        self._poses = None if poses is None else _poses(files, poses, self._times)
+        self.first_image = files.first_image
         self.image_size = (
-            read_image_size(images[0]) if images else centred_image_size(self.calibration)
+            centred_image_size(self.calibration)
+            if self.first_image is None
+            else read_image_size(self.first_image)
         )
 
     @property
@@ -132,7 +135,7 @@ def _check_complete(folder: Path, files: DriveFiles) -> None:
             )
 
 
-def _poses(files: DriveFiles, poses: Path | str) -> torch.Tensor:
+def _poses(files: DriveFiles, poses: Path | str, times: Sequence[float] | None) -> torch.Tensor:
     if poses != "oxts":
         read = read_poses(poses)
         if len(read) != len(files.frames):
@@ -142,7 +145,6 @@ def _poses(files: DriveFiles, poses: Path | str) -> torch.Tensor:
                 "name the poses of this drive",
             )
         return torch.from_numpy(read)
-    if files.oxts is None or files.calibration is None:
-        raise ValueError("the drive has no folder oxts/data; extract it or name a file of poses")
-    readings = [files.oxts / f"{frame.sample_id}.txt" for frame in files.frames]
-    return torch.from_numpy(read_oxts_poses(readings, files.calibration / "calib_imu_to_velo.txt"))
+    assert files.calibration is not None, "a drive without a calibration was refused"
+    mounting = files.calibration / RAW_CALIBRATION[2]
+    return torch.from_numpy(read_oxts_poses(list_oxts(files), mounting, times))

@@ -30,9 +30,19 @@ DriveSplit = Literal["train", "val"]
 SelectedSplit = Literal["val_selection_cropped", "test_depth_completion_anonymous"]
 Camera = Literal["image_02", "image_03"]
 
+RAW_CALIBRATION: Final = tuple(
+    f"calib_{name}.txt" for name in ("cam_to_cam", "velo_to_cam", "imu_to_velo")
+)
+"""Calibration files of a raw drive; the folder with the first is that of all."""
+
 _DATE_LENGTH = len("2011_09_26")
-_IMAGE_FOLDERS = ("image_02/data", "image_02")
-_POINTS_FOLDERS = ("velodyne_points/data", "velodyne_points", "velodyne")
+DRIVE_FOLDERS: Final[dict[Part, tuple[str, ...]]] = {
+    "image": ("image_02/data", "image_02"),
+    "points": ("velodyne_points/data", "velodyne_points", "velodyne"),
+}
+"""Possible folders of a raw drive's parts: the first one with files of the part is read."""
+OXTS_SUFFIXES: Final = (".txt",)
+_OXTS_FOLDERS = ("oxts/data", "oxts")
 _TIMES_FOLDERS = ("velodyne_points", "velodyne", "image_02", "")
 
 
@@ -264,7 +274,7 @@ class DriveFiles:
     image_folder: Path
     points_folder: Path
     calibration: Path | None
-    """Folder of `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`."""
+    """Folder of the `RAW_CALIBRATION`."""
     timestamps: Path | None
     """Times of the sweeps (else of the images): one line per frame, or line N for number N."""
     image_timestamps: Path | None
@@ -272,24 +282,27 @@ class DriveFiles:
     oxts: Path | None
     """Folder of GPS and IMU readings, one file per frame."""
 
+    @property
+    def first_image(self) -> Path | None:
+        """The first image; None: there is none."""
+        return next((frame.image for frame in self.frames if frame.image is not None), None)
+
 
 def list_drive(folder: Path) -> DriveFiles:
     """List a drive in the official layout, or in the flat one.
 
     Official: image_02/data/N.png, velodyne_points/data/N.bin, timestamps.txt next to each `data`,
     oxts/data/N.txt, the calibration in the parent folder (of the day). Flat: image_02/N.png,
-    velodyne/N.bin and the calibration in the folder itself.
+    velodyne/N.bin, oxts/N.txt and the calibration in the folder itself.
     """
-    image_folder = _first_folder(folder, _IMAGE_FOLDERS)
-    points_folder = _first_folder(folder, _POINTS_FOLDERS)
-    images, points = list_files(image_folder, IMAGE_SUFFIXES), list_files(points_folder, (".bin",))
+    image_folder, images = _files_of_drive(folder, "image")
+    points_folder, points = _files_of_drive(folder, "points")
     calibrations = (
-        place for place in (folder, folder.parent) if (place / "calib_cam_to_cam.txt").is_file()
+        place for place in (folder, day_folder(folder)) if (place / RAW_CALIBRATION[0]).is_file()
     )
     times = [find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS]
     image_times = find_file(folder / "image_02", "timestamps.txt")
     timestamps = next((path for path in times if path is not None), None)
-    oxts = folder / "oxts" / "data"
     return DriveFiles(
         frames=tuple(
             DriveFrame(sample_id=number, image=images.get(number), points=points.get(number))
@@ -301,10 +314,27 @@ def list_drive(folder: Path) -> DriveFiles:
         calibration=next(calibrations, None),
         timestamps=timestamps,
         image_timestamps=None if image_times == timestamps else image_times,
-        oxts=oxts if oxts.is_dir() else None,
+        oxts=_oxts_folder(folder),
     )
 
 
-def _first_folder(folder: Path, places: tuple[str, ...]) -> Path:
-    candidates = [folder / place for place in places]
-    return next((place for place in candidates if place.is_dir()), candidates[0])
+def _oxts_folder(folder: Path) -> Path | None:
+    """Folder of the readings: the first with text files, else the first that exists."""
+    places = [folder / place for place in _OXTS_FOLDERS if (folder / place).is_dir()]
+    full = (place for place in places if list_files(place, OXTS_SUFFIXES))
+    return next(full, places[0] if places else None)
+
+
+def day_folder(drive: Path) -> Path:
+    """Folder of the day, one above a raw drive's, also of the current folder "."."""
+    return (drive if drive.name not in ("", "..") else drive.resolve()).parent
+
+
+def _files_of_drive(folder: Path, part: Part) -> tuple[Path, dict[str, Path]]:
+    """Folder of a part and its files; without any, the first folder that exists."""
+    places = [folder / place for place in DRIVE_FOLDERS[part]]
+    for place in places:
+        files = list_files(place, PART_SUFFIXES[part])
+        if files:
+            return place, files
+    return next((place for place in places if place.is_dir()), places[0]), {}

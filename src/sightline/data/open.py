@@ -9,6 +9,7 @@ from typing import Any, Protocol, get_args, runtime_checkable
 
 from torch.utils.data import Dataset
 
+from sightline.data.drive_calibration import drive_matrices_doubts
 from sightline.data.entry_checks import (
     check_sample_frames,
     is_corrupted,
@@ -21,7 +22,6 @@ from sightline.data.frame_checks import (
     examine_object_frame,
 )
 from sightline.data.frame_lists import read_sample_list
-from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
@@ -289,7 +289,7 @@ def _check_samples(dataset: SampleDataset, path: Path, parts: Collection[Part]) 
     elif isinstance(whole, KittiRawDrive):
         moments = [whole.frames[place] for place in chosen]
         examine = partial(examine_drive_frame, matrices=whole.matrices)
-        shared = check_matrices(whole.matrices, whole.image_size, whole.calibration_folder)
+        shared = drive_matrices_doubts(whole.matrices, whole.calibration_folder, whole.first_image)
         check_sample_frames(path, moments, examine, parts, shared=shared)
 
 

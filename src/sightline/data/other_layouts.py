@@ -133,11 +133,12 @@ def _to_import(path: Path, problem: str) -> Problem:
 
 
 def _unread(path: Path) -> Problem | None:
-    """Problem of sensors' folders with only files of other formats."""
+    """Problem of sensors' folders with only files of other formats, or of another camera."""
     places = [*recording_folders(path), *drive_folders(path)]
     for folder in (path, *(path / split for split in KITTI_SPLITS)):
         places += object_folders(folder)
     unread = [each for each in find_unread(places) if each.all_unread]
+    unread += find_unread(drive_folders(path))
     return unread[0].problem if unread else None
 
 

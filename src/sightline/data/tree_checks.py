@@ -12,6 +12,8 @@ from sightline.data.between_frames import (
     check_object_frames,
     check_recording_frames,
 )
+from sightline.data.drive_calibration import drive_matrices_doubts, unread_calibration
+from sightline.data.drive_poses import check_oxts
 from sightline.data.drive_times import check_drive_times
 from sightline.data.frame_checks import (
     Findings,
@@ -22,13 +24,13 @@ from sightline.data.frame_checks import (
 )
 from sightline.data.kitti_calibration import (
     CalibrationMatrices,
-    check_matrices,
     read_object_matrices,
     read_raw_matrices,
 )
 from sightline.data.kitti_trees import (
     CORRUPTED,
     DepthFrame,
+    DriveFiles,
     DriveFrame,
     DriveSplit,
     ObjectFrame,
@@ -78,7 +80,6 @@ from sightline.data.unread_files import (
     find_unread,
     object_folders,
     recording_folders,
-    unread_calibration,
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem, plain_line
@@ -263,10 +264,12 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
             ("points", files.points_folder, ".bin"),
         )
     ]
-    read_calibration = partial(_check_raw_calibration, folder, files.calibration)
+    read_calibration = partial(_check_raw_calibration, folder, files)
     checks = [Check(subject="the calibration", run=read_calibration)]
     if files.timestamps is not None and files.frames:
         checks.append(Check(subject=files.timestamps.name, run=partial(check_drive_times, files)))
+    if files.oxts is not None and files.frames:
+        checks.append(Check(subject="the readings of oxts", run=partial(check_oxts, files)))
     matrices = read_or_note(read_raw_matrices, files.calibration, [])
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     checks.append(_between_frames(partial(check_drive_frames, files.frames)))
@@ -385,12 +388,13 @@ def _run_frame_check(examine: Callable[[], Findings], image: Path | None) -> lis
     return [Problem(path=image, problem=problem, remedy=remedy), *found.all()]
 
 
-def _check_raw_calibration(drive: Path, folder: Path | None) -> list[Problem]:
+def _check_raw_calibration(drive: Path, files: DriveFiles) -> list[Problem]:
+    folder = files.calibration
     if folder is None:
         path = drive / "calib_cam_to_cam.txt"
         return [Problem(path=path, problem="is missing, here and one folder up", remedy=_REMEDY)]
     try:
-        problems = check_matrices(read_raw_matrices(folder), None, folder / "calib_cam_to_cam.txt")
+        problems = drive_matrices_doubts(read_raw_matrices(folder), folder, files.first_image)
     except FileError as error:
         problems = [error.problem]
     return problems + unread_calibration(drive, folder)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.kitti_trees import (
+    DRIVE_FOLDERS,
     PART_SUFFIXES,
     DriveSplit,
     Part,
@@ -59,6 +60,7 @@ _FOLDER_ALIASES: dict[Part, tuple[str, ...]] = {
 """Other common names of a part's folder, only letters."""
 _OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
 """Folders of other cameras and of a depth benchmark's selection."""
+_OTHER_DRIVE_CAMERAS = ("image_03", "image_00", "image_01")  # the other colour camera first
 _DRIVE_DATA = "data"  # folder of a drive's files in that of the sensor
 _MAX_LISTED = 4  # suffixes listed in an error
 
@@ -73,6 +75,10 @@ class PartFolder:
     """Suffixes of the files to read, in lower case."""
     only: str = ""
     """Stem of the part's only file; empty: all files of the folder belong to the part."""
+    elsewhere: tuple[Path, ...] = ()
+    """Other folders where the part may be, read if `folder` holds no files of it."""
+    replacements: tuple[Path, ...] = ()
+    """Folders of other sensors of this kind, which are never read."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -117,27 +123,22 @@ def recording_folders(folder: Path) -> list[PartFolder]:
 def drive_folders(folder: Path) -> list[PartFolder]:
     """Folders of a raw drive's sensors."""
     files = list_drive(folder)
-    places: tuple[tuple[Part, Path], ...] = (
-        ("image", files.image_folder),
-        ("points", files.points_folder),
+    cameras = [folder / name / end for name in _OTHER_DRIVE_CAMERAS for end in (_DRIVE_DATA, "")]
+    places: tuple[tuple[Part, Path, tuple[Path, ...]], ...] = (
+        ("image", files.image_folder, tuple(cameras)),
+        ("points", files.points_folder, ()),
     )
     return [
-        PartFolder(part=part, folder=place, suffixes=PART_SUFFIXES[part]) for part, place in places
-    ]
-
-
-def unread_calibration(drive: Path, calibration: Path) -> list[Problem]:
-    """Find a raw drive's own calibration files where all are read from another folder."""
-    own = [drive / name for name in ("calib_velo_to_cam.txt", "calib_imu_to_velo.txt")]
-    return [
-        Problem(
-            path=path,
-            problem="is not read: the drive's folder has no calib_cam_to_cam.txt, so all of the "
-            f"calibration is taken from {calibration}",
-            remedy="move it there, or lay the other files beside it",
+        PartFolder(
+            part=part,
+            folder=place,
+            suffixes=PART_SUFFIXES[part],
+            elsewhere=tuple(
+                folder / name for name in DRIVE_FOLDERS[part] if folder / name != place
+            ),
+            replacements=others,
         )
-        for path in own
-        if calibration != drive and path.is_file()
+        for part, place, others in places
     ]
 
 
@@ -177,6 +178,8 @@ def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
             _find_lost(each) or _find_unread_in(each),
             _find_hidden_in(each),
             _find_misnamed(each),
+            *_find_elsewhere(each),
+            _find_replacement(each),
         )
     ]
     return [each for each in found if each is not None]
@@ -248,6 +251,39 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
             is_needed = place.part != "objects"  # labels may be missing
             all_unread = is_missing and is_needed
             return UnreadFiles(problem=described, part=place.part, all_unread=all_unread)
+    return None
+
+
+def _find_elsewhere(place: PartFolder) -> list[UnreadFiles]:
+    """Find files of the part in other folders where they are read if this one has none."""
+    num_files = {each: len(list_files(each, place.suffixes)) for each in place.elsewhere}
+    problems = [
+        Problem(
+            path=folder,
+            problem=f"holds {number} files that are not read, because {place.folder} has some, too",
+            remedy="keep those of one folder, and move the others away",
+        )
+        for folder, number in num_files.items()
+        if number
+    ]
+    return [UnreadFiles(problem=each, part=place.part, all_unread=False) for each in problems]
+
+
+def _find_replacement(place: PartFolder) -> UnreadFiles | None:
+    """Find files of another camera, where the one that is read has no folder with files."""
+    if not place.replacements or list_files(place.folder, place.suffixes):
+        return None
+    for folder in place.replacements:
+        number = len(list_files(folder, place.suffixes))
+        if number:
+            described = Problem(
+                path=folder,
+                problem=f"holds {number} images that are not read: only those of camera 02 are, "
+                f"and {place.folder} has none",
+                remedy="add those, or rename this camera's folder to image_02 and its P_rect of "
+                "calib_cam_to_cam.txt to P_rect_02",
+            )
+            return UnreadFiles(problem=described, part=place.part, all_unread=False)
     return None
 
 

@@ -1,0 +1,82 @@
+import shutil
+from pathlib import Path
+
+import pytest
+
+from sightline.data.check import check_tree
+from sightline.data.image_file import write_rgb
+from sightline.data.kitti_trees import list_drive
+from sightline.data.open import open_dataset
+from tests.data.test_drive_calibration import told
+from tests.data.trees import picture, write_drive
+
+
+@pytest.mark.parametrize("official", [True, False], ids=["official", "flat"])
+@pytest.mark.parametrize("empty", ["image_02/data", "velodyne_points/data"])
+def test_files_beside_an_empty_folder_are_read(tmp_path, empty, official):
+    folder = write_drive(tmp_path / "day" / "drive", official=official)
+    part = "image_02" if "image" in empty else "velodyne_points"
+    if official:
+        for path in list((folder / empty).iterdir()):
+            path.rename(folder / part / path.name)
+    (folder / empty).mkdir(exist_ok=True, parents=True)
+    assert told(folder) == []
+    for sample in open_dataset(folder):
+        assert sample.image is not None
+        assert sample.points is not None
+
+
+def test_a_drive_without_files_of_a_part_names_the_folder_that_exists(tmp_path):
+    folder = write_drive(tmp_path / "drive")
+    shutil.rmtree(folder / "image_02" / "data")
+    assert list_drive(folder).image_folder == folder / "image_02"
+    (folder / "image_02").rmdir()
+    assert list_drive(folder).image_folder == folder / "image_02" / "data"
+
+
+@pytest.mark.parametrize(
+    ("read", "other", "kept"),
+    [
+        ("image_02/data", "image_02", 1),
+        ("velodyne_points/data", "velodyne_points", 2),
+        ("velodyne_points/data", "velodyne", 3),
+    ],
+)
+def test_files_in_a_second_place_are_told_with_their_number(tmp_path, read, other, kept):
+    folder = write_drive(tmp_path / "drive")
+    (folder / other).mkdir(exist_ok=True)
+    for path in sorted((folder / read).iterdir())[:kept]:
+        shutil.copy(path, folder / other)
+    assert told(folder) == [
+        f"{folder / other}: holds {kept} files that are not read, because {folder / read} has "
+        "some, too; keep those of one folder, and move the others away"
+    ]
+
+
+def other_camera(folder: Path, name: str) -> Path:
+    """Give a drive three images of another camera."""
+    for number in range(3):
+        write_rgb(folder / name / f"{number:010}.png", picture(10 + number))
+    return folder
+
+
+@pytest.mark.parametrize("name", ["image_03/data", "image_00", "image_01/data"])
+def test_images_of_another_camera_alone_are_told(tmp_path, name):
+    folder = other_camera(write_drive(tmp_path / "drive"), name)
+    assert told(folder) == []  # KITTI's drives have all four
+    shutil.rmtree(folder / "image_02")
+    (line,) = told(folder)
+    assert line.startswith(f"{folder / name}: holds 3 images that are not read: only those of ")
+    assert "camera 02 are, and " in line
+    open_dataset(folder, parts=("points",), needs=("points",))  # an error if it warned
+
+
+def test_a_drive_of_another_camera_without_sweeps_is_told_so(tmp_path):
+    folder = other_camera(write_drive(tmp_path / "drive"), "image_03/data")
+    for name in ("image_02", "velodyne_points"):
+        shutil.rmtree(folder / name)
+    expected = "image_03/data: holds 3 images that are not read"
+    with pytest.raises(ValueError, match=expected):
+        open_dataset(folder)
+    (problem,) = check_tree(folder)
+    assert expected in str(problem)
