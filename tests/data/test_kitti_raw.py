@@ -270,6 +270,24 @@ def test_images_taken_apart_from_their_sweeps_are_told_by_check_and_on_opening(
         assert remedy in line
 
 
+def test_an_empty_line_is_the_time_of_a_lost_sweep_and_keeps_its_number(tmp_path, recwarn):
+    folder = write_drive(tmp_path / "day" / "drive")
+    path = folder / "velodyne_points" / "timestamps.txt"
+    first, _, third = path.read_text().splitlines()
+    path.write_text(f"{first}\n\n{third}\n")
+    (folder / "velodyne_points" / "data" / "0000000001.bin").unlink()
+    told = r"timestamps\.txt: has no time of 1 of 3 frames: the line of 0000000001 is empty"
+    with pytest.raises(ValueError, match=told):
+        KittiRawDrive(folder, allow_gaps=True)
+    camera_times(folder, (0.07, 0.17, 0.27))
+    drive = KittiRawDrive(folder, allow_gaps=True)
+    assert [sample.timestamp_s for sample in drive] == pytest.approx([0, 0.1056, 0.2], abs=1e-4)
+    (folder / "image_02" / "data" / "0000000001.png").unlink()
+    drive = KittiRawDrive(folder)
+    assert [sample.timestamp_s for sample in drive] == pytest.approx([0, 0.2])
+    assert not recwarn
+
+
 def test_times_of_frames_that_lack_an_image_are_not_compared(tmp_path, recwarn):
     folder = write_drive(tmp_path / "day" / "drive")
     (folder / "image_02" / "data" / "0000000001.png").unlink()

@@ -143,6 +143,40 @@ def test_what_cannot_be_reached_is_named(address):
         open_dataset("steam://x")
 
 
+class RefusingHandler(RangeHandler):
+    """Serves shards, and answers 403 for all that is not there, as stores without listing do."""
+
+    def send_error(self, *_):
+        self.send_response(HTTPStatus.FORBIDDEN)
+        self.end_headers()
+
+
+def test_a_refusal_by_the_server_is_named_and_hides_no_shards(folder):
+    for address in serve(folder, RefusingHandler):
+        assert len(open_dataset(f"{address}/shards/training")) == 3
+        secret = address.replace("//", "//bob:hunter2@")
+        with pytest.raises(ValueError, match="cannot be read: its server answers 403; ") as raised:
+            open_dataset(f"{secret}/nothing")
+        assert str(raised.value).startswith(f"{address}/nothing/shards.json: ")
+
+
+class EndlessHandler(PlainHandler):
+    """Serves files without their length."""
+
+    def do_GET(self):
+        self.send_response(HTTPStatus.OK)
+        self.end_headers()
+
+    def do_HEAD(self):
+        self.do_GET()
+
+
+def test_a_server_that_does_not_tell_lengths_is_named(folder):
+    for address in serve(folder, EndlessHandler):
+        with pytest.raises(ValueError, match=r"shards\.json: its server does not tell its length"):
+            open_dataset(f"{address}/shards")
+
+
 def test_a_server_that_accepts_and_says_nothing_is_named(monkeypatch):
     monkeypatch.setattr(byte_source, "_TIMEOUT_S", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:

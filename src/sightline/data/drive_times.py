@@ -27,12 +27,12 @@ _Moment = tuple[datetime, float]
 def read_timestamps(path: Path | str) -> Float64[np.ndarray, " num_frames"]:
     """Read lines such as "2011-09-26 13:02:25.964389445" as seconds since the first line.
 
-    The seconds are rounded to nanoseconds, the precision of the file.
+    The seconds are rounded to nanoseconds, the precision of the file. Empty lines are left out.
 
     Raises:
         FileError: A line is no date with a time.
     """
-    moments = _read_moments(path)
+    moments = [each for each in _read_moments(path) if each is not None]
     return _seconds_since(moments[0], moments) if moments else np.zeros(0)
 
 
@@ -42,10 +42,8 @@ def drive_times(files: DriveFiles) -> tuple[float, ...] | None:
     Raises:
         FileError: The file cannot be read, or has too few times.
     """
-    if files.timestamps is None:
-        return None
-    moments = _moments_of_frames(files.timestamps, files)
-    return tuple(_seconds_since(moments[0], moments).tolist())
+    moments = _drive_moments(files)
+    return None if moments is None else tuple(_seconds_since(moments[0], moments).tolist())
 
 
 def check_drive_times(files: DriveFiles) -> list[Problem]:
@@ -91,35 +89,63 @@ def _camera_doubt(files: DriveFiles) -> Problem | None:
     if files.timestamps is None or files.image_timestamps is None:
         return None
     try:
-        moments = _moments_of_frames(files.image_timestamps, files)
+        images = _moments_of_frames(files.image_timestamps, files)
     except FileError as error:
         return error.problem
     sweeps = _moments_of_frames(files.timestamps, files)
-    origin = sweeps[0]
-    offsets = _seconds_since(origin, moments) - _seconds_since(origin, sweeps)
-    paired = [frame.image is not None and frame.points is not None for frame in files.frames]
-    far = np.flatnonzero((abs(offsets) > _MAX_OFFSET_S) & paired)
+    pairs = [
+        (frame.sample_id, image, sweep)
+        for frame, image, sweep in zip(files.frames, images, sweeps, strict=True)
+        if frame.image and frame.points and image is not None and sweep is not None
+    ]
+    if not pairs:
+        return None
+    names, paired_images, paired_sweeps = zip(*pairs, strict=True)
+    origin = paired_sweeps[0]
+    offsets = _seconds_since(origin, paired_images) - _seconds_since(origin, paired_sweeps)
+    far = np.flatnonzero(abs(offsets) > _MAX_OFFSET_S)
     if not len(far):
         return None
     worst = far[abs(offsets[far]).argmax()]
     order = "after" if offsets[worst] > 0 else "before"
-    name = shortened(files.frames[worst].sample_id)
+    name = shortened(names[worst])
     found = (
-        f"{len(far)} of {sum(paired)} images were taken more than {_MAX_OFFSET_S} s apart from "
+        f"{len(far)} of {len(pairs)} images were taken more than {_MAX_OFFSET_S} s apart from "
         f"their sweeps by {files.timestamps}, that of {name} {abs(offsets[worst]):.3g} s {order}"
     )
     remedy = "number each image as the sweep nearest in time"
-    if len(far) == sum(paired) and np.ptp(offsets[far]) < _CLOCK_SPREAD_S:
+    if len(far) == len(pairs) and np.ptp(offsets[far]) < _CLOCK_SPREAD_S:
         remedy = f"correct the times if two clocks differ; else {remedy}"
     return Problem(path=files.image_timestamps, problem=found, remedy=remedy)
 
 
-def _moments_of_frames(path: Path, files: DriveFiles) -> list[_Moment]:
+def _drive_moments(files: DriveFiles) -> list[_Moment] | None:
+    """Times of the frames: their sweeps', or their images' where a sweep was lost."""
+    if files.timestamps is None:
+        return None
+    moments = _moments_of_frames(files.timestamps, files)
+    if None in moments and files.image_timestamps is not None:
+        images = _moments_of_frames(files.image_timestamps, files)
+        moments = [own or image for own, image in zip(moments, images, strict=True)]
+    timed = [each for each in moments if each is not None]
+    if len(timed) < len(moments):
+        lost = files.frames[moments.index(None)].sample_id
+        raise FileError(
+            files.timestamps,
+            f"has no time of {len(moments) - len(timed)} of {len(moments)} frames: the line of "
+            f"{shortened(lost)} is empty",
+            "write the times of their images there, or remove these frames",
+        )
+    return timed
+
+
+def _moments_of_frames(path: Path, files: DriveFiles) -> list[_Moment | None]:
+    """Times of the frames in a file; None: the line is empty, as KITTI's of a lost sweep."""
     moments = _read_moments(path)
     sample_ids = [frame.sample_id for frame in files.frames]
     if len(moments) == len(sample_ids):
         return moments
-    # KITTI has a time for every number, also for lost frames.
+    # KITTI has a line for every number, also for lost frames.
     lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
     if not 0 <= min(lines) <= max(lines) < len(moments):
         raise FileError(
@@ -131,10 +157,12 @@ def _moments_of_frames(path: Path, files: DriveFiles) -> list[_Moment]:
     return [moments[line] for line in lines]
 
 
-def _read_moments(path: Path | str) -> list[_Moment]:
-    moments = []
-    for number, line in enumerate(read_text(path).split("\n"), start=1):
+def _read_moments(path: Path | str) -> list[_Moment | None]:
+    """Read a time a line; None: an empty line, but for those at the end."""
+    moments: list[_Moment | None] = []
+    for number, line in enumerate(read_text(path).rstrip().split("\n"), start=1):
         if not line.strip():
+            moments.append(None)
             continue
         try:
             moments.append(_parse_time(line.strip()))

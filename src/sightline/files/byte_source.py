@@ -1,16 +1,22 @@
 """Reading of byte ranges from local files, and from any file system that fsspec opens."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from sightline.files.extras import import_library
 from sightline.files.plain_file import check_regular
-from sightline.files.problem import FileError, address
+from sightline.files.problem import FileError, address, shown_place
 
+_NOT_THERE: Final = (404, 410)  # status of a file that a server does not have
 _TIMEOUT_S: Final = 15.0  # of a server that accepts a connection, and says nothing
 _REMEDY: Final = "check the address, the network and your rights"
 _LOCAL_REMEDY: Final = "copy it again, or make it again by the same command"
+
+
+class RefusedError(FileError):
+    """Error for a file that a server refuses to give: some answer 403 where there is none."""
 
 
 def url_of(path: Path) -> str | None:
@@ -25,11 +31,10 @@ def check_no_address(output: Path) -> None:
     Raises:
         ValueError: It is an address.
     """
-    url = address(output)
-    if url is not None:
+    if address(output) is not None:
         raise ValueError(
-            f"{url} is an address, and outputs are written to this machine; name a folder or file "
-            "here, and copy it there afterwards"
+            f"{shown_place(output)} is an address, and outputs are written to this machine; name a "
+            "folder or file here, and copy it there afterwards"
         )
 
 
@@ -56,8 +61,9 @@ def read_range(path: Path, start: int, length: int) -> bytes:
         raise _unreadable(path, error) from error
     if len(content) > length:  # no fault of one file: other files would fail by it, too
         raise ValueError(
-            f"{url} comes whole where {length} bytes were asked for: its server ignores ranges; "
-            "take a web server that answers them, or copy the shards to this machine"
+            f"{shown_place(path)} comes whole where {length} bytes were asked for: its server "
+            "ignores ranges; take a web server that answers them, or copy the shards to this "
+            "machine"
         )
     if len(content) < length:
         raise FileError(
@@ -72,6 +78,7 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
     """Read a whole file of limited length; None: there is none.
 
     Raises:
+        RefusedError: The server answers with an error other than that there is none.
         FileError: The file cannot be read, or is longer.
     """
     url = url_of(path)
@@ -80,10 +87,10 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
             size = path.stat().st_size
         else:
             system, place = _file_system(url)
-            size = int(system.info(place)["size"])
+            size = _known_size(path, system.info(place))
     except (FileNotFoundError, NotADirectoryError) as error:
         cause = error.__cause__  # fsspec says so, too, of servers that cannot be reached
-        if isinstance(cause, Exception) and not hasattr(cause, "status"):
+        if isinstance(cause, Exception) and getattr(cause, "status", 0) not in _NOT_THERE:
             raise _unreadable(path, cause) from error
         return None
     except ValueError:
@@ -94,6 +101,15 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
         problem = f"is {size} bytes long, expected up to {max_bytes}"
         raise FileError(path, problem, "get the data from a source that you trust")
     return read_range(path, 0, size)
+
+
+def _known_size(path: Path, info: Mapping[str, Any]) -> int:
+    if info.get("size") is None:
+        raise ValueError(
+            f"{shown_place(path)}: its server does not tell its length; take a web server that "
+            "answers ranges, or copy the shards to this machine"
+        )
+    return int(info["size"])
 
 
 def _file_system(url: str) -> tuple[Any, str]:
@@ -108,13 +124,18 @@ def _file_system(url: str) -> tuple[Any, str]:
     try:
         system, place = fsspec.core.url_to_fs(url, **options)
     except ImportError as error:  # s3fs, say, which another package brings
-        raise ValueError(f"{url}: {error}") from error
+        raise ValueError(f"{shown_place(url)}: {error}") from error
     except ValueError as error:
-        raise ValueError(f"{url} cannot be read: {scheme} is no known protocol") from error
+        raise ValueError(
+            f"{shown_place(url)} cannot be read: {scheme} is no known protocol"
+        ) from error
     return system, str(place)
 
 
 def _unreadable(path: Path, error: Exception) -> FileError:
     reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    status = getattr(error, "status", None)
+    if status is not None:  # not the library's text, which has the address
+        return RefusedError(path, f"cannot be read: its server answers {status}", _REMEDY)
     remedy = _LOCAL_REMEDY if url_of(path) is None else _REMEDY
     return FileError(path, f"cannot be read: {reason}", remedy)

@@ -39,6 +39,12 @@ def address(path: Path | str) -> str | None:
     return f"{match[1]}:{slashes}{match[2]}"
 
 
+def shown_place(path: Path | str) -> str:
+    """Path, or address without the user's name and password, for messages."""
+    url = address(path)
+    return str(path) if url is None else re.sub("(?<=://)[^/]*@", "", url)
+
+
 def markdown_text(text: str) -> str:
     """Escape text for Markdown, so that it ends no cell and begins no tag or link."""
     return plain_line(text).replace("|", "\\|").replace("<", "&lt;").replace("](", "]\\(")
@@ -61,8 +67,7 @@ class Problem:
 
     def __str__(self) -> str:
         """Format file, fault and remedy in printable characters."""
-        place = address(self.path) or self.path
-        return plain_line(f"{place}: {self.problem}; {self.remedy}")
+        return plain_line(f"{shown_place(self.path)}: {self.problem}; {self.remedy}")
 
 
 def install_command(extra: Extra) -> str:

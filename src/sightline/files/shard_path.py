@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PosixPath
 from typing import Any
 
-from sightline.files.byte_source import url_of
+from sightline.files.byte_source import RefusedError, url_of
 from sightline.files.plain_file import as_path
 from sightline.files.problem import FileError
 from sightline.files.shard_index import Member, ShardTree, open_tree
@@ -43,14 +43,25 @@ _remote_trees: dict[Path, ShardTree] = {}
 
 
 def _tree_of(path: Path) -> tuple[ShardTree, str] | None:
-    """Shards in which a path lies, and its place in them."""
+    """Shards in which a path lies, and its place in them.
+
+    Raises:
+        FileError: They are damaged or cannot be read, or a server refuses to say if there are any.
+    """
     is_remote = url_of(path) is not None
+    refusal: RefusedError | None = None
     for opened in (_known_remote_tree, _open_remote_tree) if is_remote else (open_tree,):
         for root in (path, *path.parents):
-            tree = opened(root)
+            try:
+                tree = opened(root)
+            except RefusedError as error:
+                refusal = refusal or error
+                continue
             if tree is not None:
                 place = path.relative_to(root).as_posix()
                 return tree, "" if place == "." else place
+    if refusal is not None:
+        raise refusal
     return None
 
 

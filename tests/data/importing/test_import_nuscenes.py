@@ -60,6 +60,16 @@ def test_images_take_no_room_and_a_second_run_writes_what_is_missing(nuscenes, t
     assert (report.written, report.skipped) == (1, 1)
 
 
+def test_tables_that_changed_do_not_mix_with_their_import(tmp_path):
+    write_nuscenes(tmp_path / "data")
+    import_recording(tmp_path / "data", tmp_path / "out")
+    edit(tmp_path / "data", "sample_annotation", lambda rows: rows.pop())
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()}
+    with pytest.raises(ValueError, match=r"made with tables [0-9a-f]{12} instead of"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+    assert {path: path.read_bytes() for path in before} == before
+
+
 def test_images_whose_names_have_no_usual_ending_are_read_from_the_recording(tmp_path):
     write_nuscenes(tmp_path / "data", num_samples=1)
 

@@ -78,6 +78,7 @@ def import_nuscenes(
     settings = {
         "sightline": version("sightline"),
         "source": data_name(tables.folder),
+        "tables": tables.digest(),
         "camera": camera,
         "lidar": lidar,
         "max_intensity": max_intensity,

@@ -10,6 +10,7 @@ from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
 from sightline.data.importing.writer import ImportReport
 from sightline.files.byte_source import url_of
+from sightline.files.problem import shown_place
 from sightline.geometry.wrong_types import named_arguments
 
 
@@ -59,8 +60,10 @@ def import_recording(
             import.
     """
     source, out = Path(source), Path(out)
-    if (url := url_of(source)) is not None:
-        raise ValueError(f"{url} is an address, and import reads files of this machine; copy it")
+    if url_of(source) is not None:
+        raise ValueError(
+            f"{shown_place(source)} is an address, and import reads files of this machine; copy it"
+        )
     if not source.exists():
         raise ValueError(f"{source} does not exist; name a bag or a folder of nuScenes")
     if not 0 <= max_gap_s < 10:

@@ -1,5 +1,6 @@
 """Reader of key frames of nuScenes (Caesar et al. 2020) and of data sets with the same tables."""
 
+import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,17 @@ from sightline.geometry.tilt import Tilt
 _MODALITIES: Final = ("camera", "lidar", "radar")
 _CYCLE: Final = "cycle."
 _WITH_RIDER: Final = "cycle.with_rider"
+_REFERENCED: Final = (
+    "attribute",
+    "calibrated_sensor",
+    "category",
+    "ego_pose",
+    "instance",
+    "sensor",
+)
+"""Tables that rows of others refer to."""
+_LISTED: Final = ("sample", "sample_annotation", "sample_data", "scene")
+"""Tables whose rows are read in their order."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,6 +102,14 @@ class Tables:
         """
         return _Reader(self).moments(camera, lidar)
 
+    def digest(self) -> str:
+        """Twelve digits of the SHA-256 of all tables: other digits mean other contents."""
+        total = hashlib.sha256()
+        for name in (*_REFERENCED, *_LISTED):
+            with (self.folder / f"{name}.json").open("rb") as file:
+                total.update(hashlib.file_digest(file, "sha256").digest())
+        return total.hexdigest()[:12]
+
 
 def find_tables(source: Path) -> Tables | None:
     """Find the tables in a folder or its subfolder, such as v1.0-mini.
@@ -109,8 +129,7 @@ def find_tables(source: Path) -> Tables | None:
 class _Reader:
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
-        names = ("calibrated_sensor", "ego_pose", "instance", "category", "attribute", "sensor")
-        self._tables_by_name = {name: read_table(self._path(name)) for name in names}
+        self._tables_by_name = {name: read_table(self._path(name)) for name in _REFERENCED}
         attributes = self._tables_by_name["attribute"].rows.values()
         self._samples = read_table(self._path("sample"))
         self._has_riders = any(row.text("name").startswith(_CYCLE) for row in attributes)
