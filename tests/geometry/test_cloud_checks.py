@@ -70,6 +70,16 @@ def test_points_that_lie_together_far_away_are_in_a_maps_frame(offset):
     assert "millimetres" not in problem + remedy
 
 
+@pytest.mark.parametrize("rows", [slice(None), slice(1, None, 2)])  # some without an echo
+def test_a_first_column_that_counts_the_rows_is_named(rows):
+    points = np.hstack(
+        [np.arange(500)[:, None], np.random.default_rng(0).uniform(-20, 20, (500, 3))]
+    )
+    problem, remedy = cloud_fault(points[rows], 1.0)
+    assert problem.endswith(".. that counts its rows")
+    assert remedy.startswith("leave it out: ")
+
+
 def test_points_spread_far_around_the_lidar_are_in_millimetres():
     points = np.random.default_rng(0).normal(0, 20_000, (500, 4))
     assert "millimetres" in cloud_fault(points, 1.0)[0]

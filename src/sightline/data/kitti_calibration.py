@@ -342,14 +342,19 @@ def _check_rotation(rotation: Float64[np.ndarray, "3 3"], path: Path | str, name
 
 
 def check_matrices(
-    matrices: CalibrationMatrices, size: tuple[int, int] | None, path: Path
+    matrices: CalibrationMatrices,
+    size: tuple[int, int] | None,
+    path: Path,
+    *,
+    remedy: str = _REMEDY,
 ) -> list[Problem]:
-    """Find implausible values in a calibration of the object benchmark or a raw recording.
+    """Find implausible values in a calibration.
 
     Args:
         matrices: Matrices as read.
         size: Height and width of the image, if known.
         path: File or folder of the matrices.
+        remedy: Remedy; by default that of KITTI's files.
     """
     intrinsics, column = np.hsplit(matrices.image_from_camera, [3])
     offset_m = float(np.linalg.norm(np.linalg.solve(intrinsics, column[:, 0])))
@@ -362,7 +367,9 @@ def check_matrices(
     mount = mount_doubt(matrices.camera_from_lidar)
     if mount is not None:
         doubts.append(f"holds a transform from LiDAR to camera that {mount}")
-    return check_intrinsics(intrinsics, size, path) + _problems(doubts, path)
+    return check_intrinsics(intrinsics, size, path, remedy=remedy) + [
+        Problem(path=path, problem=doubt, remedy=remedy) for doubt in doubts
+    ]
 
 
 def check_intrinsics(
@@ -371,6 +378,7 @@ def check_intrinsics(
     path: Path,
     *,
     usual: bool = True,
+    remedy: str = _REMEDY,
 ) -> list[Problem]:
     """Find implausible focal lengths and principal points.
 
@@ -380,6 +388,7 @@ def check_intrinsics(
         path: File of the matrix.
         usual: Whether to doubt also what is possible but unusual: pixels that are no squares, a
             principal point away from the centre, and a matrix for another resolution.
+        remedy: See `check_matrices`.
     """
     focal_px, principal_px = np.diag(intrinsics)[:2], intrinsics[:2, 2]
     doubts = []
@@ -411,8 +420,4 @@ def check_intrinsics(
             doubts.append(f"holds a camera matrix that {resolution}")
         elif off_centre is not None:
             doubts.append(off_centre)
-    return _problems(doubts[:1], path)
-
-
-def _problems(doubts: list[str], path: Path) -> list[Problem]:
-    return [Problem(path=path, problem=doubt, remedy=_REMEDY) for doubt in doubts]
+    return [Problem(path=path, problem=doubt, remedy=remedy) for doubt in doubts[:1]]

@@ -31,6 +31,7 @@ from sightline.data.recording_calibration import (
     require_usable,
 )
 from sightline.data.recording_checks import (
+    CALIBRATION_REMEDY,
     calibration_problems,
     examine_recording_frame,
     first_complete_frame,
@@ -258,7 +259,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             return
         if first is not None and contents is not None and path is not None:
             size = _seen_size(first, contents)
-            for doubt in check_matrices(contents.matrices, size, path):
+            for doubt in check_matrices(contents.matrices, size, path, remedy=CALIBRATION_REMEDY):
                 warnings.warn(str(doubt), stacklevel=4)
         if "points" in self.parts:
             self._warn_of_pose()

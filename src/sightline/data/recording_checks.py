@@ -48,7 +48,7 @@ from sightline.geometry.mount import (
 from sightline.geometry.mount_axes import axes_doubt
 from sightline.geometry.road_height import describe_lowness
 
-_REMEDY = (
+CALIBRATION_REMEDY = (
     "correct the calibration file, or both clouds and calibration if both have another "
     "convention; see docs/recordings.md"
 )
@@ -110,7 +110,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
             if axes is not None
             else None
             if problem is None
-            else Problem(path=frame.calibration, problem=problem, remedy=_REMEDY)
+            else Problem(path=frame.calibration, problem=problem, remedy=CALIBRATION_REMEDY)
         ),
     )
 
@@ -191,11 +191,11 @@ def calibration_problems(
     try:
         require_usable(calibration, size)
     except ValueError as error:
-        return [Problem(path=path, problem=str(error), remedy=_REMEDY)]
+        return [Problem(path=path, problem=str(error), remedy=CALIBRATION_REMEDY)]
     doubt = _doubt(calibration, size)
     if doubt is not None:
-        return [Problem(path=path, problem=doubt, remedy=_REMEDY)]
-    return check_matrices(calibration.matrices, size, path)
+        return [Problem(path=path, problem=doubt, remedy=CALIBRATION_REMEDY)]
+    return check_matrices(calibration.matrices, size, path, remedy=CALIBRATION_REMEDY)
 
 
 def _doubt(calibration: RecordingCalibration, size: tuple[int, int] | None) -> str | None:

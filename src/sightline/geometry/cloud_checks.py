@@ -274,6 +274,11 @@ def _is_finite(values: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         return np.isfinite(values.astype(np.float32))
 
 
+def _counts_rows(column: Float[np.ndarray, " num_points"]) -> bool:
+    """Whether values are rising whole numbers, some of which may lack."""
+    return bool((np.diff(column) >= 1).all() and (column == np.floor(column)).all())
+
+
 def cloud_fault(
     points: Float[np.ndarray, "num_points 4"], max_intensity: float
 ) -> tuple[str, str] | None:
@@ -287,6 +292,12 @@ def cloud_fault(
     """
     if not len(points):
         return None
+    if len(points) >= _MIN_POINTS_TO_WARN and _counts_rows(points[:, 0]):
+        first = ", ".join(f"{each:.0f}" for each in points[:3, 0])
+        return (
+            f"a first column of {first}, .. that counts its rows",
+            "leave it out: give columns in the order x, y, z, intensity",
+        )
     far = _range_fault(points[:, :3].astype(np.float64))
     if far is not None:
         return far
