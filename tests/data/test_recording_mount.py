@@ -103,7 +103,8 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
         assert open_dataset(tmp_path)[0].lidar_height_m == 2.31
     (summary,) = summarize_tree(tmp_path)
     assert "above it" not in str(summary)
-    assert "warning: lidar_height_m is 2.31" in str(summary)
+    (problem,) = check_tree(tmp_path)
+    assert "calibration.yaml: lidar_height_m is 2.31, but the road in the" in str(problem)
     write_calibration(tmp_path)
     for place, name in enumerate("abc"):
         write_cloud_file(tmp_path / "points" / f"{name}.npy", POINTS[: 25 + place])
@@ -185,7 +186,9 @@ def test_a_tilt_that_the_road_contradicts_is_told(tmp_path):
     write_recording(tmp_path, ("a",), lidar_tilt_deg={"roll": 0, "pitch": 12})
     (summary,) = summarize_tree(tmp_path)
     assert "by its calibration the LiDAR is tilted, 12.0 degrees nose down" in str(summary)
-    assert "warning: lidar_tilt_deg is 12.0 degrees nose down" in str(summary)
+    (problem,) = check_tree(tmp_path)
+    assert "calibration.yaml: lidar_tilt_deg is 12.0 degrees nose down" in str(problem)
+    assert str(problem).endswith("the sweeps gives none; correct it (degrees), or omit it")
     with pytest.warns(UserWarning, match="but the road in the sweeps gives none"):
         open_dataset(tmp_path)
 
@@ -207,3 +210,16 @@ def test_clouds_with_z_down_are_told_to_be_converted_with_their_calibration(tmp_
         assert problems, said
         assert "-z points up" in problems[0].problem
         assert problems[0].path == folder / "points" / "a.pcd"
+
+
+def test_a_tilt_of_zeros_is_as_none_and_keeps_the_clouds_from_being_levelled(tmp_path):
+    write_recording(tmp_path / "level", ("a",), lidar_tilt_deg={"roll": 0, "pitch": 0.04})
+    assert open_dataset(tmp_path / "level")[0].level_from_lidar is None
+    (summary,) = summarize_tree(tmp_path / "level")
+    assert "tilted" not in str(summary)
+    assert list(check_tree(tmp_path / "level")) == []
+    tilt = Tilt(roll_deg=0.0, pitch_deg=12.0)
+    write_tilted_recording(tmp_path / "tilted", tilt, lidar_tilt_deg={"roll": 0, "pitch": 0})
+    with pytest.warns(UserWarning, match="but the road in the sweeps gives 1"):
+        dataset = open_dataset(tmp_path / "tilted")
+    assert dataset[0].level_from_lidar is None

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +23,7 @@ def test_a_tilt_is_the_roll_and_pitch_of_a_urdf(roll_deg, pitch_deg):
 @given(roll_deg=angles, pitch_deg=angles, yaw_deg=st.floats(-180, 180))
 def test_in_the_level_frame_z_is_up_and_x_points_along_the_view(roll_deg, pitch_deg, yaw_deg):
     tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
+    assume(not tilt.is_level)
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
     mounted = CAMERA_FROM_LIDAR @ turn @ tilt.level_from_lidar
@@ -32,7 +33,9 @@ def test_in_the_level_frame_z_is_up_and_x_points_along_the_view(roll_deg, pitch_
 
 
 def test_a_level_lidar_that_looks_ahead_has_no_other_frame():
-    assert level_ahead(CAMERA_FROM_LIDAR, None) is None
+    for tilt in (None, Tilt(roll_deg=0.0, pitch_deg=0.0), Tilt(roll_deg=-0.04, pitch_deg=0.04)):
+        assert level_ahead(CAMERA_FROM_LIDAR, tilt) is None
+    assert level_ahead(CAMERA_FROM_LIDAR, Tilt(roll_deg=0.0, pitch_deg=0.06)) is not None
 
 
 def test_a_tilt_is_said_in_words():

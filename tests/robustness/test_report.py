@@ -205,7 +205,7 @@ def test_notes_of_a_run_come_back_from_its_file_and_stand_in_every_report(two, t
         assert note in " ".join(text_.split())
         assert "1 case of suite levels without results" in " ".join(text_.split())
     both = compare_runs([two[0], tmp_path / "few" / "robustness.json"])
-    assert note in both.notes()
+    assert f"toy (2): {note}" in both.notes()
     assert "notes" not in json.loads(two[0].read_text())
 
 

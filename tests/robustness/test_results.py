@@ -15,7 +15,9 @@ from sightline.depth_completion.registration import TASK as DEPTH
 from sightline.detection2d.registration import TASK as DETECTION2D
 from sightline.detection3d.registration import TASK as DETECTION3D
 from sightline.robustness.bench import BenchSettings, run_bench
+from sightline.robustness.compare import Comparison
 from sightline.robustness.frames import digest_files
+from sightline.robustness.record import read_record
 from sightline.robustness.results import score_results
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.robustness.runs import LEVELS
@@ -173,3 +175,87 @@ def test_labels_without_an_object_are_told_beside_the_scores(tmp_path):
         path.write_text("")
     (note,) = DETECTION2D.scoring().notes(open_dataset(tree))
     assert note.startswith("WARNING: no label is of a scored class (Car, Pedestrian, Cyclist)")
+
+
+def _rewrite(folder, change, cases=None):
+    """Change every line of the result files, in all cases or some."""
+    for path in folder.glob("*/*.txt"):
+        if cases is None or path.parent.name in cases:
+            lines = (change(line.split()) for line in path.read_text().splitlines())
+            path.write_text("".join(f"{' '.join(line)}\n" for line in lines))
+
+
+def _as_vehicles(fields):
+    return ["Vehicle", *fields[1:]]
+
+
+def _flat(fields):
+    return [*fields[:8], *("-1",) * 3, *("-1000",) * 3, "-10", fields[15]]
+
+
+@pytest.mark.parametrize(
+    ("change", "cases", "said"),
+    [
+        (
+            _as_vehicles,
+            None,
+            r"WARNING: nothing can be found in all 6 cases: (\d+) of \1 results were left out, as "
+            r"their classes are not scored \(Car, Pedestrian, Cyclist are\): Vehicle \1\.",
+        ),
+        (
+            _as_vehicles,
+            ("camera_blank",),
+            r"WARNING: nothing can be found in case camera_blank: (\d+) of \1 results were left",
+        ),
+        (
+            _flat,
+            ("camera_blank", "lidar_blank"),
+            r"nothing can be found in cases camera_blank, lidar_blank: (\d+) of \1 results of "
+            r"scored classes have no 3D part: they match nothing in bird's eye and 3D\. Such",
+        ),
+    ],
+)
+def test_results_that_cannot_match_are_told_with_their_cases(
+    written, tmp_path, change, cases, said
+):
+    corrupted, found, report = written
+    mine = shutil.copytree(found, tmp_path / "mine")
+    _rewrite(mine, change, cases)
+    theirs = score_results(OracleTask(), corrupted, mine, tmp_path / "out", SETTINGS)
+    (note,) = set(theirs.record.notes) - set(report.record.notes)
+    assert re.search(said, note)
+    assert note in read_record(tmp_path / "out").notes
+    assert "nothing can be found" in (tmp_path / "out" / "report.html").read_text()
+    compared = Comparison(records=(read_record(tmp_path / "out"), report.record))
+    assert any(line.endswith(f": {note}") for line in compared.notes())
+
+
+def test_some_results_that_are_left_out_and_files_of_no_frame_are_told(written, tmp_path):
+    cases, found, report = written
+    mine = shutil.copytree(found, tmp_path / "mine")
+    (mine / "lidar_blank" / "000009.txt").write_text("")
+    lines = (mine / "clean" / "000000.txt").read_text().splitlines(keepends=True)
+    with (mine / "clean" / "000000.txt").open("a") as file:
+        file.write(lines[0].replace(lines[0].split()[0], "Bus"))
+    theirs = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    classes, files = theirs.record.notes[:2]
+    assert re.fullmatch(r"In case clean, 1 of \d+ results were left out, .*: Bus 1\.", classes)
+    assert files == (
+        "In case lidar_blank, 1 of 3 result files were left out, as the data have no frame of "
+        "their names: 000009.txt."
+    )
+    assert theirs.record.notes[2:] == report.record.notes
+
+
+def test_sound_results_and_a_case_without_any_raise_no_doubt(written, tmp_path):
+    cases, found, report = written
+    assert not any("nothing can" in note or "left out" in note for note in report.record.notes)
+    mine = shutil.copytree(found, tmp_path / "mine")
+    for path in (mine / "camera_blank").iterdir():
+        path.write_text("")
+    theirs = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    assert theirs.record.notes == report.record.notes
+    for path in (mine / "clean").iterdir():
+        path.write_text("")
+    theirs = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    assert any("of sound sensors hold no object at all" in note for note in theirs.record.notes)

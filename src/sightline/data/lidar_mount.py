@@ -21,6 +21,7 @@ from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.road_height import (
     LidarPose,
+    MountDoubt,
     describe_lowness,
     lidar_pose,
     mount_doubts,
@@ -70,7 +71,7 @@ def stated_pose(frame: ObjectFrame) -> LidarPose | None:
     return read_or_note(read_object_pose, frame.calibration, [])
 
 
-def stated_mount_doubts(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+def stated_mount_doubts(frames: Sequence[ObjectFrame]) -> tuple[MountDoubt, ...]:
     """Describe a mount in calibration files that the road in the clouds contradicts; empty: none.
 
     Of the first cloud, the last and one between, most must contradict it: single clouds of hills
@@ -79,7 +80,7 @@ def stated_mount_doubts(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     Args:
         frames: Frames of an object tree.
     """
-    found: list[str] = []
+    found: list[MountDoubt] = []
     given = 0
     for frame in select_spread([each for each in frames if each.points is not None]):
         pose, sweep = stated_pose(frame), read_or_note(read_sweep, frame.points, [])
@@ -134,9 +135,11 @@ def describe_mount(
 
     Args:
         matrices: Calibration of the LiDAR.
-        tilt: Tilt of the LiDAR; None: level.
+        tilt: Tilt of the LiDAR; None, or less than 0.05 degrees: level.
         source: Source of the tilt.
     """
+    if tilt is not None and tilt.is_level:
+        tilt = None
     level = np.eye(4) if tilt is None else tilt.level_from_lidar
     turn = describe_rotation(turn_ahead(matrices.camera_from_lidar @ level.T)[1])
     if tilt is None:
@@ -168,7 +171,7 @@ def pose_of_recording(
 
 def mount_doubts_of_recording(
     frames: Sequence[ObjectFrame], calibration: RecordingCalibration
-) -> tuple[str, ...]:
+) -> tuple[MountDoubt, ...]:
     """Describe differences between a calibration's mounting and the road in some clouds.
 
     Args:

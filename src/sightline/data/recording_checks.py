@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
@@ -115,7 +116,15 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     )
 
 
-def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+class RecordingDescription(NamedTuple):
+    """Agreement of a recording's parts and its LiDAR's mount."""
+
+    clauses: tuple[str, ...]
+    doubts: tuple[Problem, ...] = ()
+    """Settings of the calibration that the clouds contradict."""
+
+
+def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
     """Describe the agreement of a recording's parts and its LiDAR's height, in a clause each."""
     first = first_complete_frame(frames)
     view = view_of_recording(first)
@@ -124,15 +133,14 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     )
     described = [] if view is None else [str(view)]
     described += _describe_losses(frames)
-    if calibration is None:
-        return tuple(described)
+    if calibration is None or first is None or first.calibration is None:
+        return RecordingDescription(tuple(described))
     if not has_points(frames):
         described.append(f"warning: {describe_lack_of_points(frames)}")
     pose = pose_of_recording(frames, calibration)
     source = "by the road in its clouds" if calibration.lidar_tilt is None else "by its calibration"
     described += describe_mount(calibration.matrices, pose.tilt, source)
     doubts = mount_doubts_of_recording(frames, calibration)
-    described += [f"warning: {doubt}" for doubt in doubts]
     if calibration.lidar_height_m is not None and pose.height_m is not None and not doubts:
         described.append(
             f"lidar_height_m is {calibration.lidar_height_m:g}; by the road in its clouds the "
@@ -147,7 +155,10 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
             else f"{'warning: ' if lowness else ''}by the road in its clouds the LiDAR is "
             f"{pose.height_m:.2f} m above it{lowness}"
         )
-    return tuple(described)
+    problems = (
+        Problem(path=first.calibration, problem=each.problem, remedy=each.remedy) for each in doubts
+    )
+    return RecordingDescription(tuple(described), tuple(problems))
 
 
 def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:

@@ -219,6 +219,12 @@ def _object_tree(folder: Path) -> Tree | None:
     calibration_file = next(
         (each.calibration for each in frames if each.points and each.calibration), None
     )
+    if tree is not None:
+        doubts = (
+            Problem(path=folder / "calib", problem=each.problem, remedy=each.remedy)
+            for each in stated_mount_doubts(frames)
+        )
+        tree = replace(tree, gaps=(*tree.gaps, *doubts))
     tree = _with_notes(
         tree, *_describe_pose(frames, read_or_note(read_object_matrices, calibration_file, []))
     )
@@ -308,7 +314,9 @@ def _recording_tree(folder: Path) -> Tree | None:
     unused = (problem for _, problem in unused_files(folder, frames))
     order = order_doubt(folder, frames)
     tree = replace(tree, gaps=(*tree.gaps, *unused, *([] if order is None else [order])))
-    tree = _with_notes(tree, *describe_recording(frames))
+    described = describe_recording(frames)
+    tree = replace(tree, gaps=(*tree.gaps, *described.doubts))
+    tree = _with_notes(tree, *described.clauses)
     return _with_unread(tree, recording_folders(folder))
 
 
@@ -318,9 +326,7 @@ def _describe_pose(
     if matrices is None:
         return ()
     pose = pose_of_tree(frames)
-    stated = [frame for frame in frames if isinstance(frame, ObjectFrame)]
-    doubts = tuple(f"warning: {doubt}" for doubt in stated_mount_doubts(stated))
-    return *describe_mount(matrices, pose.tilt), *describe_height(pose), *doubts
+    return *describe_mount(matrices, pose.tilt), *describe_height(pose)
 
 
 def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:

@@ -94,7 +94,11 @@ def evaluate_objects(
     report = score_objects(found.data, overlaps, bootstrap=bootstrap, seed=seed)
     bands = score_by_distance(found.data, overlaps, by_distance) if by_distance else ()
     return replace(
-        report, bands=bands, frames_without_results=found.num_missing, remarks=found.remarks
+        report,
+        bands=bands,
+        frames_without_results=found.num_missing,
+        remarks=found.remarks,
+        tally=found.tally,
     )
 
 
@@ -192,6 +196,7 @@ class _Submission(NamedTuple):
     """Frames without a result file."""
     remarks: tuple[str, ...]
     """Remarks on files and objects that are not scored."""
+    tally: ObjectTally
 
 
 def _read_submission(
@@ -214,7 +219,7 @@ def _read_submission(
         parts.append(find_pairs(detections, labels, overlaps.as_array()))
     unread = unread_files(results_dir, labels_dir, names) if sample_list is None else ()
     remarks = (*unread, *tally.remarks())
-    return _Submission(tuple(names), concatenate(parts), len(missing), remarks)
+    return _Submission(tuple(names), concatenate(parts), len(missing), remarks, tally)
 
 
 def read_frames(

@@ -4,7 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -27,6 +27,7 @@ from sightline.evaluation.object_tables import (
     score_table,
     slots_note,
 )
+from sightline.evaluation.object_tally import ObjectTally
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import markdown_text
 from sightline.structures.score_curves import PrecisionRecall
@@ -169,6 +170,8 @@ class ObjectReport:
     """Distance bands from the nearest; empty if not requested."""
     remarks: tuple[str, ...] = ()
     """Remarks on files and objects that are not scored."""
+    tally: ObjectTally | None = field(default=None, repr=False, compare=False)
+    """Counts that the remarks are made from; None: not from files."""
 
     def to_json(self) -> dict[str, Any]:
         """Convert the report to its file's content."""

@@ -12,7 +12,7 @@ from sightline.evaluation.kitti_object_rules import CLASSES, class_code
 from sightline.evaluation.result_conventions import ResultConventions
 from sightline.files.plain_text import shortened
 
-_KITTI_CLASSES: Final = frozenset(
+KITTI_CLASSES: Final = frozenset(
     {"van", "truck", "person_sitting", "tram", "misc", "dontcare", *map(str.lower, CLASSES)}
 )
 """KITTI's own classes: their labels are no sign of a mistake."""
@@ -37,6 +37,8 @@ class ObjectTally:
     labels_in_degrees: int = 0
     """Number of labels with such an angle."""
     conventions: ResultConventions = field(default_factory=ResultConventions)
+    convention_remarks: tuple[str, ...] = field(default=(), init=False)
+    """Remarks on boxes and scores in other conventions, from `remarks`."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Count a frame."""
@@ -54,7 +56,7 @@ class ObjectTally:
 
     def remarks(self) -> tuple[str, ...]:
         """List remarks on unscored results and labels; empty if there are none."""
-        found, labelled = _by_code(self.results), _by_code(self.labels)
+        found, labelled = by_code(self.results), by_code(self.labels)
         remarks = []
         total = self.results.total()
         if total == 0:
@@ -65,14 +67,9 @@ class ObjectTally:
         if unscored:
             remarks.append(
                 f"{sum(unscored.values()):,} of {total:,} results were left out: their classes are "
-                f"not scored ({_listed(unscored)}; {', '.join(CLASSES)} are)."
+                f"not scored ({listed(unscored)}; {', '.join(CLASSES)} are)."
             )
-        unknown = {name: n for name, n in self.labels.items() if name.lower() not in _KITTI_CLASSES}
-        if unknown:
-            remarks.append(
-                f"{sum(unknown.values()):,} of {self.labels.total():,} labels were left out: "
-                f"their classes are none of KITTI's ({_listed(unknown)})."
-            )
+        remarks += self.remarks_on_labels()
         for code, name in enumerate(CLASSES):
             if code in labelled and code not in found:
                 missed = f"{labelled[code]:,} labelled objects are all missed"
@@ -90,14 +87,29 @@ class ObjectTally:
                 f"{self.without_box3d:,} of {sum(found.values()):,} results of scored classes have "
                 "no 3D part: they match nothing in bird's eye and 3D."
             )
-        if self.results_in_degrees or self.labels_in_degrees:
-            remarks.append(
-                f"WARNING: {self.labels_in_degrees:,} of {self.labels.total():,} labels and "
-                f"{self.results_in_degrees:,} of {total:,} results have angles beyond two pi, "
-                "probably degrees: they were taken for radians, as KITTI's files have them."
-            )
         self.conventions.in_degrees = self.results_in_degrees > 0
-        return (*remarks, *self.conventions.remarks())
+        self.convention_remarks = tuple(self.conventions.remarks())
+        return (*remarks, *self.remarks_on_angles(), *self.convention_remarks)
+
+    def remarks_on_labels(self) -> tuple[str, ...]:
+        """List a remark on labels of unknown classes; empty if there are none."""
+        unknown = {name: n for name, n in self.labels.items() if name.lower() not in KITTI_CLASSES}
+        if not unknown:
+            return ()
+        return (
+            f"{sum(unknown.values()):,} of {self.labels.total():,} labels were left out: "
+            f"their classes are none of KITTI's ({listed(unknown)}).",
+        )
+
+    def remarks_on_angles(self) -> tuple[str, ...]:
+        """List a remark on angles in degrees; empty if there are none."""
+        if not (self.results_in_degrees or self.labels_in_degrees):
+            return ()
+        return (
+            f"WARNING: {self.labels_in_degrees:,} of {self.labels.total():,} labels and "
+            f"{self.results_in_degrees:,} of {self.results.total():,} results have angles beyond "
+            "two pi, probably degrees: they were taken for radians, as KITTI's files have them.",
+        )
 
 
 def tallied(
@@ -145,7 +157,7 @@ def unread_labels(labels_dir: Path) -> tuple[str, ...]:
     )
 
 
-def _by_code(counts: Counter[str]) -> Counter[int]:
+def by_code(counts: Counter[str]) -> Counter[int]:
     """Count the objects of the scored classes."""
     coded: Counter[int] = Counter()
     for name, count in counts.items():
@@ -154,7 +166,7 @@ def _by_code(counts: Counter[str]) -> Counter[int]:
     return coded
 
 
-def _listed(counts: dict[str, int]) -> str:
+def listed(counts: dict[str, int]) -> str:
     """List the most frequent names with their numbers."""
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     parts = [f"{shortened(ascii(name)[1:-1], 24)} {count:,}" for name, count in ranked[:_MAX_NAMES]]

@@ -86,11 +86,24 @@ class LidarPose:
     """Tilt; None if it is level, or indistinguishable from a road's own shape."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MountDoubt:
+    """Difference between a LiDAR's given mount and the road in its sweeps; `str` joins both."""
+
+    problem: str
+    remedy: str
+    """Action for the user."""
+
+    def __str__(self) -> str:
+        """Format the difference and the remedy."""
+        return f"{self.problem}; {self.remedy}"
+
+
 def mount_doubts(
     sweeps: Sequence[Float[np.ndarray, "_num_points _fields"]],
     height_m: float | None,
     tilt: Tilt | None,
-) -> tuple[str, ...]:
+) -> tuple[MountDoubt, ...]:
     """Find differences between a LiDAR's given mount and the road in its sweeps.
 
     Args:
@@ -105,15 +118,21 @@ def mount_doubts(
         apart_deg = math.degrees(math.acos(min(float(tilt.up @ up), 1.0)))
         if measured.height_m is not None and apart_deg > _TILTS_AGREE_DEG:
             doubts.append(
-                f"lidar_tilt_deg is {tilt}, but the road in the sweeps gives "
-                f"{measured.tilt or 'none'}; correct it (degrees), or omit it"
+                MountDoubt(
+                    problem=f"lidar_tilt_deg is {tilt}, but the road in the sweeps gives "
+                    f"{measured.tilt or 'none'}",
+                    remedy="correct it (degrees), or omit it",
+                )
             )
     if height_m is not None and not doubts:
         measured_m = lidar_pose(sweeps, tilt).height_m
         if measured_m is not None and abs(measured_m - height_m) >= _HEIGHTS_AGREE_M:
             doubts.append(
-                f"lidar_height_m is {height_m:g}, but the road in the sweeps gives "
-                f"{measured_m:.2f}; correct it, or omit it"
+                MountDoubt(
+                    problem=f"lidar_height_m is {height_m:g}, but the road in the sweeps gives "
+                    f"{measured_m:.2f}",
+                    remedy="correct it, or omit it",
+                )
             )
     return tuple(doubts)
 

@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 
 from sightline.geometry.mount import turn_ahead
+
+_LEVEL_DEG: Final = 0.05  # smallest tilt that is one
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,6 +60,11 @@ class Tilt:
         """Angle between the LiDAR's z axis and up."""
         return math.degrees(math.acos(min(max(float(self.up[2]), -1.0), 1.0)))
 
+    @property
+    def is_level(self) -> bool:
+        """Whether both angles are 0 to a tenth of a degree, as zeros in a calibration file."""
+        return max(abs(self.roll_deg), abs(self.pitch_deg)) < _LEVEL_DEG
+
     def __str__(self) -> str:
         """Format both angles in words."""
         nose = "down" if self.pitch_deg > 0 else "up"
@@ -74,11 +82,13 @@ def level_ahead(
 
     Args:
         camera_from_lidar: Extrinsics of the mounted LiDAR.
-        tilt: Tilt of the LiDAR. None: it is level.
+        tilt: Tilt of the LiDAR. None, or less than 0.05 degrees: it is level.
 
     Returns:
         The rotation; None if the LiDAR's own frame is suitable: see `turn_ahead`.
     """
+    if tilt is not None and tilt.is_level:
+        tilt = None
     level_from_lidar = np.eye(4) if tilt is None else tilt.level_from_lidar
     ahead_from_level, angle_deg = turn_ahead(camera_from_lidar @ level_from_lidar.T)
     if tilt is None and not angle_deg:

@@ -34,6 +34,7 @@ from sightline.robustness.record import (
     read_record,
 )
 from sightline.robustness.report import RobustnessReport
+from sightline.robustness.result_doubts import tell_doubts
 from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import Scoring
 from sightline.structures.sample import Sensor
@@ -210,25 +211,27 @@ def run_bench(
         driver=settings.driver,
         description=description,
     )
-    records = [
-        Record(
-            method=plain_line(predictor.name),
-            made_by={name: plain_line(value) for name, value in predictor.made_by.items()},
-            setting=setting,
-            cases=infos,
-            scores=score_cases(
-                scoring,
-                dataset,
-                each / _PREDICTIONS,
-                tuple(infos),
-                each,
-                settings.workers,
-                driver=settings.driver,
-            ),
-            notes=scoring.notes(dataset),
+    records = []
+    for folder, predictor in zip(folders, predictors, strict=True):
+        scored = score_cases(
+            scoring,
+            dataset,
+            folder / _PREDICTIONS,
+            tuple(infos),
+            folder,
+            settings.workers,
+            driver=settings.driver,
         )
-        for each, predictor in zip(folders, predictors, strict=True)
-    ]
+        records.append(
+            Record(
+                method=plain_line(predictor.name),
+                made_by={name: plain_line(value) for name, value in predictor.made_by.items()},
+                setting=setting,
+                cases=infos,
+                scores=scored.scores,
+                notes=(*tell_doubts(scored.doubts), *scoring.notes(dataset)),
+            )
+        )
     own, *other = records
     report = RobustnessReport(
         record=own, baseline=baseline or next(iter(other), None), healthy=healthy

@@ -50,13 +50,22 @@ class Comparison:
 
     def notes(self) -> tuple[str, ...]:
         """List notes on the interpretation of the scores."""
-        notes = tuple(dict.fromkeys(note for each in self.records for note in each.notes))
+        notes = tuple(self._notes_of_records())
         notes = (*self._notes_on_equals(), *notes)
         notes = (*warn_of_files(dict(zip(self._names(), self.records, strict=True))), *notes)
         if self.left_out:
             names = ", ".join(self.left_out)
             notes = (f"Left out, as not all runs have these cases: {names}.", *notes)
         return notes
+
+    def _notes_of_records(self) -> Iterator[str]:
+        """Yield the notes of the records, with the runs' names unless all have them."""
+        names = self._names()
+        for note in dict.fromkeys(note for each in self.records for note in each.notes):
+            having = [
+                name for name, each in zip(names, self.records, strict=True) if note in each.notes
+            ]
+            yield note if len(having) == len(names) else f"{', '.join(having)}: {note}"
 
     def _notes_on_equals(self) -> Iterator[str]:
         """Yield a note for each run that is an earlier one."""

@@ -16,6 +16,7 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.jobs.output_dirs import finished_names
+from sightline.robustness.result_doubts import ResultDoubt, object_doubts
 from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 
 if TYPE_CHECKING:
@@ -140,31 +141,45 @@ class ObjectScoring:
 
     def score(self, folder: Path, dataset: "SampleDataset") -> Scores:
         """Score result files; see `Scoring.score`. None if no object of the class counts."""
+        return self.score_and_doubt(folder, dataset)[0]
+
+    def score_and_doubt(
+        self, folder: Path, dataset: "SampleDataset"
+    ) -> tuple[Scores, tuple[ResultDoubt, ...]]:
+        """Score result files, and list doubts about them; see `DoubtingScoring`."""
         labels, names = _labels_folder(dataset), dataset.sample_ids
         in_space = folder / _IN_SPACE
         if not in_space.is_dir():
-            scores = self._scores(folder, self.targets, labels, names)
+            scores, doubts = self._scores(folder, self.targets, labels, names)
         else:
             in_image = [target for target in self.targets if target.metric == "bbox"]
             others = [target for target in self.targets if target.metric != "bbox"]
-            scores = self._scores(folder, in_image, labels, names)
-            scores |= self._scores(in_space, others, labels, names)
-        return {metric.name: scores[metric.name] for metric in self.metrics}
+            scores, doubts = self._scores(folder, in_image, labels, names)
+            scores_in_space, doubts_in_space = self._scores(in_space, others, labels, names)
+            scores |= scores_in_space
+            doubts |= doubts_in_space
+        return {each.name: scores[each.name] for each in self.metrics}, tuple(doubts.values())
 
     def _scores(
         self, folder: Path, targets: Sequence[Target], labels: Path, names: Sequence[str]
-    ) -> dict[str, float | None]:
-        """Score the targets, and centre distances if a target is in 3D."""
+    ) -> tuple[dict[str, float | None], dict[str, ResultDoubt]]:
+        """Score the targets, and centre distances if a target is in 3D; and doubts by text."""
         from sightline.evaluation.kitti_object import evaluate_objects
 
         scores: dict[str, float | None] = {}
+        doubts: dict[str, ResultDoubt] = {}
+        classes = [target.class_name for target in targets]
+        is_in_space = any(target.metric != "bbox" for target in targets)
         for chosen in _separable(targets):
             report = evaluate_objects(folder, labels, sample_list=names, overlaps=_overlaps(chosen))
             for target in chosen:
                 scores |= _scores(target, report, labels, names)
             if any(target.metric == "3d" for target in chosen):
                 scores |= _centre_scores(self.by_centre, report, labels, names)
-        return scores
+            if report.tally is not None and not doubts:
+                found = object_doubts(report.tally, classes, in_space=is_in_space)
+                doubts = {doubt.text: doubt for doubt in found}
+        return scores, doubts
 
 
 def _metric_name(target: Target, difficulty: Difficulty, average: str) -> str:

@@ -29,6 +29,7 @@ from sightline.robustness.bench import (
 from sightline.robustness.examples import ExampleDrawer
 from sightline.robustness.record import Record, checked_count, checked_text, describe_case
 from sightline.robustness.report import RobustnessReport
+from sightline.robustness.result_doubts import file_doubts, tell_doubts
 from sightline.robustness.score_job import score_cases
 from sightline.robustness.scoring import BenchFrame, BenchPrediction, Scoring
 
@@ -112,22 +113,28 @@ def score_results(
     name = plain_line(results.resolve().name)
     claim = run_settings(setting, suite, name, made_by) | drawer.settings
     acquire_output_dir(out, claim, results=("scores/*",))
+    scored = score_cases(
+        scoring,
+        dataset,
+        results,
+        tuple(infos),
+        out,
+        settings.workers,
+        driver=settings.driver,
+        anew=True,
+    )
+    doubts = dict(scored.doubts)
+    if settings.sample_list is None:  # a list leaves out files on purpose
+        for case in infos:
+            folder = data_path(results / case)
+            doubts[case] += file_doubts(folder, dataset.sample_ids, scoring.suffix)
     record = Record(
         method=name,
         made_by=made_by,
         setting=setting,
         cases=infos,
-        scores=score_cases(
-            scoring,
-            dataset,
-            results,
-            tuple(infos),
-            out,
-            settings.workers,
-            driver=settings.driver,
-            anew=True,
-        ),
-        notes=scoring.notes(dataset),
+        scores=scored.scores,
+        notes=(*tell_doubts(doubts), *scoring.notes(dataset)),
     )
     _draw(drawer, cases, results, chosen, made_with["velodyne"])
     absent = tuple(case.name for case in requested if case not in chosen)

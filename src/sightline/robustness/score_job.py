@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from sightline.data.open import SampleDataset
 from sightline.files.atomic import atomic_write_text
@@ -14,9 +14,25 @@ from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import run_job
 from sightline.robustness.record import number_or_none
+from sightline.robustness.result_doubts import (
+    DoubtingScoring,
+    ResultDoubt,
+    doubts_from_json,
+    doubts_to_json,
+)
 from sightline.robustness.scoring import Scores, Scoring
 
 _SCORES: Final = "scores"
+_DOUBTS: Final = "doubts"  # entry beside the scores
+
+
+class CaseScores(NamedTuple):
+    """Scores of all cases, and doubts about their files."""
+
+    scores: dict[str, Scores]
+    """Scores by case."""
+    doubts: dict[str, tuple[ResultDoubt, ...]]
+    """Doubts by case."""
 
 
 def score_cases(
@@ -29,8 +45,8 @@ def score_cases(
     *,
     driver: Driver = "local",
     anew: bool = False,
-) -> dict[str, Scores]:
-    """Score every case.
+) -> CaseScores:
+    """Score every case, and collect the doubts about its result files.
 
     Args:
         scoring: The task's scoring.
@@ -52,25 +68,26 @@ def score_cases(
         if anew or _stored_scores(path, scoring) is None
     ]
     run_job(works, workers, description="scoring", driver=driver)
-    scores = {}
+    scores, doubts = {}, {}
     for case, path in files.items():
         stored = _stored_scores(path, scoring)
         if stored is None:
             raise FileError(path, "holds no scores", "remove it, and run this again")
-        scores[case] = stored
-    return scores
+        scores[case], doubts[case] = stored
+    return CaseScores(scores, doubts)
 
 
-def _stored_scores(path: Path, scoring: Scoring) -> Scores | None:
-    """Read the stored scores of a case; None if missing, incomplete or not numbers."""
+def _stored_scores(path: Path, scoring: Scoring) -> tuple[Scores, tuple[ResultDoubt, ...]] | None:
+    """Read the stored scores and doubts of a case; None if missing, incomplete or damaged."""
     try:
         content = json.loads(read_text(path))
         for metric in scoring.metrics:
             number_or_none(content[metric.name])
-    except (ValueError, KeyError, TypeError, RecursionError):
+        doubts = doubts_from_json(content.get(_DOUBTS, []))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     names = {metric.name for metric in scoring.metrics}
-    return {name: score for name, score in content.items() if name in names}
+    return {name: score for name, score in content.items() if name in names}, doubts
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,5 +104,11 @@ class _CaseWork:
         return f"case {self.case}"
 
     def run(self) -> None:
-        scores = self.scoring.score(self.predictions, self.dataset)
-        atomic_write_text(self.path, json.dumps(dict(scores), indent=2) + "\n")
+        content: dict[str, object] = {}
+        if isinstance(self.scoring, DoubtingScoring):
+            scores, doubts = self.scoring.score_and_doubt(self.predictions, self.dataset)
+            if doubts:
+                content[_DOUBTS] = doubts_to_json(doubts)
+        else:
+            scores = self.scoring.score(self.predictions, self.dataset)
+        atomic_write_text(self.path, json.dumps({**scores, **content}, indent=2) + "\n")

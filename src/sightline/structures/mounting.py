@@ -66,8 +66,8 @@ def pose_of_sweep(
     Warns if a tilt is found, if a height has to be assumed or looks like one in another unit, and
     if the road in the points contradicts the given values.
     """
-    for doubt in mount_doubts([sweep.numpy()], height_m, tilt):
-        warnings.warn(doubt, stacklevel=3)
+    for difference in mount_doubts([sweep.numpy()], height_m, tilt):
+        warnings.warn(str(difference), stacklevel=3)
     if height_m is not None and tilt is not None:
         return LidarPose(height_m=height_m, tilt=tilt)
     pose = lidar_pose([sweep.numpy()], tilt)

@@ -288,4 +288,6 @@ def describe_view(out: Path) -> tuple[str, ...]:
     doubts = [] if view is None or view.doubt is None else [view.doubt]
     if files.times is not None:
         doubts += check_times(files.times, [frame.sample_id for frame in frames])
-    return (*describe_recording(frames), *(f"warning: {doubt}" for doubt in doubts))
+    described = describe_recording(frames)
+    doubts += described.doubts
+    return (*described.clauses, *(f"warning: {doubt}" for doubt in doubts))
