@@ -288,6 +288,20 @@ def test_an_empty_line_is_the_time_of_a_lost_sweep_and_keeps_its_number(tmp_path
     assert not recwarn
 
 
+@pytest.mark.parametrize("ending", ["", "\n", "\n\n\n"])
+def test_empty_lines_at_the_end_are_no_times_unless_the_last_sweep_was_lost(tmp_path, ending):
+    folder = write_drive(tmp_path / "day" / "drive")
+    path = folder / "velodyne_points" / "timestamps.txt"
+    whole = path.read_text().rstrip()
+    path.write_text(whole + ending)
+    assert [sample.timestamp_s for sample in KittiRawDrive(folder)] == pytest.approx([0, 0.1, 0.2])
+    path.write_text("".join(f"{line}\n" for line in whole.split("\n")[:2]) + "\n" + ending)
+    (folder / "velodyne_points" / "data" / "0000000002.bin").unlink()
+    camera_times(folder, (0.07, 0.17, 0.27))
+    drive = KittiRawDrive(folder, allow_gaps=True)
+    assert [sample.timestamp_s for sample in drive] == pytest.approx([0, 0.1, 0.2056], abs=1e-4)
+
+
 def test_times_of_frames_that_lack_an_image_are_not_compared(tmp_path, recwarn):
     folder = write_drive(tmp_path / "day" / "drive")
     (folder / "image_02" / "data" / "0000000001.png").unlink()

@@ -143,24 +143,27 @@ def _moments_of_frames(path: Path, files: DriveFiles) -> list[_Moment | None]:
     """Times of the frames in a file; None: the line is empty, as KITTI's of a lost sweep."""
     moments = _read_moments(path)
     sample_ids = [frame.sample_id for frame in files.frames]
-    if len(moments) == len(sample_ids):
-        return moments
+    num_times = sum(each is not None for each in moments)
+    last = max((place for place, each in enumerate(moments, start=1) if each), default=0)
+    for lines in (moments[:last], moments):  # empty ones at the end may be of lost sweeps, or none
+        if len(lines) == len(sample_ids):
+            return lines
     # KITTI has a line for every number, also for lost frames.
-    lines = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
-    if not 0 <= min(lines) <= max(lines) < len(moments):
+    numbers = [int(name) if name.isascii() and name.isdecimal() else -1 for name in sample_ids]
+    if not 0 <= min(numbers) <= max(numbers) < len(moments):
         raise FileError(
             path,
-            f"holds {len(moments)} times, expected one for each of the {len(sample_ids)} frames, "
+            f"holds {num_times} times, expected one for each of the {len(sample_ids)} frames, "
             "or for each number up to the last",
             "extract the drive again",
         )
-    return [moments[line] for line in lines]
+    return [moments[number] for number in numbers]
 
 
 def _read_moments(path: Path | str) -> list[_Moment | None]:
-    """Read a time a line; None: an empty line, but for those at the end."""
+    """Read a time a line; None: an empty line."""
     moments: list[_Moment | None] = []
-    for number, line in enumerate(read_text(path).rstrip().split("\n"), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         if not line.strip():
             moments.append(None)
             continue

@@ -168,7 +168,7 @@ def read_stated_size(path: Path | str, name: str) -> tuple[int, int] | None:
 
 
 def have_same_values(path: Path, other: Path) -> bool:
-    """Whether the numbers that two calibration files have in common are equal, but for rounding.
+    """Compare the numbers of the entries that two calibration files share, but for rounding.
 
     Entries without numbers, such as the time of the calibration, are not compared, nor is a file
     that cannot be read.

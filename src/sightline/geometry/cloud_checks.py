@@ -275,7 +275,7 @@ def _is_finite(values: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
 
 
 def _counts_rows(column: Float[np.ndarray, " num_points"]) -> bool:
-    """Whether values are rising whole numbers, some of which may lack."""
+    """Whether a column of a cloud is a row index: rising whole numbers, perhaps with gaps."""
     return bool((np.diff(column) >= 1).all() and (column == np.floor(column)).all())
 
 

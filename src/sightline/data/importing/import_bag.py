@@ -127,8 +127,7 @@ def import_bag(
         pending = [number for number, name in enumerate(names) if name not in present]
         frames.write(bag, {names[number]: pairs.positions[number] for number in pending})
         if frames.faults:
-            kept = times.keys() - frames.faults.keys()
-            write_times(out, {name: times[name] for name in names if name in kept})
+            write_times(out, {name: at for name, at in times.items() if name not in frames.faults})
     return ImportReport(
         out=out,
         written=len(pending) - len(frames.faults),
