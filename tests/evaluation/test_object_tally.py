@@ -25,7 +25,7 @@ def notes_of(tmp_path, labels, results):
         ([CAR, replace(CAR, name="Cyclist")], [FOUND],
          "No result is of Cyclist: its one labelled object is missed"),
         ([CAR], [FOUND, replace(FOUND, name="Pedestrian")],
-         "No label is of Pedestrian: its 1 results cannot score above 0"),
+         "No label is of Pedestrian: its 1 results cannot match"),
         ([CAR], [FOUND, replace(FOUND, **MISSING)],
          "1 of 2 results of scored classes have no 3D part"),
         ([CAR], [], "WARNING: the result files hold no object at all"),

@@ -1,10 +1,10 @@
 """Counts of unscored results and labels of an object evaluation, for its remarks."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.label_checks import in_degrees
@@ -21,7 +21,21 @@ NOTHING_LABELLED: Final = (
     "every result is a false one."
 )
 """Remark on labels without an object to find."""
+OTHER_CLASSES: Final = "KITTI's other classes"
+"""Kind of the doubt about some results of KITTI's unscored classes, as Van: no mistake."""
 _MAX_NAMES = 5  # maximum number of names in a sentence
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ResultDoubt:
+    """Doubt about result files, with its kind."""
+
+    kind: str
+    """Cause without counts: equal for the same cause in other evaluations."""
+    text: str
+    """Sentence with counts."""
+    is_total: bool = False
+    """Whether no result can match a label: all scores are 0, whatever the method found."""
 
 
 @dataclass(slots=True)
@@ -37,8 +51,6 @@ class ObjectTally:
     labels_in_degrees: int = 0
     """Number of labels with such an angle."""
     conventions: ResultConventions = field(default_factory=ResultConventions)
-    convention_remarks: tuple[str, ...] = field(default=(), init=False)
-    """Remarks on boxes and scores in other conventions, from `remarks`."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Count a frame."""
@@ -58,40 +70,65 @@ class ObjectTally:
         """List remarks on unscored results and labels; empty if there are none."""
         found, labelled = by_code(self.results), by_code(self.labels)
         remarks = []
-        total = self.results.total()
-        if total == 0:
+        if not self.results.total():
             remarks.append("WARNING: the result files hold no object at all.")
         if not labelled:
             remarks.append(NOTHING_LABELLED)
+        for code in sorted(labelled.keys() - found.keys()):
+            missed = f"{labelled[code]:,} labelled objects are all missed"
+            missed = "one labelled object is missed" if labelled[code] == 1 else missed
+            remarks.append(
+                f"No result is of {CLASSES[code]}: its {missed}. A table without any result of a "
+                "class leaves it out, as KITTI's does."
+            )
+        return (*remarks, *(each.text for each in self.lost_results()), *self.other_remarks())
+
+    def lost_results(
+        self, classes: Collection[str] = CLASSES, *, in_space: bool = True
+    ) -> tuple[ResultDoubt, ...]:
+        """List results that cannot match a label; empty if there are none.
+
+        Args:
+            classes: Classes that are scored.
+            in_space: Whether 3D boxes are scored.
+        """
+        found, labelled = by_code(self.results), by_code(self.labels)
+        total = self.results.total()
+        lost = []
         unscored = {name: n for name, n in self.results.items() if class_code(name) < 0}
         if unscored:
-            remarks.append(
-                f"{sum(unscored.values()):,} of {total:,} results were left out: their classes are "
-                f"not scored ({listed(unscored)}; {', '.join(CLASSES)} are)."
+            count = sum(unscored.values())
+            text = (
+                f"{count:,} of {total:,} results were left out: their classes are not scored "
+                f"({listed(unscored)}; {', '.join(CLASSES)} are)."
             )
-        remarks += self.remarks_on_labels()
-        for code, name in enumerate(CLASSES):
-            if code in labelled and code not in found:
-                missed = f"{labelled[code]:,} labelled objects are all missed"
-                missed = "one labelled object is missed" if labelled[code] == 1 else missed
-                remarks.append(
-                    f"No result is of {name}: its {missed}. A table without any "
-                    "result of a class leaves it out, as KITTI's does."
-                )
-            elif code in found and code not in labelled and labelled:
-                remarks.append(
-                    f"No label is of {name}: its {found[code]:,} results cannot score above 0."
-                )
-        if self.without_box3d:
-            remarks.append(
-                f"{self.without_box3d:,} of {sum(found.values()):,} results of scored classes have "
+            is_usual = count < total and all(name.lower() in KITTI_CLASSES for name in unscored)
+            kind = OTHER_CLASSES if is_usual else "class"
+            lost.append(ResultDoubt(kind=kind, text=text, is_total=count == total))
+        for code in sorted(found.keys() - labelled.keys() if labelled else ()):
+            if CLASSES[code] in classes:
+                text = f"No label is of {CLASSES[code]}: its {found[code]:,} results cannot match."
+                is_total = found[code] == total
+                lost.append(ResultDoubt(kind=CLASSES[code], text=text, is_total=is_total))
+        if in_space and self.without_box3d:
+            text = (
+                f"{self.without_box3d:,} of {found.total():,} results of scored classes have "
                 "no 3D part: they match nothing in bird's eye and 3D."
             )
-        self.conventions.in_degrees = self.results_in_degrees > 0
-        self.convention_remarks = tuple(self.conventions.remarks())
-        return (*remarks, *self.remarks_on_angles(), *self.convention_remarks)
+            is_total = self.without_box3d == found.total()
+            lost.append(ResultDoubt(kind="no 3D part", text=text, is_total=is_total))
+        return tuple(lost)
 
-    def remarks_on_labels(self) -> tuple[str, ...]:
+    def other_remarks(self) -> tuple[str, ...]:
+        """List remarks on labels of unknown classes and on conventions; empty: none."""
+        self.conventions.in_degrees = self.results_in_degrees > 0
+        return (
+            *self._remarks_on_labels(),
+            *self._remarks_on_angles(),
+            *self.conventions.remarks(),
+        )
+
+    def _remarks_on_labels(self) -> tuple[str, ...]:
         """List a remark on labels of unknown classes; empty if there are none."""
         unknown = {name: n for name, n in self.labels.items() if name.lower() not in KITTI_CLASSES}
         if not unknown:
@@ -101,7 +138,7 @@ class ObjectTally:
             f"their classes are none of KITTI's ({listed(unknown)}).",
         )
 
-    def remarks_on_angles(self) -> tuple[str, ...]:
+    def _remarks_on_angles(self) -> tuple[str, ...]:
         """List a remark on angles in degrees; empty if there are none."""
         if not (self.results_in_degrees or self.labels_in_degrees):
             return ()
@@ -126,18 +163,23 @@ def unread_files(results_dir: Path, labels_dir: Path, names: Sequence[str]) -> t
     return unread_labels(labels_dir) + unread_results(results_dir, names)
 
 
-def unread_results(results_dir: Path, names: Sequence[str]) -> tuple[str, ...]:
+def unread_results(
+    results_dir: Path,
+    names: Sequence[str],
+    suffix: str = ".txt",
+    partner: Literal["label file", "frame"] = "label file",
+) -> tuple[str, ...]:
     """List a remark on result files of no scored frame; empty if there are none."""
-    expected = {f"{name}.txt" for name in names}
+    expected = {f"{name}{suffix}" for name in names}
     extra = sorted(
         path.name
         for path in results_dir.iterdir()
-        if path.suffix.lower() == ".txt" and path.name not in expected
+        if path.suffix.lower() == suffix and path.name not in expected
     )
     if not extra:
         return ()
     return (
-        f"{len(extra):,} result files were left out: no label file has their name (the first is "
+        f"{len(extra):,} result files were left out: no {partner} has their name (the first is "
         f"{shortened(extra[0])}).",
     )
 

@@ -16,13 +16,14 @@ from sightline.evaluation.kitti_object_rules import (
     MinimumOverlaps,
 )
 from sightline.jobs.output_dirs import finished_names
-from sightline.robustness.result_doubts import ResultDoubt, object_doubts
+from sightline.robustness.result_doubts import object_doubts
 from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 
 if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
     from sightline.data.open import SampleDataset
     from sightline.evaluation.object_report import ObjectEntry, ObjectReport
+    from sightline.evaluation.object_tally import ResultDoubt
     from sightline.structures.sample import CameraLidarSample
 
 _LEVELS: Final[tuple[Difficulty, ...]] = ("moderate", "easy", "hard")
@@ -145,7 +146,7 @@ class ObjectScoring:
 
     def score_and_doubt(
         self, folder: Path, dataset: "SampleDataset"
-    ) -> tuple[Scores, tuple[ResultDoubt, ...]]:
+    ) -> "tuple[Scores, tuple[ResultDoubt, ...]]":
         """Score result files, and list doubts about them; see `DoubtingScoring`."""
         labels, names = _labels_folder(dataset), dataset.sample_ids
         in_space = folder / _IN_SPACE
@@ -162,7 +163,7 @@ class ObjectScoring:
 
     def _scores(
         self, folder: Path, targets: Sequence[Target], labels: Path, names: Sequence[str]
-    ) -> tuple[dict[str, float | None], dict[str, ResultDoubt]]:
+    ) -> "tuple[dict[str, float | None], dict[str, ResultDoubt]]":
         """Score the targets, and centre distances if a target is in 3D; and doubts by text."""
         from sightline.evaluation.kitti_object import evaluate_objects
 

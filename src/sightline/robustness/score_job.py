@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from sightline.data.open import SampleDataset
 from sightline.files.atomic import atomic_write_text
@@ -16,11 +16,13 @@ from sightline.jobs.run import run_job
 from sightline.robustness.record import number_or_none
 from sightline.robustness.result_doubts import (
     DoubtingScoring,
-    ResultDoubt,
     doubts_from_json,
     doubts_to_json,
 )
 from sightline.robustness.scoring import Scores, Scoring
+
+if TYPE_CHECKING:
+    from sightline.evaluation.object_tally import ResultDoubt
 
 _SCORES: Final = "scores"
 _DOUBTS: Final = "doubts"  # entry beside the scores
@@ -31,7 +33,7 @@ class CaseScores(NamedTuple):
 
     scores: dict[str, Scores]
     """Scores by case."""
-    doubts: dict[str, tuple[ResultDoubt, ...]]
+    doubts: "dict[str, tuple[ResultDoubt, ...]]"
     """Doubts by case."""
 
 
@@ -77,7 +79,7 @@ def score_cases(
     return CaseScores(scores, doubts)
 
 
-def _stored_scores(path: Path, scoring: Scoring) -> tuple[Scores, tuple[ResultDoubt, ...]] | None:
+def _stored_scores(path: Path, scoring: Scoring) -> "tuple[Scores, tuple[ResultDoubt, ...]] | None":
     """Read the stored scores and doubts of a case; None if missing, incomplete or damaged."""
     try:
         content = json.loads(read_text(path))
