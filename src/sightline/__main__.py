@@ -18,11 +18,13 @@ def run() -> int:
         keep_interrupts()
         from sightline.cli.main import main
         from sightline.cli.output import first_of_each_kind, format_warning
+        from sightline.cli.process_limit import warn_of_few_threads
 
         warnings.formatwarning = format_warning
         if isinstance(sys.stdout, TextIOWrapper):  # a name need not fit the terminal's encoding
             sys.stdout.reconfigure(errors="backslashreplace")
         with first_of_each_kind():
+            warn_of_few_threads()
             return main()
     except KeyboardInterrupt as error:
         print("sightline: interrupted", file=sys.stderr)

@@ -6,6 +6,7 @@ from functools import partial
 from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import ClassVar
 
 import fsspec
 import pytest
@@ -185,6 +186,82 @@ def test_a_server_that_accepts_and_says_nothing_is_named(monkeypatch):
             ValueError, match=f"^{shards}/shards.json: cannot be read: .*[Tt]imeout"
         ):
             open_dataset(shards)
+
+
+class BusyHandler(RangeHandler):
+    """Answers the first request for each tar by an error, or by half of it, and then serves it."""
+
+    refused: ClassVar[set[str]] = set()
+    faults = ("503", "half")
+
+    def do_GET(self):
+        if not self.path.endswith(".tar") or self.path in self.refused:
+            super().do_GET()
+            return
+        self.refused.add(self.path)
+        if self.faults[len(self.refused) % 2] == "503":
+            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE)
+            return
+        self.send_response(HTTPStatus.PARTIAL_CONTENT)
+        self.send_header("Content-Length", "1000")
+        self.end_headers()
+        self.wfile.write(b"half")
+
+
+def test_a_server_that_is_busy_for_a_moment_is_asked_again(folder, monkeypatch):
+    monkeypatch.setattr(byte_source, "_WAITS_S", (0.01, 0.01))
+    for address in serve(folder, BusyHandler):
+        dataset, tree = open_dataset(f"{address}/shards"), open_dataset(folder / "tree")
+        for index in range(len(tree)):
+            assert torch.equal(dataset[index].points, tree[index].points)
+    assert len(BusyHandler.refused) == 2
+
+
+class OverloadedHandler(RangeHandler):
+    """Answers all requests for tars by 429."""
+
+    def do_GET(self):
+        if self.path.endswith(".tar"):
+            self.send_error(HTTPStatus.TOO_MANY_REQUESTS)
+        else:
+            super().do_GET()
+
+
+def test_a_server_s_fault_is_not_blamed_on_the_files(folder, monkeypatch, capsys):
+    monkeypatch.setattr(byte_source, "_WAITS_S", (0.01,))
+    for address in serve(folder, OverloadedHandler):
+        assert main(["check", f"{address}/shards"]) == 1
+    out = capsys.readouterr().out
+    assert f"{address}/shards/training/image_2/000000.png: cannot be read: 000000.tar cannot" in out
+    assert "its server answers 429; check the address, the network and your rights" in out
+    assert "http:/1" not in out
+    assert "extract it again" not in out
+    assert "KITTI" not in out
+
+
+class CircleHandler(PlainHandler):
+    """Redirects each address to itself."""
+
+    def do_GET(self):
+        self.send_response(HTTPStatus.FOUND)
+        self.send_header("Location", self.path)
+        self.end_headers()
+
+    def do_HEAD(self):
+        self.do_GET()
+
+
+def test_a_server_that_redirects_in_a_circle_is_named(folder):
+    for address in serve(folder, CircleHandler):
+        with pytest.raises(ValueError, match="cannot be read: its server redirects without an end"):
+            open_dataset(f"{address}/shards")
+
+
+def test_shards_at_the_root_of_a_server_are_checked(folder, capsys):
+    for address in serve(folder / "shards", RangeHandler):
+        assert main(["check", address]) == main(["check", str(folder / "tree")])
+        one, other = capsys.readouterr().out.split("object frames")[1:]
+        assert one.partition("\n")[0] == other.partition("\n")[0]
 
 
 @pytest.mark.parametrize("output", ["s3://b/out", "memory://x/out", "file:///tmp/x/out"])

@@ -1,6 +1,7 @@
 """Handling of Ctrl-C, SIGTERM and SIGHUP where imports or forks would lose the exception."""
 
 import contextlib
+import logging
 import math
 import os
 import signal
@@ -62,6 +63,7 @@ class _Interrupter:
             return
         self._deadline_s = math.inf
         _raised.append(number)
+        logging.getLogger("asyncio").disabled = True  # it would list requests that end by this
         interrupt(number)
 
     def repeat_dropped(

@@ -219,12 +219,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _fault_of_system(error: Exception) -> str | None:
-    """Describe a name that is too long, or a lack of temporary folders; None: another error."""
+    """Describe a name that is too long, a lack of temporary folders or of processes; else None."""
     if isinstance(error, FileNotFoundError) and _NO_TEMPORARY in str(error):
         return (
             "no temporary folder (TMPDIR, /tmp, ..) can be written to; make room, or name another "
             "one by the variable TMPDIR"
         )
+    if isinstance(error, BlockingIOError):  # of a process that cannot be started
+        return memory_fault(error)
     if not isinstance(error, OSError) or error.errno != errno.ENAMETOOLONG:
         return None
     path = os.fsdecode(error.filename or "")

@@ -1,18 +1,26 @@
 """Reading of byte ranges from local files, and from any file system that fsspec opens."""
 
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from sightline.files.extras import import_library
 from sightline.files.plain_file import check_regular
 from sightline.files.problem import FileError, address, shown_place
 
 _NOT_THERE: Final = (404, 410)  # status of a file that a server does not have
+_PASSING: Final = (408, 425, 429, 500, 502, 503, 504)  # status of a server that is busy, say
+_WAITS_S: Final = (0.5, 1.0, 2.0)  # before each further attempt
 _TIMEOUT_S: Final = 15.0  # of a server that accepts a connection, and says nothing
+_BROKEN_OFF: Final = ("ClientPayloadError", "ServerDisconnectedError", "ClientOSError")
+"""Names of aiohttp's errors for answers that end early."""
 _REMEDY: Final = "check the address, the network and your rights"
 _LOCAL_REMEDY: Final = "copy it again, or make it again by the same command"
+
+
+_Answer = TypeVar("_Answer")
 
 
 class RefusedError(FileError):
@@ -54,7 +62,7 @@ def read_range(path: Path, start: int, length: int) -> bytes:
                 content = file.read(length)
         else:
             system, place = _file_system(url)
-            content = system.cat_file(place, start=start, end=start + length)
+            content = _tried(lambda: system.cat_file(place, start=start, end=start + length))
     except ValueError:
         raise  # an extra that is not installed
     except Exception as error:  # file systems of other packages raise their own types
@@ -87,7 +95,7 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
             size = path.stat().st_size
         else:
             system, place = _file_system(url)
-            size = _known_size(path, system.info(place))
+            size = _known_size(path, _tried(lambda: system.info(place)))
     except (FileNotFoundError, NotADirectoryError) as error:
         cause = error.__cause__  # fsspec says so, too, of servers that cannot be reached
         if isinstance(cause, Exception) and getattr(cause, "status", 0) not in _NOT_THERE:
@@ -101,6 +109,19 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
         problem = f"is {size} bytes long, expected up to {max_bytes}"
         raise FileError(path, problem, "get the data from a source that you trust")
     return read_range(path, 0, size)
+
+
+def _tried(request: Callable[[], _Answer]) -> _Answer:
+    """Send a request, and repeat it a few times if the fault passes: a server that is busy."""
+    for wait_s in _WAITS_S:
+        try:
+            return request()
+        except Exception as error:  # as above
+            status = getattr(error.__cause__ or error, "status", None)
+            if status not in _PASSING and type(error).__name__ not in _BROKEN_OFF:
+                raise
+        time.sleep(wait_s)
+    return request()
 
 
 def _known_size(path: Path, info: Mapping[str, Any]) -> int:
@@ -135,6 +156,8 @@ def _file_system(url: str) -> tuple[Any, str]:
 def _unreadable(path: Path, error: Exception) -> FileError:
     reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
     status = getattr(error, "status", None)
+    if status == 0:  # aiohttp's for a circle
+        return RefusedError(path, "cannot be read: its server redirects without an end", _REMEDY)
     if status is not None:  # not the library's text, which has the address
         return RefusedError(path, f"cannot be read: its server answers {status}", _REMEDY)
     remedy = _LOCAL_REMEDY if url_of(path) is None else _REMEDY

@@ -90,7 +90,9 @@ def _read(path: Path | str, num_bytes: int, remedy: str) -> bytes:
 
 
 def _unreadable(path: Path | str, error: OSError, remedy: str) -> FileError:
-    if isinstance(error, PermissionError):
+    if isinstance(error.__cause__, FileError):  # of the shards that hold the file
+        remedy = error.__cause__.problem.remedy
+    elif isinstance(error, PermissionError):
         remedy = GIVE_ACCESS
     elif isinstance(error, FileNotFoundError) and remedy.startswith(_CORRECT):
         remedy = f"name a file that exists or {remedy.removeprefix(_CORRECT)}"

@@ -115,16 +115,24 @@ _OUT_OF_MEMORY = (
     "Failed to allocate",
     "Cannot allocate memory",
     "failed to map segment",  # a library that is being loaded
+)
+_OUT_OF_THREADS = (
     "can't start new thread",
+    "Resource temporarily unavailable",  # C's text for it, also of a process
 )
 
 
 def memory_fault(error: BaseException) -> str | None:
-    """Make a one-line message for an error caused by lack of memory; else None.
+    """Make a one-line message for an error caused by lack of memory or threads; else None.
 
     Libraries raise errors of many types for it.
     """
     text = str(error)
+    if any(each in text for each in _OUT_OF_THREADS):
+        return (
+            "no further thread or process can be started; use fewer workers, or raise the limits "
+            "of processes (ulimit -u, or a container's) and memory"
+        )
     if not isinstance(error, MemoryError) and not any(each in text for each in _OUT_OF_MEMORY):
         return None
     return (

@@ -11,7 +11,7 @@ from typing import Any
 
 from sightline.files.byte_source import RefusedError, url_of
 from sightline.files.plain_file import as_path
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, shown_place
 from sightline.files.shard_index import Member, ShardTree, open_tree
 
 
@@ -39,6 +39,7 @@ def data_path(path: Path | str) -> Path:
     return ShardPath(path)
 
 
+_ROOT_PARTS = 2  # of an address without a path: the scheme, and the server or bucket
 _remote_trees: dict[Path, ShardTree] = {}
 
 
@@ -86,6 +87,16 @@ class ShardPath(PosixPath):
     """
 
     __slots__ = ()
+
+    def __format__(self, spec: str) -> str:
+        """Format the path for messages: an address with its slashes, and without a password."""
+        return format(shown_place(str(self)), spec)
+
+    @property
+    def parent(self) -> "ShardPath":
+        """Path of the folder above; that of an address's first part is itself, as of a root."""
+        is_root = len(self.parts) == _ROOT_PARTS and url_of(Path(str(self))) is not None
+        return self if is_root else super().parent
 
     def _entry(self) -> Member | tuple[str, ...] | None:
         """File, or names in a folder; None: neither."""
