@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -401,3 +402,11 @@ def usual_topics(bag, *, infos=True, number=2, **info):
             bag.info("/front/camera_info", time_ns, **info)
         bag.image("/front/image_raw", time_ns)
         bag.cloud("/points", time_ns)
+
+
+def edit_table(root: Path, table: str, change: Callable[[list[dict[str, object]]], object]) -> None:
+    """Change the rows of a table of `write_nuscenes`."""
+    path = root / "v1.0-mini" / f"{table}.json"
+    rows = json.loads(path.read_text())
+    change(rows)
+    path.write_text(json.dumps(rows))

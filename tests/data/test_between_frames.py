@@ -203,3 +203,16 @@ def test_label_files_that_are_all_empty_are_told(tree):
     assert problems(tree.parent) == [
         (tree / "label_2", "holds 3 label files, all without an object")
     ]
+
+
+@pytest.mark.parametrize("hidden", ["0.00 3", "2.00 0", "87 1"])
+def test_labels_of_which_none_counts_are_told(tree, hidden):
+    def is_told():
+        said = "objects, all with an occlusion above 2 (3 is unknown) or a truncation above 0.5"
+        return any(said in problem for _, problem in problems(tree.parent))
+
+    for number, path in enumerate(sorted((tree / "label_2").iterdir())):
+        assert not is_told()
+        box = f"{100 + number} 120 200 180 1.50 1.60 3.90 0.50 1.60"
+        path.write_text("".join(f"Car {hidden} -1.57 {box} {z}.00 -1.53\n" for z in (12, 24)))
+    assert is_told()

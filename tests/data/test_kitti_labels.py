@@ -94,7 +94,7 @@ def test_columns_cannot_be_written_to():
         (
             b"0 12 " + LABEL,
             "line 1 has 17 fields: frame and track number come before the class, as in KITTI track"
-            "ing, .*; write a file for each frame and remove its first two fields",
+            "ing, .*; write a file for each frame without its first two fields, and",
         ),
         (b"2 0.5 0.5 0.1 0.2", "line 1 has 5 numbers, as YOLO labels have .*; convert them to"),
         (

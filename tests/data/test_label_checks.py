@@ -95,6 +95,16 @@ def test_lines_of_equal_values_are_told_once_for_a_file():
     assert doubts(CAR, CAR.replace("12.00", "12.01"), CAR.replace("Car", "Van")) == []
 
 
+@pytest.mark.parametrize(
+    ("truncation", "is_told"),
+    [("2", True), ("87", True), ("-0.50", True), ("-1", False), ("1.00", False), ("0.31", False)],
+)
+def test_a_truncation_is_a_share_or_unknown(truncation, is_told):
+    told = doubts(CAR.replace("Car 0", f"Car {truncation}", 1))
+    said = "object 1 of 1 (Car) has a truncation other than -1 or 0 to 1"
+    assert any(said in each for each in told) == is_told
+
+
 def test_thousands_of_faults_are_a_few_lines():
     lines = [f"x{number} 0 9 0 9 9 1 1 0 1 1 1 1 {number} 9" for number in range(3000)]
     told = doubts(*lines)

@@ -36,6 +36,27 @@ def test_what_cannot_be_scored_is_said_with_counts(tmp_path, labels, results, ex
     assert expected in notes_of(tmp_path, labels, results)
 
 
+@pytest.mark.parametrize(
+    ("labels", "expected"),
+    [
+        ([replace(CAR, occlusion=3), replace(CAR, truncation=2.0)],
+         "WARNING: none of the 2 labels of scored classes counts at any difficulty: 2 have an "
+         "occlusion above 2 (3 is unknown) or a truncation above 0.5, the others are at most 25"),
+        ([replace(CAR, y2=CAR.y1 + 9)],
+         "WARNING: none of the 1 labels of scored classes counts at any difficulty: 0 have"),
+        ([CAR, replace(CAR, name="Cyclist", truncation=0.6)],
+         "No label of Cyclist (1) counts at any difficulty, by occlusion, truncation or height"),
+        ([replace(CAR, **MISSING), CAR],
+         "1 of 2 labels of scored classes have no 3D part: nothing matches them in bird's eye"),
+    ],
+)  # fmt: skip
+def test_labels_that_count_nowhere_are_told(tmp_path, labels, expected):
+    assert expected in notes_of(tmp_path, labels, [FOUND])
+    (tmp_path / "sound").mkdir()
+    counted = notes_of(tmp_path / "sound", [CAR, *labels[:1]], [FOUND])
+    assert "counts at any difficulty" not in counted
+
+
 @pytest.mark.parametrize("angle", ["alpha", "ry"])
 def test_angles_in_degrees_are_told_of_results_and_of_labels(tmp_path, angle):
     turned = replace(CAR, **{angle: -88.0})

@@ -31,10 +31,10 @@ def import_command(
         out: Folder for the recording.
         camera_topic: Topic of the images, or nuScenes' channel. Default: the only one; CAM_FRONT.
         lidar_topic: Topic of the clouds, or nuScenes' channel. Default: the only one; LIDAR_TOP.
-        info_topic: Topic of CameraInfo. Default: the one beside the images.
-        calibration: A calibration file (docs/recordings.md) instead of CameraInfo and TF.
-        max_gap_s: Largest time difference of an image and a sweep.
-        clock: Clock for pairing: the header's time of measurement, or the time of receipt.
+        info_topic: Topic of CameraInfo in a bag. Default: the one beside the images.
+        calibration: A calibration file (docs/recordings.md) instead of a bag's CameraInfo and TF.
+        max_gap_s: Largest time difference of an image and a sweep of a bag.
+        clock: Clock for pairing in a bag: the header's time of measurement, or the time of receipt.
         undistort: Undistorts the images of a distorting lens whenever they are read.
         max_intensity: Intensity of a reflectance of 1. Default: 1, 255 or 65535, guessed from some
             sweeps.

@@ -5,16 +5,18 @@ import math
 import stat
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from sightline.data.frame_checks import is_blank, read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size, read_orientation
 from sightline.data.kitti_calibration import read_object_matrices
-from sightline.data.kitti_labels import read_labels
+from sightline.data.kitti_labels import CLASS_NAMES, MAX_OCCLUSION, MAX_TRUNCATION, read_labels
 from sightline.data.kitti_trees import (
     CORRUPTED,
     DepthFrame,
@@ -33,6 +35,7 @@ from sightline.files.problem import Problem
 _MAX_BYTES: Final = 2**28  # larger files are refused by their readers
 _COMPARED_BYTES: Final = 4096
 _MAX_BLANK_BYTES: Final = 2  # a line end
+_MIN_HIDDEN: Final = 5  # objects, of which by chance not all are hidden
 _MAX_LISTED: Final = 5  # groups of equal files listed one by one
 
 
@@ -86,11 +89,36 @@ def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list
 
 def _check_labels(frames: Sequence[ObjectFrame]) -> list[Problem]:
     labels = [frame.objects for frame in frames if frame.objects is not None]
-    return _check_emptiness(
-        labels,
-        "label files, all without an object",
-        "check how they were written, or remove the folder if nothing was labelled",
-    )
+    return [
+        *_check_emptiness(
+            labels,
+            "label files, all without an object",
+            "check how they were written, or remove the folder if nothing was labelled",
+        ),
+        *_check_counted(labels),
+    ]
+
+
+def _check_counted(paths: Sequence[Path]) -> Iterator[Problem]:
+    """Yield a problem if no labelled object counts in scores, by occlusion and truncation."""
+    total = 0
+    for path in paths:
+        objects = read_or_note(read_labels, path, [])
+        if objects is None:
+            continue
+        names = np.array(objects.class_names, dtype=object)
+        is_object = np.isin(names, CLASS_NAMES)
+        is_hidden = (objects.occlusion > MAX_OCCLUSION) | (objects.truncation > MAX_TRUNCATION)
+        if (is_object & ~is_hidden).any():
+            return
+        total += int(is_object.sum())
+    if total >= _MIN_HIDDEN:
+        yield Problem(
+            path=paths[0].parent,
+            problem=f"holds {total} objects, all with an occlusion above {MAX_OCCLUSION} (3 is "
+            f"unknown) or a truncation above {MAX_TRUNCATION}: none counts in KITTI's scores",
+            remedy="write 0 where the occlusion is not known, and the truncation from 0 to 1",
+        )
 
 
 def _read_object_frame(frame: ObjectFrame) -> LabelledSweep | None:

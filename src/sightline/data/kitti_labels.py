@@ -43,6 +43,9 @@ NO_ALPHA = -10.0
 NO_SIZE, NO_LOCATION, NO_ROTATION = -1.0, -1000.0, -10.0
 """Placeholders of each size, each coordinate and rotation_y of an object without a 3D part."""
 
+MAX_OCCLUSION, MAX_TRUNCATION = 2, 0.5
+"""Largest values of labels that count in KITTI's scores; an occlusion of 3 is unknown."""
+
 MAX_LABEL_BYTES = 2**24
 """Largest label or result file: more than 100,000 objects in one frame."""
 _MAX_NAME_LENGTH = 64  # characters of a class
@@ -285,7 +288,8 @@ def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
         return (
             f"has {len(fields)} fields: frame and track number come before the class, as in KITTI "
             "tracking, whose files hold a whole sequence",
-            "write a file for each frame and remove its first two fields",
+            "write a file for each frame without its first two fields, and truncations from 0 to 1 "
+            "instead of its levels 0 to 2",
         )
     if len(fields) in (5, 6) and all(is_number) and all(0 <= float(x) <= 1 for x in fields[1:]):
         return (

@@ -14,6 +14,7 @@ from sightline.data.kitti_labels import (
     NO_ALPHA,
     NO_LOCATION,
     NO_ROTATION,
+    UNKNOWN,
     KittiObjects,
 )
 from sightline.data.result_boxes import BOX2D_CONVENTIONS
@@ -343,6 +344,8 @@ def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path)
         & (np.abs(rotations) > _MAX_ANGLE).any(axis=1)
         & ~in_degrees(objects),
         "has an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
+        "has a truncation other than -1 or 0 to 1": (objects.truncation != UNKNOWN)
+        & ((objects.truncation < 0) | (objects.truncation > 1)),
     }
     problems = []
     for fault, faulty in faults.items():

@@ -99,7 +99,8 @@ def _tracking(path: Path) -> Problem | None:
                 problem=f"is a split of KITTI tracking: a folder for each of {len(sequences)} "
                 "sequences, one calibration and one label file for each",
                 remedy="make each sequence a recording (docs/recordings.md): its pictures in "
-                "images, its sweeps in points, and calibration.yaml of P2 and Tr_velo_cam",
+                "images, its sweeps in points, and calibration.yaml with camera_matrix, P2, and "
+                "camera_from_lidar, R_rect times Tr_velo_cam (both filled up to 4x4)",
             )
     return None
 

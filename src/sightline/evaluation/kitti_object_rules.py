@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Int8
 
+from sightline.data.kitti_labels import MAX_OCCLUSION, MAX_TRUNCATION
+
 ClassName = Literal["Car", "Pedestrian", "Cyclist"]
 Metric = Literal["bbox", "bev", "3d"]
 Difficulty = Literal["easy", "moderate", "hard"]
@@ -23,8 +25,8 @@ DIFFICULTIES: tuple[Difficulty, ...] = ("easy", "moderate", "hard")
 """Cumulative difficulties: objects that count at one level count at the next."""
 
 MIN_HEIGHT_PX = (40, 25, 25)
-MAX_OCCLUSION = (0, 1, 2)
-MAX_TRUNCATION = (0.15, 0.30, 0.50)
+MAX_OCCLUSIONS = (0, 1, MAX_OCCLUSION)
+MAX_TRUNCATIONS = (0.15, 0.30, MAX_TRUNCATION)
 
 NEVER = len(DIFFICULTIES)
 """Level of objects that count at no difficulty."""
@@ -129,7 +131,7 @@ def truth_levels(
     height = boxes2d[:, 3] - boxes2d[:, 1]
     levels = np.zeros(len(height), dtype=np.int8)
     for max_truncation, max_occlusion, min_height in zip(
-        MAX_TRUNCATION, MAX_OCCLUSION, MIN_HEIGHT_PX, strict=True
+        MAX_TRUNCATIONS, MAX_OCCLUSIONS, MIN_HEIGHT_PX, strict=True
     ):
         levels += (
             (occlusion > max_occlusion) | (truncation > max_truncation) | (height <= min_height)

@@ -6,9 +6,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
-from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
+from sightline.data.kitti_labels import (
+    MAX_OCCLUSION,
+    MAX_TRUNCATION,
+    NO_LOCATION,
+    KittiObjects,
+)
 from sightline.data.label_checks import in_degrees
-from sightline.evaluation.kitti_object_rules import CLASSES, class_code
+from sightline.evaluation.kitti_object_rules import (
+    CLASSES,
+    MIN_HEIGHT_PX,
+    NEVER,
+    class_code,
+    truth_levels,
+)
 from sightline.evaluation.result_conventions import ResultConventions
 from sightline.files.plain_text import shortened
 
@@ -48,6 +59,12 @@ class ObjectTally:
     """Number of results of scored classes without a 3D part."""
     results_in_degrees: int = 0
     """Number of results with an angle beyond two pi."""
+    uncounted_labels: Counter[int] = field(default_factory=Counter)
+    """Number of labels of each scored class (code) that count at no difficulty."""
+    hidden_labels: int = 0
+    """Number of those by their occlusion or truncation; the others are too low in the image."""
+    labels_without_box3d: int = 0
+    """Number of labels of scored classes without a 3D part."""
     labels_in_degrees: int = 0
     """Number of labels with such an angle."""
     conventions: ResultConventions = field(default_factory=ResultConventions)
@@ -59,12 +76,14 @@ class ObjectTally:
         self.conventions.add(results, labels)
         self.results_in_degrees += int(in_degrees(results).sum())
         self.labels_in_degrees += int(in_degrees(labels).sum())
-        lacks_3d = (results.dimensions_hwl <= 0).any(axis=1)
-        lacks_3d |= (results.locations == NO_LOCATION).any(axis=1)
-        scored = (class_code(name) >= 0 for name in results.class_names)
-        self.without_box3d += sum(
-            is_scored and bool(lacks) for is_scored, lacks in zip(scored, lacks_3d, strict=True)
-        )
+        self.without_box3d += _count_without_box3d(results)
+        self.labels_without_box3d += _count_without_box3d(labels)
+        levels = truth_levels(labels.truncation, labels.occlusion, labels.boxes2d)
+        is_hidden = (labels.occlusion > MAX_OCCLUSION) | (labels.truncation > MAX_TRUNCATION)
+        for name, level, hidden in zip(labels.class_names, levels, is_hidden, strict=True):
+            if level == NEVER and class_code(name) >= 0:
+                self.uncounted_labels[class_code(name)] += 1
+                self.hidden_labels += int(hidden)
 
     def remarks(self) -> tuple[str, ...]:
         """List remarks on unscored results and labels; empty if there are none."""
@@ -124,6 +143,7 @@ class ObjectTally:
         self.conventions.in_degrees = self.results_in_degrees > 0
         return (
             *self._remarks_on_labels(),
+            *self._remarks_on_uncounted_labels(),
             *self._remarks_on_angles(),
             *self.conventions.remarks(),
         )
@@ -137,6 +157,30 @@ class ObjectTally:
             f"{sum(unknown.values()):,} of {self.labels.total():,} labels were left out: "
             f"their classes are none of KITTI's ({listed(unknown)}).",
         )
+
+    def _remarks_on_uncounted_labels(self) -> Iterator[str]:
+        """Yield remarks on labels of scored classes that count nowhere, or not in 3D."""
+        labelled = by_code(self.labels)
+        total, uncounted = labelled.total(), self.uncounted_labels.total()
+        if total and uncounted == total:
+            yield (
+                f"WARNING: none of the {total:,} labels of scored classes counts at any "
+                f"difficulty: {self.hidden_labels:,} have an occlusion above {MAX_OCCLUSION} "
+                f"(3 is unknown) or a truncation above {MAX_TRUNCATION}, the others are at most "
+                f"{MIN_HEIGHT_PX[-1]} px high. Correct the labels: there is no score without one."
+            )
+        else:
+            lost = [code for code, n in labelled.items() if n == self.uncounted_labels[code]]
+            for code in sorted(lost):
+                yield (
+                    f"No label of {CLASSES[code]} ({labelled[code]:,}) counts at any difficulty, "
+                    "by occlusion, truncation or height in the image."
+                )
+        if self.labels_without_box3d:
+            yield (
+                f"{self.labels_without_box3d:,} of {total:,} labels of scored classes have no 3D "
+                "part: nothing matches them in bird's eye and 3D, where they count as missed."
+            )
 
     def _remarks_on_angles(self) -> tuple[str, ...]:
         """List a remark on angles in degrees; empty if there are none."""
@@ -197,6 +241,14 @@ def unread_labels(labels_dir: Path) -> tuple[str, ...]:
         f"{len(extra):,} label files were left out: they end in {Path(extra[0]).suffix}, not .txt "
         f"(the first is {shortened(extra[0])}).",
     )
+
+
+def _count_without_box3d(objects: KittiObjects) -> int:
+    """Count the objects of scored classes without a 3D part."""
+    lacks_3d = (objects.dimensions_hwl <= 0).any(axis=1)
+    lacks_3d |= (objects.locations == NO_LOCATION).any(axis=1)
+    scored = (class_code(name) >= 0 for name in objects.class_names)
+    return sum(is_scored and bool(each) for is_scored, each in zip(scored, lacks_3d, strict=True))
 
 
 def by_code(counts: Counter[str]) -> Counter[int]:

@@ -154,6 +154,8 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 
 def _unreadable(path: Path, error: Exception) -> FileError:
+    if isinstance(error, FileNotFoundError) and url_of(path) is not None:
+        return FileError(path, "is absent", "copy it to the server, or make the shards again")
     reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
     status = getattr(error, "status", None)
     if status == 0:  # aiohttp's for a circle

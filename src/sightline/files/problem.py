@@ -9,7 +9,7 @@ from typing import Final, Literal
 Extra = Literal["app", "export", "pretrained", "ray", "remote", "ros", "simulate", "train", "viz"]
 """Optional libraries, as `pyproject.toml` names them."""
 
-_ADDRESS: Final = re.compile(r"([a-z][a-z0-9+.-]+):/+(.+)", re.DOTALL)
+_ADDRESS: Final = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+):/+(.+)", re.DOTALL)
 """Address as pathlib keeps it, which joins its slashes."""
 GIVE_ACCESS: Final = "give this user access to it and its folder"
 """Remedy for a file or folder without permission, whose contents are unknown."""
@@ -35,8 +35,8 @@ def address(path: Path | str) -> str | None:
     match = _ADDRESS.fullmatch(str(path))
     if match is None:
         return None
-    slashes = "///" if match[1] == "file" else "//"
-    return f"{match[1]}:{slashes}{match[2]}"
+    scheme = match[1].lower()
+    return f"{scheme}:{'///' if scheme == 'file' else '//'}{match[2]}"
 
 
 def shown_place(path: Path | str) -> str:

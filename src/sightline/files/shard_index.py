@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.files.byte_source import read_range, read_small, url_of
+from sightline.files.byte_source import RefusedError, read_range, read_small, url_of
 from sightline.files.problem import FileError
 from sightline.files.safe_names import relative_parts
 
@@ -174,10 +174,19 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
         problem = f"counts {count} shards, expected at most {MAX_SHARDS}"
         raise FileError(folder / MANIFEST, problem, _REMEDY)
     following = folder / f"{count:06d}.json"
-    if url_of(folder) is None and following.is_file():
+    if _is_there(following):
         problem = f"counts {count} shards, but there is {following.name}"
         raise FileError(folder / MANIFEST, problem, _REMEDY)
     return dict(data)
+
+
+def _is_there(path: Path) -> bool:
+    if url_of(path) is None:
+        return path.is_file()
+    try:
+        return read_small(path, _MAX_INDEX_BYTES) is not None
+    except RefusedError:  # a store without listing answers so for what is not there
+        return False
 
 
 def tars_of(folder: Path, frames: int, frames_per_shard: int) -> tuple[Path, ...]:

@@ -93,6 +93,38 @@ def test_a_picture_that_was_sent_as_a_file_stays_as_it_is():
         image_file_from_message(SimpleNamespace(format="webp", data=webp.ravel()), "/camera")
 
 
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+@pytest.mark.parametrize("compression", ["jpeg compressed ", "png compressed bayer", ""])
+def test_a_compressed_mosaic_becomes_a_picture_in_colour(pattern, compression):
+    mosaic = np.empty((16, 16), np.uint8)
+    for at, letter in enumerate(pattern):
+        mosaic[at // 2 :: 2, at % 2 :: 2] = (200, 120, 40)["rgb".index(letter)]
+    _, encoded = cv2.imencode(".png", mosaic)
+    sent = SimpleNamespace(format=f"bayer_{pattern}8; {compression}", data=encoded.ravel())
+    file = image_file_from_message(sent, "/camera")
+    assert (file.suffix, file.size, file.is_blank) == (".png", (16, 16), False)
+    bgr = cv2.imdecode(np.frombuffer(file.content, np.uint8), cv2.IMREAD_COLOR)
+    np.testing.assert_array_equal(bgr, np.broadcast_to((40, 120, 200), bgr.shape))
+
+
+def test_a_mosaic_of_an_unknown_pattern_is_refused_and_one_in_colour_is_kept():
+    _, grey = cv2.imencode(".png", IMAGE[:16, :16, 0])
+    sent = SimpleNamespace(format="bayer_rgbw8; png compressed", data=grey.ravel())
+    with pytest.raises(ValueError, match=r"mosaics of an unknown pattern; republish it as Image"):
+        image_file_from_message(sent, "/camera")
+    _, colour = cv2.imencode(".png", IMAGE[:16, :16])
+    sent = SimpleNamespace(format="bayer_rggb8; png compressed bgr8", data=colour.ravel())
+    assert image_file_from_message(sent, "/camera").content == colour.tobytes()
+
+
+def test_pictures_whose_red_and_blue_may_be_exchanged_are_told():
+    _, encoded = cv2.imencode(".png", IMAGE)
+    sent = SimpleNamespace(format="bgr8; png compressed rgb8", data=encoded.ravel())
+    with pytest.warns(UserWarning, match="exchange red and blue in pictures of this format"):
+        file = image_file_from_message(sent, "/camera")
+    assert file.content == encoded.tobytes()
+
+
 def test_a_note_of_the_orientation_in_a_picture_is_not_followed():
     rotated = Image.Exif()
     rotated[0x0112] = 6

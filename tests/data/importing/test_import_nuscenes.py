@@ -12,19 +12,12 @@ from sightline.data.importing.nuscenes import find_tables
 from sightline.data.kitti_labels import read_labels
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
-from tests.data.recordings import SAMPLE, write_nuscenes
+from tests.data.recordings import SAMPLE, edit_table, write_nuscenes
 
 
 @pytest.fixture(scope="module")
 def nuscenes(tmp_path_factory):
     return write_nuscenes(tmp_path_factory.mktemp("nuscenes"))
-
-
-def edit(root, table, change):
-    path = root / "v1.0-mini" / f"{table}.json"
-    rows = json.loads(path.read_text())
-    change(rows)
-    path.write_text(json.dumps(rows))
 
 
 def test_key_frames_come_out_as_they_were_simulated_wherever_the_car_was(nuscenes, tmp_path):
@@ -63,7 +56,7 @@ def test_images_take_no_room_and_a_second_run_writes_what_is_missing(nuscenes, t
 def test_tables_that_changed_do_not_mix_with_their_import(tmp_path):
     write_nuscenes(tmp_path / "data")
     import_recording(tmp_path / "data", tmp_path / "out")
-    edit(tmp_path / "data", "sample_annotation", lambda rows: rows.pop())
+    edit_table(tmp_path / "data", "sample_annotation", lambda rows: rows.pop())
     before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file()}
     with pytest.raises(ValueError, match=r"made with tables [0-9a-f]{12} instead of"):
         import_recording(tmp_path / "data", tmp_path / "out")
@@ -80,7 +73,7 @@ def test_images_whose_names_have_no_usual_ending_are_read_from_the_recording(tmp
                 row["filename"] = row["filename"].removesuffix(".jpg")
                 old.rename(tmp_path / "data" / row["filename"])
 
-    edit(tmp_path / "data", "sample_data", rename)
+    edit_table(tmp_path / "data", "sample_data", rename)
     import_recording(tmp_path / "data", tmp_path / "out")
     (sample,) = open_dataset(tmp_path / "out")
     assert sample.image is not None
@@ -95,7 +88,7 @@ def test_what_no_point_fell_on_is_a_region_and_a_parked_cycle_is_misc(tmp_path):
         for row in rows:
             row["attribute_tokens"] = []
 
-    edit(tmp_path / "data", "sample_annotation", forget)
+    edit_table(tmp_path / "data", "sample_annotation", forget)
     import_recording(tmp_path / "data" / "v1.0-mini", tmp_path / "out")
     (sample,) = open_dataset(tmp_path / "out")
     assert sample.objects.class_names[0] == "DontCare"
@@ -115,7 +108,7 @@ def test_tables_without_key_frames_say_so_and_not_that_a_channel_lacks(tmp_path)
         for row in rows:
             row["is_key_frame"] = False
 
-    edit(tmp_path / "data", "sample_data", unmark)
+    edit_table(tmp_path / "data", "sample_data", unmark)
     with pytest.raises(FileError, match=r"has no key frame: none of its 4 rows has is_key_frame"):
         import_recording(tmp_path / "data", tmp_path / "out")
 
@@ -175,9 +168,9 @@ def test_scenes_follow_each_other_without_a_doubt_about_the_time_between_them(tm
         for row in rows[2:]:
             row.update(scene_token="s1", timestamp=row["timestamp"] + 600_000_000)
 
-    edit(tmp_path / "data", "scene", add_scene)
-    edit(tmp_path / "data", "sample", move)
-    edit(
+    edit_table(tmp_path / "data", "scene", add_scene)
+    edit_table(tmp_path / "data", "sample", move)
+    edit_table(
         tmp_path / "data",
         "sample_data",
         lambda rows: [row.update(timestamp=row["timestamp"] + 600_000_000) for row in rows[4:]],
@@ -219,7 +212,7 @@ def test_key_frames_whose_files_were_not_extracted_are_dropped_and_told(tmp_path
 )
 def test_a_table_that_does_not_go_with_the_others_is_named(tmp_path, table, change, expected):
     write_nuscenes(tmp_path / "data")
-    edit(tmp_path / "data", table, change)
+    edit_table(tmp_path / "data", table, change)
     with pytest.raises(ValueError, match=expected):
         import_recording(tmp_path / "data", tmp_path / "out")
 
@@ -241,7 +234,7 @@ def test_a_name_that_leads_out_of_the_folders_is_refused_and_nothing_written(
     tmp_path, table, changes, expected
 ):
     write_nuscenes(tmp_path / "data", num_samples=1)
-    edit(tmp_path / "data", table, lambda rows: rows[0].update(changes))
+    edit_table(tmp_path / "data", table, lambda rows: rows[0].update(changes))
     with pytest.raises(FileError, match=expected):
         import_recording(tmp_path / "data", tmp_path / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data"]
@@ -262,7 +255,7 @@ def test_a_file_that_is_a_link_out_of_the_data_set_is_refused_but_a_linked_folde
 
 def test_two_scenes_of_one_name_are_refused_as_one_would_replace_the_other(tmp_path):
     write_nuscenes(tmp_path / "data", num_samples=1)
-    edit(tmp_path / "data", "scene", lambda rows: rows.append({**rows[0], "token": "s1"}))
+    edit_table(tmp_path / "data", "scene", lambda rows: rows.append({**rows[0], "token": "s1"}))
     with pytest.raises(FileError, match=r"scene.json: row 2 has the name 'scene-0001' of row 1"):
         import_recording(tmp_path / "data", tmp_path / "out")
 
@@ -281,8 +274,10 @@ def rename_categories(names):
 )
 def test_categories_as_lyft_and_argoverse_spell_them_become_labels(nuscenes, tmp_path, names):
     write_nuscenes(tmp_path / "data", num_samples=1)
-    edit(tmp_path / "data", "category", rename_categories(names))
-    edit(tmp_path / "data", "attribute", lambda rows: rows[0].update(name="object_action_other"))
+    edit_table(tmp_path / "data", "category", rename_categories(names))
+    edit_table(
+        tmp_path / "data", "attribute", lambda rows: rows[0].update(name="object_action_other")
+    )
     report = import_recording(tmp_path / "data", tmp_path / "out")
     import_recording(nuscenes, tmp_path / "usual")
     labels = [
@@ -295,7 +290,7 @@ def test_categories_as_lyft_and_argoverse_spell_them_become_labels(nuscenes, tmp
 
 def test_categories_that_are_left_out_are_told_with_their_counts(tmp_path):
     write_nuscenes(tmp_path / "data", num_samples=2)
-    edit(
+    edit_table(
         tmp_path / "data",
         "category",
         rename_categories(("movable_object.barrier", "animal", "vehicle.bicycle")),
@@ -314,7 +309,7 @@ def test_categories_that_are_left_out_are_told_with_their_counts(tmp_path):
 
 def test_an_import_that_leaves_no_label_at_all_warns(tmp_path):
     write_nuscenes(tmp_path / "data", num_samples=1)
-    edit(tmp_path / "data", "category", rename_categories(("animal", "animal", "animal")))
+    edit_table(tmp_path / "data", "category", rename_categories(("animal", "animal", "animal")))
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert "warning: no annotation became a label" in report
 
@@ -330,7 +325,7 @@ def test_where_points_in_boxes_are_not_counted_the_sweep_is_looked_at(nuscenes, 
         rows.append({**rows[0], "token": "high", "size": [0.1, 0.1, 0.1]})
         rows[-1]["translation"] = [*rows[0]["translation"][:2], rows[0]["translation"][2] + 1.2]
 
-    edit(tmp_path / "data", "sample_annotation", forget)
+    edit_table(tmp_path / "data", "sample_annotation", forget)
     import_recording(tmp_path / "data", tmp_path / "out")
     import_recording(nuscenes, tmp_path / "usual")
     ours, usual = (
@@ -354,7 +349,7 @@ def test_a_camera_that_nobody_could_read_is_refused_before_anything_is_written(t
     def change(rows):
         rows[0]["camera_intrinsic"][0][0] = focal
 
-    edit(tmp_path / "data", "calibrated_sensor", change)
+    edit_table(tmp_path / "data", "calibrated_sensor", change)
     with pytest.raises(FileError, match=r"0.jpg: is unusable: its .* focal lengths"):
         import_recording(tmp_path / "data", tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -412,14 +407,14 @@ def test_two_channels_that_are_no_camera_and_lidar_are_refused(nuscenes, tmp_pat
 
 def test_tables_without_any_camera_say_so(tmp_path):
     write_nuscenes(tmp_path / "data", num_samples=1)
-    edit(tmp_path / "data", "sensor", lambda rows: rows[0].update(modality="radar"))
+    edit_table(tmp_path / "data", "sensor", lambda rows: rows[0].update(modality="radar"))
     with pytest.raises(ValueError, match="of a camera CAM_FRONT; it has no camera"):
         import_recording(tmp_path / "data", tmp_path / "out")
 
 
 def test_samples_without_files_in_the_tables_are_counted(tmp_path):
     write_nuscenes(tmp_path / "data", num_samples=3)
-    edit(tmp_path / "data", "sample_data", lambda rows: rows.__delitem__(slice(2, None)))
+    edit_table(tmp_path / "data", "sample_data", lambda rows: rows.__delitem__(slice(2, None)))
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert "dropped 2 samples without a key frame of each channel" in report
 
@@ -432,7 +427,7 @@ def set_times(root, timestamps):
             row["timestamp"] = timestamps[index * len(timestamps) // len(rows)]
 
     for table in ("sample", "sample_data"):
-        edit(root, table, change)
+        edit_table(root, table, change)
 
 
 def test_times_that_do_not_rise_are_a_warning(tmp_path):
@@ -456,7 +451,7 @@ def test_times_that_no_recording_may_have_are_refused_before_anything_is_written
     def in_nanoseconds(rows):
         rows[0]["timestamp"] = 1_700_000_000_000_000_000
 
-    edit(tmp_path / "data", "sample", in_nanoseconds)
+    edit_table(tmp_path / "data", "sample", in_nanoseconds)
     with pytest.raises(FileError, match=r"sample\.json: row 1 has the timestamp 17.*microseconds"):
         import_recording(tmp_path / "data", tmp_path / "out")
     assert not (tmp_path / "out").exists()
@@ -469,7 +464,7 @@ def test_a_cycle_without_the_entry_of_attributes_is_not_taken_for_a_parked_one(t
         for row in rows:
             row.pop("attribute_tokens", None)
 
-    edit(tmp_path / "data", "sample_annotation", remove)
+    edit_table(tmp_path / "data", "sample_annotation", remove)
     import_recording(tmp_path / "data", tmp_path / "out")
     (sample,) = open_dataset(tmp_path / "out")
     assert "Cyclist" in sample.objects.class_names
@@ -484,7 +479,7 @@ def test_rotations_with_w_last_are_told_by_boxes_that_lean(nuscenes, tmp_path):
         for row in rows:
             row["rotation"] = [*row["rotation"][1:], row["rotation"][0]]
 
-    edit(tmp_path / "data", "sample_annotation", reorder)
+    edit_table(tmp_path / "data", "sample_annotation", reorder)
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert "annotations lean by more than 20 degrees against the LiDAR" in report
     assert "quaternions w, x, y, z" in report
@@ -505,7 +500,7 @@ def test_poses_that_do_not_fit_the_annotations_are_told_by_boxes_without_points(
     def move_second(rows):
         rows[1]["translation"][1] += 4.0
 
-    edit(tmp_path / "data", "ego_pose", move_second)
+    edit_table(tmp_path / "data", "ego_pose", move_second)
     report = str(import_recording(tmp_path / "data", tmp_path / "out"))
     assert re.search(r"[5-8] of 17 annotations with at least 5 LiDAR points by the tables", report)
     assert "correct ego_pose" in report
@@ -513,7 +508,7 @@ def test_poses_that_do_not_fit_the_annotations_are_told_by_boxes_without_points(
 
 def test_a_wrong_size_in_the_tables_is_not_taken_for_a_wrong_calibration(tmp_path):
     root = write_nuscenes(tmp_path / "data")
-    edit(root, "sample_data", lambda rows: [row.update(width=100) for row in rows])
+    edit_table(root, "sample_data", lambda rows: [row.update(width=100) for row in rows])
     with pytest.raises(
         FileError, match=r"is 375x1242 .*, expected 375x100 as in its row of sample"
     ):
@@ -530,7 +525,7 @@ def test_labels_of_a_lidar_that_looks_down_are_those_of_a_level_one(nuscenes, tm
         x, y, z, w = (Rotation.from_quat([*xyz, w]) * down).as_quat().tolist()
         rows[1]["rotation"] = [w, x, y, z]
 
-    edit(root, "calibrated_sensor", tilt)
+    edit_table(root, "calibrated_sensor", tilt)
     for path in (root / "samples" / "LIDAR_TOP").iterdir():
         sweep = np.fromfile(path, np.float32).reshape(-1, 5)
         sweep[:, :3] = down.inv().apply(sweep[:, :3])
@@ -556,7 +551,7 @@ def test_faulty_annotations_are_told_by_their_table_not_by_the_image(tmp_path, c
             width, length, height = row["size"]
             row["size"] = [length, width, height]
 
-    edit(tmp_path / "data", "sample_annotation", spoil)
+    edit_table(tmp_path / "data", "sample_annotation", spoil)
     told = r"sample_annotation\.json: gives an .* \(frame scene-0001-000\); .*width, length, height"
     with pytest.raises(FileError, match=told):
         import_recording(tmp_path / "data", tmp_path / "out")
@@ -580,8 +575,10 @@ def test_frames_of_a_scene_of_over_a_thousand_samples_are_in_order(tmp_path):
         | {"timestamp": sample["timestamp"] + number}
         for number in range(1001)
     ]
-    edit(root, "sample", lambda old: old.__setitem__(slice(None), samples))
-    edit(root, "sample_data", lambda old: old.__setitem__(slice(None), many(rows, "sample_token")))
+    edit_table(root, "sample", lambda old: old.__setitem__(slice(None), samples))
+    edit_table(
+        root, "sample_data", lambda old: old.__setitem__(slice(None), many(rows, "sample_token"))
+    )
     moments = find_tables(root).moments("CAM_FRONT", "LIDAR_TOP").moments
     names = [moment.name for moment in moments]
     assert names == sorted(names)

@@ -35,6 +35,7 @@ _ENCODINGS: Final[dict[str, tuple[int, int | None]]] = {
 }
 """Number of channels and OpenCV conversion of each encoding."""
 
+_BAYER: Final = "bayer_"
 _POINT_TYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy types by the type numbers of sensor_msgs/PointField."""
 
@@ -97,6 +98,8 @@ class PictureFile:
 def image_file_from_message(message: Any, topic: str) -> PictureFile:  # noqa: ANN401
     """Extract the file in a CompressedImage message, with unchanged bytes.
 
+    A Bayer mosaic, which publishers compress as a grey picture, becomes a PNG in colour.
+
     Raises:
         ValueError: The file is no complete JPEG or PNG of 8 bits; names the topic.
     """
@@ -114,6 +117,25 @@ def image_file_from_message(message: Any, topic: str) -> PictureFile:  # noqa: A
         raise ValueError(
             f"topic {topic} holds pictures of {header.bits_per_channel} bits, expected 8: they are "
             "perhaps depth; choose another by --camera-topic"
+        )
+    encoding, _, compression = str(message.format).partition(";")
+    _, conversion = _ENCODINGS.get(_normalised_encoding(encoding), (0, None))
+    if header.channels == 1 and encoding.strip().lower().startswith(_BAYER):
+        if conversion is None:
+            raise ValueError(
+                f"{source} holds the mosaics of an unknown pattern; republish it as Image, or "
+                "choose another by --camera-topic"
+            )
+        rgb = cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), conversion)
+        _, png = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+        return PictureFile(
+            suffix=".png", content=png.tobytes(), size=header.size, is_blank=is_blank(pixels)
+        )
+    if header.channels > 1 and "compressed rgb" in compression.lower():
+        warnings.warn(
+            f"{source}: some publishers exchange red and blue in pictures of this format, which "
+            "are kept as they are; look at one, and republish them as Image if sky is brown",
+            stacklevel=2,
         )
     return PictureFile(
         suffix=".jpg" if header.file_format == "jpeg" else ".png",

@@ -32,7 +32,11 @@ from sightline.data.importing.writer import (
 )
 from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
 from sightline.data.kitti_labels import write_objects
-from sightline.data.recording_calibration import RecordingCalibration, checked_matrices
+from sightline.data.recording_calibration import (
+    Lens,
+    RecordingCalibration,
+    checked_matrices,
+)
 from sightline.data.recording_files import (
     CALIBRATIONS,
     IMAGES,
@@ -40,9 +44,11 @@ from sightline.data.recording_files import (
     POINTS,
     begins_sequence,
 )
+from sightline.data.undistortion import COEFFICIENTS, LensModel, check_lens
 from sightline.data.velodyne import COLUMNS, other_format
 from sightline.files.atomic import atomic_link
 from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 from sightline.geometry.cloud_checks import has_columns
 from sightline.geometry.mount import turn_ahead
@@ -55,6 +61,8 @@ _MIN_TILT_DEG: Final = 3.0
 """Smallest tilt of a LiDAR that moves boxes; nuScenes' is tilted by 1.4 degrees."""
 _MIN_STEP_US: Final = 4_000
 """Smallest time between two key frames; nuScenes' are half a second apart."""
+_MAX_GAP_S: Final = 0.15
+"""Largest time between image and sweep; a turn of nuScenes' LiDAR takes 0.05 s, others' 0.1 s."""
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26
 _REMEDY: Final = "extract nuScenes' archive again"
@@ -62,7 +70,13 @@ _TABLES_REMEDY: Final = "correct calibrated_sensor.json or extract nuScenes' met
 
 
 def import_nuscenes(
-    tables: Tables, out: Path, *, camera: str, lidar: str, max_intensity: float
+    tables: Tables,
+    out: Path,
+    *,
+    camera: str,
+    lidar: str,
+    max_intensity: float,
+    undistort: bool,
 ) -> ImportReport:
     """Import key frames; arguments and errors as in `import_recording`."""
     check_not_into_source(tables.root, out)
@@ -86,6 +100,12 @@ def import_nuscenes(
     _image_size(moments[0])  # else a wrong size in the tables looks like a wrong calibration
     for moment in moments:
         _calibration(moment)
+    if moments[0].lens and not undistort:
+        coefficients = ", ".join(f"{value:.4g}" for value in moments[0].lens)
+        raise ValueError(
+            f"{tables.folder}: the lens of {camera} distorts ({coefficients}); undistort images by "
+            "--undistort"
+        )
     with staging_folder() as staged:
         _Frames(staged, max_intensity).write(moments[0])
         check_staged(
@@ -111,6 +131,7 @@ def import_nuscenes(
             f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
             *_scene_notes(moments),
             *_dropped_notes(key_frames, len(listed) - len(moments)),
+            *_time_notes(moments),
             *_rotation_notes(moments, camera),
             *(tally.lines() if pending else ()),
             *clouds.lines(),
@@ -153,10 +174,28 @@ def _dropped_notes(key_frames: Moments, without_files: int) -> Iterator[str]:
             f"dropped {without_files} of {len(key_frames.moments)} key frames, whose image or "
             "sweep is missing"
         )
+    if key_frames.num_invalid:
+        yield f"dropped {key_frames.num_invalid} images and sweeps that the tables call invalid"
     if key_frames.num_incomplete:
         yield f"dropped {key_frames.num_incomplete} samples without a key frame of each channel"
     if key_frames.num_repeated:
         yield f"dropped {key_frames.num_repeated} repeated key frames of a sample and channel"
+    if key_frames.other_lidars:
+        others = ", ".join(map(shortened, key_frames.other_lidars))
+        yield f"other LiDARs are left out: {others}; choose one by --lidar-topic"
+
+
+def _time_notes(moments: Sequence[Moment]) -> Iterator[str]:
+    """Yield a warning of images that were taken long before or after their sweep."""
+    gaps_s = {each.name: abs(each.image_time_s - each.time_s) for each in moments}
+    apart = [name for name, gap_s in gaps_s.items() if gap_s > _MAX_GAP_S]
+    if apart:
+        yield (
+            f"warning: {len(apart)} of {len(moments)} images were taken more than {_MAX_GAP_S:g} s "
+            f"before or after their sweep, e.g. {apart[0]} by {gaps_s[apart[0]]:.3g} s: moving "
+            "objects are elsewhere in it; correct the timestamps in sample_data.json, or choose "
+            "other channels"
+        )
 
 
 def _rotation_notes(moments: Sequence[Moment], camera: str) -> Iterator[str]:
@@ -249,7 +288,27 @@ def _calibration(moment: Moment) -> RecordingCalibration:
     if doubts:
         problem = f"is unusable: its calibration {doubts[0].problem}"
         raise FileError(moment.image, problem, _TABLES_REMEDY)
-    return RecordingCalibration(matrices=matrices, lidar_height_m=moment.lidar_height_m)
+    return RecordingCalibration(
+        matrices=matrices, lens=_lens(moment), lidar_height_m=moment.lidar_height_m
+    )
+
+
+def _lens(moment: Moment) -> Lens | None:
+    """Lens of a frame's camera; None: it does not distort.
+
+    Raises:
+        FileError: It is no valid lens.
+    """
+    if not moment.lens:
+        return None
+    is_short = len(moment.lens) in COEFFICIENTS["plumb_bob"]
+    model: LensModel = "plumb_bob" if is_short else "rational_polynomial"
+    try:
+        check_lens(model, moment.lens)
+    except ValueError as error:
+        problem = f"is unusable: {error} (camera_distortion in calibrated_sensor.json)"
+        raise FileError(moment.image, problem, _TABLES_REMEDY) from error
+    return Lens(model=model, coefficients=moment.lens)
 
 
 def _read_sweep(path: Path) -> Float32[np.ndarray, "num_points 4"]:

@@ -1,6 +1,7 @@
 """`sightline import`: convert drives of other formats to recordings."""
 
 from pathlib import Path
+from typing import Final
 
 from sightline.data.importing.bag import is_bag
 from sightline.data.importing.bag_clocks import Clock
@@ -9,9 +10,12 @@ from sightline.data.importing.import_bag import import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
 from sightline.data.importing.writer import ImportReport
+from sightline.data.recording_calibration import read_recording_calibration
 from sightline.files.byte_source import url_of
 from sightline.files.problem import shown_place
 from sightline.geometry.wrong_types import named_arguments
+
+_MAX_GAP_S: Final = 0.05
 
 
 @named_arguments
@@ -23,7 +27,7 @@ def import_recording(
     lidar_topic: str | None = None,
     info_topic: str | None = None,
     calibration: Path | str | None = None,
-    max_gap_s: float = 0.05,
+    max_gap_s: float = _MAX_GAP_S,
     clock: Clock = "header",
     undistort: bool = False,
     max_intensity: float | None = None,
@@ -48,16 +52,16 @@ def import_recording(
         camera_topic: Topic of the images, or nuScenes' channel (CAM_FRONT). None: the only one.
         lidar_topic: Topic of the clouds, or channel (LIDAR_TOP). None: the only one.
         info_topic: Topic of CameraInfo. None: the one beside the images.
-        calibration: A recording's calibration file instead of CameraInfo and TF.
-        max_gap_s: Largest time difference of an image and a sweep.
+        calibration: A recording's calibration file instead of a bag's CameraInfo and TF.
+        max_gap_s: Largest time difference of an image and a sweep of a bag.
         clock: Clock for pairing in a bag; see `choose_clock`.
         undistort: Whether to undistort images of a distorting lens when they are read.
         max_intensity: Intensity of a reflectance of 1. None: 1, 255 or 65535, guessed from some
             sweeps.
 
     Raises:
-        ValueError: The source cannot be read, is incomplete or ambiguous; or `out` contains another
-            import.
+        ValueError: The source cannot be read, is incomplete or ambiguous; an option has no effect
+            on it; or `out` contains another import.
     """
     source, out = Path(source), Path(out)
     if url_of(source) is not None:
@@ -71,6 +75,13 @@ def import_recording(
     if max_intensity is not None and not 0 < max_intensity < 1e9:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
     if is_bag(source):
+        _refuse_without_effect(
+            "with --calibration, which has the camera's matrix and lens",
+            info_topic=calibration is not None and info_topic is not None,
+            undistort=calibration is not None
+            and undistort
+            and read_recording_calibration(calibration).lens is None,
+        )
         return import_bag(
             source,
             out,
@@ -98,10 +109,30 @@ def import_recording(
             f"{', '.join(SUFFIXES)}) nor nuScenes (a folder with v1.0-mini/sample.json); a folder "
             "of images and clouds needs no import, see docs/recordings.md"
         )
+    _refuse_without_effect(
+        "on nuScenes, whose tables have calibrations and pairs",
+        calibration=calibration is not None,
+        info_topic=info_topic is not None,
+        clock=clock != "header",
+        max_gap_s=max_gap_s != _MAX_GAP_S,
+    )
     return import_nuscenes(
         tables,
         out,
         camera=camera_topic or "CAM_FRONT",
         lidar=lidar_topic or "LIDAR_TOP",
         max_intensity=max_intensity or 255.0,
+        undistort=undistort,
     )
+
+
+def _refuse_without_effect(place: str, **is_given: bool) -> None:
+    """Refuse options that would be ignored.
+
+    Raises:
+        ValueError: One is given.
+    """
+    flags = [f"--{name.replace('_', '-')}" for name, given in is_given.items() if given]
+    if flags:
+        has = "has" if len(flags) == 1 else "have"
+        raise ValueError(f"{' and '.join(flags)} {has} no effect {place}; leave it out")

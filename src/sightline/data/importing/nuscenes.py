@@ -18,6 +18,23 @@ from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_
 from sightline.geometry.tilt import Tilt
 
 _MODALITIES: Final = ("camera", "lidar", "radar")
+_VISIBILITY: Final = "visibility"
+"""Table that some data sets lack."""
+_OCCLUSIONS: Final = {
+    # Percent, in nuScenes
+    "v0-40": 2,
+    "v40-60": 1,
+    "v60-80": 1,
+    "v80-100": 0,
+    # Words, in TIER IV's data sets
+    "none": 2,
+    "partial": 1,
+    "most": 1,
+    "full": 0,
+}
+"""KITTI's occlusion by the level of a visibility."""
+_DISTORTION: Final = "camera_distortion"
+"""Entry of the lens in tables of TIER IV; nuScenes' images are straight."""
 _CYCLE: Final = "cycle."
 _WITH_RIDER: Final = "cycle.with_rider"
 _REFERENCED: Final = (
@@ -41,8 +58,8 @@ class Annotation:
     """Category, e.g. vehicle.car."""
     is_ridden: bool | None
     """Whether a cycle has a rider; None: the data set's attributes do not include riders."""
-    visibility: int
-    """Visibility in the six cameras, 1 to 4: up to 40, 60, 80 and 100 percent; 0: unknown."""
+    occlusion: int | None
+    """KITTI's occlusion, 0 to 2, by the visibility in all cameras; None: unknown."""
     num_lidar_points: int | None
     """Number of LiDAR points in the box; None: the data set does not count them."""
     size_lwh: tuple[float, float, float]
@@ -57,10 +74,13 @@ class Moment:
     """Name of the scene with the index in it: scene-0061-000."""
     time_s: float
     """Time of the sweep."""
+    image_time_s: float
     image: Path
     sweep: Path
     image_size: tuple[int, int]
     camera_matrix: tuple[tuple[float, ...], ...]
+    lens: tuple[float, ...]
+    """Coefficients of a distorting lens; empty: the image is straight."""
     camera_from_lidar: Rigid
     """Transform between the poses at the times of image and sweep, including the car's motion."""
     mount: Rigid
@@ -82,6 +102,10 @@ class Moments:
     """Number of samples without a key frame of each of the two channels."""
     num_repeated: int
     """Number of key frames beyond the first of a sample and a channel."""
+    num_invalid: int
+    """Number of key frames of the two channels that the tables mark as invalid."""
+    other_lidars: tuple[str, ...]
+    """Channels of the other LiDARs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +129,9 @@ class Tables:
     def digest(self) -> str:
         """Twelve digits of the SHA-256 of all tables: other digits mean other contents."""
         total = hashlib.sha256()
-        for name in (*_REFERENCED, *_LISTED):
-            with (self.folder / f"{name}.json").open("rb") as file:
+        paths = [self.folder / f"{name}.json" for name in (*_REFERENCED, *_LISTED, _VISIBILITY)]
+        for path in paths[:-1] + [path for path in paths[-1:] if path.is_file()]:
+            with path.open("rb") as file:
                 total.update(hashlib.file_digest(file, "sha256").digest())
         return total.hexdigest()[:12]
 
@@ -126,16 +151,29 @@ def find_tables(source: Path) -> Tables | None:
     return Tables(source, found[0]) if found else None
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _KeyFrames:
+    """Rows of the two channels, and counts as in `Moments`."""
+
+    by_sample: dict[str, dict[str, Row]]
+    """Rows by sample and channel."""
+    num_repeated: int
+    num_invalid: int
+    other_lidars: tuple[str, ...]
+
+
 class _Reader:
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
         self._tables_by_name = {name: read_table(self._path(name)) for name in _REFERENCED}
         attributes = self._tables_by_name["attribute"].rows.values()
         self._samples = read_table(self._path("sample"))
+        self._occlusions = self._read_occlusions()
         self._has_riders = any(row.text("name").startswith(_CYCLE) for row in attributes)
 
     def moments(self, camera: str, lidar: str) -> Moments:
-        by_sample, num_repeated = self._key_frames((camera, lidar))
+        found = self._key_frames((camera, lidar))
+        by_sample = found.by_sample
         annotations: dict[str, list[Row]] = {}
         for row in read_rows(self._path("sample_annotation")):
             token = self._samples.of(row, "sample_token").text("token")
@@ -155,13 +193,14 @@ class _Reader:
         return Moments(
             moments=tuple(moments),
             num_incomplete=len(self._samples.rows) - len(moments),
-            num_repeated=num_repeated,
+            num_repeated=found.num_repeated,
+            num_invalid=found.num_invalid,
+            other_lidars=found.other_lidars,
         )
 
-    def _key_frames(self, channels: tuple[str, str]) -> tuple[dict[str, dict[str, Row]], int]:
-        """Return the rows of the two channels by sample and channel, and the number of repeats."""
+    def _key_frames(self, channels: tuple[str, str]) -> "_KeyFrames":
         by_sample: dict[str, dict[str, Row]] = {}
-        num_repeated = 0
+        num_repeated = num_invalid = 0
         modalities: dict[str, object] = {}
         num_between = 0
         for row in read_rows(self._path("sample_data")):
@@ -171,7 +210,9 @@ class _Reader:
             sensor = self._sensor(row)
             channel = sensor.text("channel")
             modalities[channel] = sensor.entries.get("modality")
-            if channel in channels:
+            if channel in channels and row.entries.get("is_valid") is False:
+                num_invalid += 1
+            elif channel in channels:
                 token = self._samples.of(row, "sample_token").text("token")
                 by_channel = by_sample.setdefault(token, {})
                 num_repeated += channel in by_channel
@@ -192,7 +233,13 @@ class _Reader:
                     f"{self._tables.folder} has no key frame of a {kind} {shortened(channel)}; "
                     + (f"name one of {names} by --{kind}-topic" if names else f"it has no {kind}")
                 )
-        return by_sample, num_repeated
+        lidars = (name for name, each in modalities.items() if each == "lidar")
+        return _KeyFrames(
+            by_sample=by_sample,
+            num_repeated=num_repeated,
+            num_invalid=num_invalid,
+            other_lidars=tuple(sorted(name for name in lidars if name not in channels)),
+        )
 
     def _names(self) -> Iterator[tuple[str, str]]:
         """Yield the tokens of all samples, scene by scene, and the names of their frames."""
@@ -224,10 +271,12 @@ class _Reader:
         return Moment(
             name=name,
             time_s=sweep.time_us("timestamp") / 1e6,
+            image_time_s=image.time_us("timestamp") / 1e6,
             image=self._file(image),
             sweep=self._file(sweep),
             image_size=(image.whole("height", minimum=1), image.whole("width", minimum=1)),
             camera_matrix=tuple(map(tuple, camera.numbers("camera_intrinsic", 3, 3).tolist())),
+            lens=_lens(camera),
             camera_from_lidar=np.linalg.inv(world_from_camera) @ world_from_lidar,
             mount=np.linalg.inv(ego_from_camera) @ ego_from_lidar,
             lidar_height_m=(
@@ -247,15 +296,27 @@ class _Reader:
         width, length, height = row.numbers("size", 3).tolist()
         if min(width, length, height) <= 0:
             raise row.fault(f"has the size {[width, length, height]}, expected lengths above 0")
-        visibility = str(row.entries.get("visibility_token", ""))
         return Annotation(
             category=category.text("name"),
             is_ridden=_WITH_RIDER in attributes if has_attributes and self._has_riders else None,
-            visibility=int(visibility) if visibility in ("1", "2", "3", "4") else 0,
+            occlusion=self._occlusions.get(str(row.entries.get("visibility_token"))),
             num_lidar_points=_num_points(row),
             size_lwh=(length, width, height),
             world_from_box=row.pose(),
         )
+
+    def _read_occlusions(self) -> dict[str, int]:
+        """Read KITTI's occlusion of each visibility token; without a table, nuScenes' four."""
+        path = self._path(_VISIBILITY)
+        if not path.is_file():
+            return {str(token): occlusion for token, occlusion in enumerate((2, 1, 1, 0), start=1)}
+        levels = {
+            token: str(row.entries.get("level", "")).strip().lower()
+            for token, row in read_table(path).rows.items()
+        }
+        return {
+            token: _OCCLUSIONS[level] for token, level in levels.items() if level in _OCCLUSIONS
+        }
 
     def _referenced(self, row: Row, name: str) -> Row:
         return self._tables_by_name[name].of(row, f"{name}_token")
@@ -269,6 +330,16 @@ class _Reader:
 
     def _path(self, name: str) -> Path:
         return self._tables.folder / f"{name}.json"
+
+
+def _lens(camera: Row) -> tuple[float, ...]:
+    """Return the coefficients of a distorting lens; empty: there is none."""
+    given = camera.entries.get(_DISTORTION)
+    if not given:
+        return ()
+    count = len(given) if isinstance(given, list) else 0
+    coefficients = camera.numbers(_DISTORTION, count)
+    return tuple(coefficients.tolist()) if coefficients.any() else ()
 
 
 def _num_points(row: Row) -> int | None:

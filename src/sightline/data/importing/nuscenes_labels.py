@@ -68,7 +68,6 @@ _CLASSES: Final = {
 _IGNORED_CATEGORIES: Final = ("vehicle.ego",)
 _CYCLES_WITHOUT_RIDER_INFO: Final = ("bicycle", "motorcycle")
 """Last words of cycle categories that do not distinguish riders."""
-_OCCLUSIONS: Final = {4: 0.0, 3: 1.0, 2: 1.0, 1: 2.0}  # by visibility; else unknown, 3
 _DONT_CARE: Final = "DontCare"
 _MAX_LEAN_DEG: Final = 20.0  # of an object on a slope against the LiDAR
 _MIN_COUNTED_POINTS: Final = 5  # by the tables, of an object whose box is compared with the sweep
@@ -91,6 +90,8 @@ class LabelTally:
     """Annotations of known categories outside the image."""
     leaning: int = 0
     """Annotations of known categories that do not stand upright."""
+    visibility_unknown: int = 0
+    """Labels whose visibility is not in the tables."""
     compared: int = 0
     """Annotations inside the image that have several LiDAR points by the tables."""
     empty: int = 0
@@ -104,6 +105,7 @@ class LabelTally:
             categories_left_out=self.categories_left_out + other.categories_left_out,
             outside=self.outside + other.outside,
             leaning=self.leaning + other.leaning,
+            visibility_unknown=self.visibility_unknown + other.visibility_unknown,
             compared=self.compared + other.compared,
             empty=self.empty + other.empty,
         )
@@ -123,6 +125,11 @@ class LabelTally:
             lines.append(
                 f"left out {number} annotations of categories without a KITTI class: "
                 f"{_counted(self.categories_left_out)}"
+            )
+        if self.visibility_unknown:
+            lines.append(
+                f"{self.visibility_unknown} of {labels} labels have no visibility in the tables "
+                "and count as fully visible (occlusion 0)"
             )
         if self.leaning:
             lines.append(
@@ -188,7 +195,8 @@ def kitti_from_annotations(
     )
     bearing = np.arctan2(locations[kept, 0], locations[kept, 2])
     alpha = (rotations[kept] - bearing + np.pi) % (2 * np.pi) - np.pi
-    occlusion = [_OCCLUSIONS.get(known[index][0].visibility, 3.0) for index in kept]
+    # KITTI's "unknown" would leave the object out of every score.
+    occlusion = [known[index][0].occlusion or 0 for index in kept]
     truncation = np.array([image_boxes[index].truncation for index in kept], dtype=np.float64)
     class_names = tuple(
         known[index][1] if has_label else _DONT_CARE
@@ -215,7 +223,14 @@ def kitti_from_annotations(
         _count_points(boxes[index] + _OFF_ROAD, places) < _MIN_FOUND_SHARE * count
         for index, count in compared.items()
     )
-    return objects, replace(counts, leaning=leaning, compared=len(compared), empty=empty)
+    unseen = sum(
+        known[index][0].occlusion is None
+        for index, has_label in zip(kept, is_detectable.tolist(), strict=True)
+        if has_label
+    )
+    return objects, replace(
+        counts, leaning=leaning, visibility_unknown=unseen, compared=len(compared), empty=empty
+    )
 
 
 def _tally(

@@ -1,0 +1,140 @@
+"""Tables of other data sets in nuScenes' format: Lyft's, TIER IV's, and tables with faults."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from sightline.data.image_file import read_rgb
+from sightline.data.importing.import_recording import import_recording
+from sightline.data.kitti_labels import read_labels
+from sightline.data.open import open_dataset
+from sightline.files.problem import FileError
+from tests.data.recordings import CAMERA_MATRIX, IMAGE, edit_table, write_nuscenes
+
+LENS = [-0.3, 0.1, 0.0, 0.0, 0.0]
+
+
+@pytest.fixture
+def data(tmp_path):
+    return write_nuscenes(tmp_path / "data")
+
+
+def set_entries(data, table, **entries):
+    edit_table(data, table, lambda rows: [row.update(entries) for row in rows])
+
+
+def occlusions(out):
+    objects = read_labels(out / "labels" / "scene-0001-000.txt")
+    return {
+        float(each) for each in objects.occlusion[[n != "DontCare" for n in objects.class_names]]
+    }
+
+
+@pytest.mark.parametrize(
+    ("level", "occlusion"),
+    [("v0-40", 2), ("v40-60", 1), ("v60-80", 1), ("v80-100", 0), ("none", 2), ("partial", 1),
+     ("Most", 1), ("full", 0)],
+)  # fmt: skip
+def test_levels_of_visibility_are_those_of_their_table(data, tmp_path, level, occlusion):
+    rows = [{"token": "1", "level": level, "description": ""}]
+    (data / "v1.0-mini" / "visibility.json").write_text(json.dumps(rows))
+    set_entries(data, "sample_annotation", visibility_token="1")
+    report = str(import_recording(data, tmp_path / "out"))
+    assert occlusions(tmp_path / "out") == {occlusion}
+    assert "no visibility" not in report
+
+
+@pytest.mark.parametrize(("token", "occlusion"), [("1", 2), ("2", 1), ("3", 1), ("4", 0)])
+def test_without_their_table_tokens_are_nuscenes(data, tmp_path, token, occlusion):
+    set_entries(data, "sample_annotation", visibility_token=token)
+    import_recording(data, tmp_path / "out")
+    assert occlusions(tmp_path / "out") == {occlusion}
+
+
+@pytest.mark.parametrize("token", ["", None, "v80-100", 7])
+def test_labels_of_unknown_visibility_count_as_visible_with_a_word(data, tmp_path, token):
+    set_entries(data, "sample_annotation", visibility_token=token)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert occlusions(tmp_path / "out") == {0}
+    found = [each.objects.class_names for each in open_dataset(tmp_path / "out")]
+    number = sum(name != "DontCare" for names in found for name in names)
+    assert f"{number} of {number} labels have no visibility in the tables" in report
+
+
+def test_a_distorting_lens_is_refused_and_straightened_on_request(data, tmp_path):
+    edit_table(data, "calibrated_sensor", lambda rows: rows[0].update(camera_distortion=LENS))
+    with pytest.raises(ValueError, match=r"lens of CAM_FRONT distorts \(-0.3, 0.1, .*--undistort"):
+        import_recording(data, tmp_path / "out")
+    import_recording(data, tmp_path / "out", undistort=True)
+    straight = open_dataset(tmp_path / "out")[0].image.permute(1, 2, 0).numpy()
+    raw = read_rgb(data / "samples" / "CAM_FRONT" / "0.jpg")
+    expected = cv2.undistort(raw, np.array(CAMERA_MATRIX), np.array(LENS))
+    assert np.abs(straight.astype(int) - expected).mean() < 0.5
+
+
+@pytest.mark.parametrize("entry", [None, [], [0, 0, 0, 0, 0]])
+def test_a_straight_lens_is_none(data, tmp_path, entry):
+    edit_table(data, "calibrated_sensor", lambda rows: rows[0].update(camera_distortion=entry))
+    import_recording(data, tmp_path / "out")
+    text = (tmp_path / "out" / "calibration" / "scene-0001-000.yaml").read_text()
+    assert "distortion" not in text
+
+
+@pytest.mark.parametrize(
+    ("entry", "expected"),
+    [
+        ("none", "has the camera_distortion 'none', expected 0 finite numbers"),
+        ([0.1, "k"], "expected 2 finite numbers"),
+        ([0.1] * 7, "the lens has 7 distortion coefficients, expected"),
+    ],
+)
+def test_a_lens_that_is_none_is_refused(data, tmp_path, entry, expected):
+    edit_table(data, "calibrated_sensor", lambda rows: rows[0].update(camera_distortion=entry))
+    with pytest.raises(FileError, match=expected):
+        import_recording(data, tmp_path / "out", undistort=True)
+
+
+def test_images_taken_long_after_their_sweep_are_told(data, tmp_path):
+    def delay(rows):
+        for row in rows:
+            row["timestamp"] += 2_000_000 * row["filename"].endswith(".jpg")
+
+    assert "before or after" not in str(import_recording(data, tmp_path / "sound"))
+    edit_table(data, "sample_data", delay)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "2 of 2 images were taken more than 0.15 s before or after their sweep, e.g. " in report
+    assert "scene-0001-000 by 2 s" in report
+
+
+def test_invalid_rows_and_other_lidars_are_left_out_with_a_word(data, tmp_path):
+    def change(rows):
+        rows[0]["is_valid"] = False
+        rows.append(rows[1] | {"token": "left", "calibrated_sensor_token": "cleft"})
+
+    edit_table(data, "sample_data", change)
+    sensor = {"token": "lleft", "channel": "LIDAR_LEFT", "modality": "lidar"}
+    edit_table(data, "sensor", lambda rows: rows.append(sensor))
+    mount = {"token": "cleft", "sensor_token": "lleft"}
+    edit_table(data, "calibrated_sensor", lambda rows: rows.append(rows[1] | mount))
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "dropped 1 images and sweeps that the tables call invalid" in report
+    assert "dropped 1 samples without a key frame of each channel" in report
+    assert "other LiDARs are left out: LIDAR_LEFT; choose one by --lidar-topic" in report
+    assert open_dataset(tmp_path / "out").sample_ids == ("scene-0001-001",)
+    assert IMAGE.shape[:2] == open_dataset(tmp_path / "out")[0].image_size
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"calibration": "none.yaml"}, "--calibration has no effect on nuScenes"),
+        ({"info_topic": "/info", "clock": "received"}, "--info-topic and --clock have no effect"),
+        ({"max_gap_s": 0.001}, "--max-gap-s has no effect on nuScenes"),
+    ],
+)
+def test_options_without_an_effect_are_refused(data, tmp_path, options, named):
+    with pytest.raises(ValueError, match=named):
+        import_recording(data, tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
