@@ -11,7 +11,7 @@ from sightline.data.check import check_tree, summarize_tree
 from sightline.data.frame_checks import Findings
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_files import write_points
-from sightline.data.map_png import write_depth_png
+from sightline.data.map_png import MAX_DEPTH_M, write_depth_png
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError, Problem
 from tests.data.recordings import POINTS, write_cloud_file, write_recording
@@ -396,6 +396,17 @@ def test_depth_maps_of_8_bits_and_truths_without_depth_are_problems(tmp_path):
         "holds 3 numbers",
         "holds no depth; create it again",
     ]
+
+
+@pytest.mark.parametrize(("count", "is_told"), [(150, True), (99, False)])
+def test_the_largest_number_for_no_value_in_a_depth_map_is_told(tmp_path, count, is_told):
+    write_selection(tmp_path)
+    path = next(tmp_path.rglob("groundtruth_depth/*.png"))
+    depth_m = depth_map()
+    depth_m.ravel()[:count] = MAX_DEPTH_M
+    write_depth_png(path, depth_m)
+    said = f"holds 65535 at {count} pixels, probably for no value; write 0 for no value"
+    assert any(said in line for line in lines(tmp_path)) == is_told
 
 
 def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):

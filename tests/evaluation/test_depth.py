@@ -143,6 +143,18 @@ def test_depths_by_any_other_large_factor_are_doubted(tmp_path, factor):
         evaluate_depth(*paths)
 
 
+@pytest.mark.parametrize("which", ["predictions", "truth"])
+def test_the_largest_number_for_no_value_is_told_with_its_count(tmp_path, which):
+    rng = np.random.default_rng(3)
+    maps = {name: rng.uniform(2, 60, (40, 40)) for name in ("predictions", "truth")}
+    maps[which][:10] = 65535 / 256
+    for name, depth_m in maps.items():
+        write_depth_png(tmp_path / name / "0.png", depth_m)
+    expected = f"{tmp_path / which}: 400 of 1,600 compared pixels hold 65535, probably for no value"
+    with pytest.warns(UserWarning, match=expected):
+        evaluate_depth(tmp_path / "predictions", tmp_path / "truth")
+
+
 def test_subfolders_are_part_of_the_name(tmp_path):
     predictions, truth, _ = write_set(tmp_path, names=["x/000", "y/000"])
     assert [i.name for i in evaluate_depth(predictions, truth).images] == ["x/000", "y/000"]

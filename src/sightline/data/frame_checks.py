@@ -23,7 +23,13 @@ from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
-from sightline.data.map_png import read_depth_png
+from sightline.data.map_png import (
+    MAX_DEPTH_M,
+    MIN_HIGHEST_PX,
+    MIN_HIGHEST_SHARE,
+    NO_VALUE_REMEDY,
+    read_depth_png,
+)
 from sightline.data.pixels import is_in_view
 from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt
 from sightline.files.problem import FileError, Problem
@@ -147,11 +153,17 @@ def examine_image(path: Path | None, found: Findings) -> UInt8[np.ndarray, "heig
 def examine_depth(
     path: Path | None, found: Findings, *, may_be_empty: bool = False
 ) -> Float32[np.ndarray, "height width"] | None:
-    """Read a depth map; note if it is unreadable or holds no depth."""
+    """Read a depth map; note if it is unreadable, or holds no depth or a wrong sign for none."""
     depth_m = read_or_note(read_depth_png, path, found.unreadable)
     if depth_m is not None and path is not None and not (may_be_empty or depth_m.any()):
         remedy = "create it again, or remove it"
         found.implausible.append(Problem(path=path, problem="holds no depth", remedy=remedy))
+    if depth_m is not None and path is not None:
+        num_highest = int(np.count_nonzero(depth_m == MAX_DEPTH_M))
+        if num_highest >= max(MIN_HIGHEST_PX, MIN_HIGHEST_SHARE * np.count_nonzero(depth_m)):
+            problem = f"holds 65535 at {num_highest} pixels, probably for no value"
+            found.implausible.append(Problem(path=path, problem=problem, remedy=NO_VALUE_REMEDY))
+            depth_m = np.where(depth_m == MAX_DEPTH_M, np.float32(0), depth_m)
     return depth_m
 
 

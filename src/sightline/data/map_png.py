@@ -12,6 +12,9 @@ from sightline.files.atomic import atomic_write_bytes
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE
 """Largest depth in 16 bits."""
+MIN_HIGHEST_PX, MIN_HIGHEST_SHARE = 100, 0.01
+"""Least number and share of pixels with the largest depth that probably mean no value."""
+NO_VALUE_REMEDY = "write 0 for no value"
 _YES = 255
 
 

@@ -20,7 +20,13 @@ import numpy as np
 from jaxtyping import Int64
 
 from sightline.data.kitti_trees import describe_absent
-from sightline.data.map_png import read_depth_png
+from sightline.data.map_png import (
+    MAX_DEPTH_M,
+    MIN_HIGHEST_PX,
+    MIN_HIGHEST_SHARE,
+    NO_VALUE_REMEDY,
+    read_depth_png,
+)
 from sightline.evaluation.depth_breakdown import (
     DepthBand,
     ErrorSums,
@@ -96,6 +102,8 @@ class ImageReport:
     wrong_ratios: Int64[np.ndarray, " ratios"] = field(compare=False)
     """Number of predicted pixels with about each ratio of depths that a wrong unit gives, then of
     those with a ratio beyond `_FAR_RATIO` either way."""
+    highest: tuple[int, int] = field(compare=False)
+    """Number of compared pixels at which the prediction, or the ground truth, is 65535."""
     compared: int = field(compare=False)
     """Number of pixels with both ground truth and prediction."""
 
@@ -225,7 +233,8 @@ def evaluate_depth(
     images, unused = score(
         predictions, sparse=None if sparse is None else data_path(sparse), ends=ends
     )
-    _warn_of_units(images, predictions, truth)
+    if not _warn_of_highest(images, predictions, truth):
+        _warn_of_units(images, predictions, truth)
     _warn_of_empty(images, predictions)
     _warn_of_copies(images, predictions, truth)
     report = DepthReport(
@@ -265,6 +274,28 @@ def _score_files(
     if progress:
         images = track(images, description="scoring", total=len(pairs))
     return tuple(images), unused
+
+
+def _warn_of_highest(images: Sequence[ImageReport], predictions: Path, truth: Path) -> bool:
+    """Warn of pixels with the largest number, which other programs write for no value.
+
+    Depths in a wrong unit may end there, too, but most others are then wrong as well.
+    """
+    compared = sum(image.compared for image in images)
+    num_far = sum(int(image.wrong_ratios[-1]) for image in images)
+    counts = np.sum([image.highest for image in images], axis=0)
+    if 2 * (num_far - counts.sum()) >= compared - counts.sum():
+        return False
+    warned = False
+    for folder, count in zip((predictions, truth), counts, strict=True):
+        if count >= max(MIN_HIGHEST_PX, MIN_HIGHEST_SHARE * compared):
+            warned = True
+            warnings.warn(
+                f"{folder}: {count:,} of {compared:,} compared pixels hold 65535, probably for no "
+                f"value, and were taken for {MAX_DEPTH_M:.0f} m: {NO_VALUE_REMEDY}",
+                stacklevel=3,
+            )
+    return warned
 
 
 def _warn_of_units(images: Sequence[ImageReport], predictions: Path, truth: Path) -> None:
@@ -400,6 +431,10 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
                     *((abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS),
                     (np.abs(np.log(ratios)) > np.log(_FAR_RATIO)).sum(),
                 ]
+            ),
+            highest=(
+                int((prediction_m[has_both] == MAX_DEPTH_M).sum()),
+                int((truth_m[has_both] == MAX_DEPTH_M).sum()),
             ),
             compared=len(ratios),
         )
