@@ -1,9 +1,11 @@
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.boxes3d import Boxes3D
 from tests.reference import geometry as reference
 
 edges = st.integers(-8, 8)
@@ -40,3 +42,15 @@ def test_boxes_are_chosen_by_mask_index_and_slice():
     assert three[torch.tensor([True, False, True])].tensor[:, 0].tolist() == [0.0, 8.0]
     assert three[torch.tensor([2, 0])].tensor[:, 0].tolist() == [8.0, 0.0]
     assert len(three[1:]) == 2
+
+
+@pytest.mark.parametrize(("kind", "columns"), [(Boxes2D, 4), (Boxes3D, 7)])
+def test_boxes_are_iterated_numbered_and_made_arrays_like_sequences(kind, columns):
+    numbers = torch.arange(3.0 * columns).reshape(3, columns)
+    three = kind(numbers)
+    assert [box.tolist() for box in three] == numbers.tolist()
+    assert three[-1] == kind(numbers[2:])
+    assert np.asarray(three).tolist() == numbers.tolist()
+    assert np.array(three, dtype=np.float64).dtype == np.float64
+    with pytest.raises(IndexError):
+        three[3]

@@ -1,7 +1,10 @@
 """Axis-aligned boxes in the image."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -32,10 +35,18 @@ class Boxes2D:
         return self.tensor.shape[-2]
 
     def __getitem__(
-        self, index: Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
+        self, index: int | Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
     ) -> "Boxes2D":
-        """Select boxes of an unbatched set, by indices, mask or slice."""
-        return Boxes2D(self.tensor[index])
+        """Select boxes of an unbatched set, by indices, mask or slice; one by its number."""
+        return Boxes2D(self.tensor[[index] if isinstance(index, int) else index])
+
+    def __iter__(self) -> Iterator[Float[Tensor, "4"]]:
+        """Yield the numbers of each box of an unbatched set."""
+        return iter(self.tensor)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:  # noqa: ANN401, FBT001
+        """Convert to an array, on the CPU."""
+        return np.array(self.tensor.detach().cpu().numpy(), dtype, copy=copy)
 
     def to(self, device: torch.device | str) -> "Boxes2D":
         """Return the boxes on another device."""
