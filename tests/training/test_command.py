@@ -3,6 +3,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -271,14 +272,18 @@ def test_the_settings_of_a_run_are_pointed_at_where_no_recipe_is_named(recipes, 
 @pytest.mark.parametrize(
     ("writer", "named"),
     [
-        ("lightning.Trainer.save_checkpoint", "runs/toy/last.ckpt"),
+        ("pathlib.Path.write_bytes", "runs/toy/last.ckpt"),
         ("tensorboard.summary.writer.record_writer.RecordWriter.write", "runs/toy"),
     ],
 )
 def test_a_full_disk_ends_a_run_in_one_sentence_that_names_the_place(
     recipes, capfd, monkeypatch, writer, named
 ):
-    def write(*_):
+    usual = Path.write_bytes
+
+    def write(target, content):
+        if isinstance(target, Path) and not target.name.endswith(".ckpt"):
+            return usual(target, content)
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(writer, write)
@@ -288,6 +293,15 @@ def test_a_full_disk_ends_a_run_in_one_sentence_that_names_the_place(
     assert first == "sightline fit: toy"
     assert all("are also training frames" in line for line in others)
     assert not list(Path("runs/toy").glob("*.ckpt"))
+
+
+def test_checkpoints_take_no_room_in_the_folder_for_temporary_files(recipes, monkeypatch):
+    def refuse(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(tempfile, "gettempdir", refuse)
+    run_training("fit", ["--config", "toy"], recipes)
+    assert {"best.ckpt", "last.ckpt"} <= {path.name for path in Path("runs/toy").iterdir()}
 
 
 def test_nothing_is_said_that_the_user_cannot_act_on(recipes, capfd, recwarn):

@@ -1,6 +1,7 @@
 """Loading ends with an error if workers cannot send batches, hang or die."""
 
 import errno
+import gc
 import os
 import signal
 import time
@@ -86,6 +87,21 @@ def test_workers_that_hang_end_the_loading_with_an_error(monkeypatch):
     monkeypatch.setattr(torch.utils.data._utils, "MP_STATUS_CHECK_INTERVAL", 0.1)
     with pytest.raises(ChildProcessError, match=r"no worker .* batch .*data\.init_args\.workers 0"):
         load(lambda: time.sleep(5))
+
+
+@pytest.mark.parametrize(
+    ("fault", "remedy"),
+    [(errno.ENOSPC, "/dev/shm writable and larger"), (errno.EAGAIN, "the limit of processes")],
+)
+def test_workers_without_room_for_their_queues_are_told_once(monkeypatch, capfd, fault, remedy):
+    def refuse(*_, **__):
+        raise OSError(fault, os.strerror(fault))
+
+    monkeypatch.setattr("multiprocessing.queues.Queue.__init__", refuse)
+    with pytest.raises(ChildProcessError, match=f"cannot be started: .*{remedy}"):
+        load(lambda: 1)
+    gc.collect()
+    assert capfd.readouterr().err == ""
 
 
 def test_workers_that_cannot_be_started_end_the_loading_with_an_error(monkeypatch):

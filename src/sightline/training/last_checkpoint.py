@@ -1,13 +1,11 @@
 """Checkpoint for resuming a run, and interruption of a run from outside."""
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 
-from sightline.files.atomic import atomic_path
 from sightline.files.weights_header import has_weights, shipped_names
 from sightline.training.interruption import DeferredInterruption
 
@@ -30,8 +28,8 @@ def check_checkpoint_file(path: Path) -> None:
         raise ValueError(f"{path} is the folder of a run; give {path / _LAST}")
     if not path.is_file():
         raise ValueError(
-            f"there is no checkpoint {path}; name one with --ckpt_path, or the folder of "
-            "another run with --run_folder"
+            f"there is no checkpoint {path}; leave out --ckpt_path to start the run, or name "
+            "another one with it"
         )
 
 
@@ -152,10 +150,7 @@ class LastCheckpoint(Checkpoint):
         self._interruption.restore_handlers()
 
     def _write(self, trainer: Trainer) -> None:
-        # All ranks take part in making the checkpoint, the first writes it.
-        target = atomic_path(self.path) if trainer.is_global_zero else nullcontext(self.path)
-        with target as path:
-            trainer.save_checkpoint(path)
+        trainer.save_checkpoint(self.path)  # by all ranks; the first writes the file
 
 
 def _enter_validation(fit_loop: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 from jsonargparse import Namespace
 from lightning import LightningModule, Trainer
+from lightning.fabric.plugins import CheckpointIO
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ProgressBar
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI, SaveConfigCallback
@@ -37,6 +38,7 @@ from sightline.training.callbacks import (
     ReturnFreeMemory,
     checkpoint_callbacks,
 )
+from sightline.training.checkpoint_files import AtomicCheckpointIO
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
 from sightline.training.last_checkpoint import check_checkpoint_file
@@ -303,6 +305,10 @@ class _TrainingCLI(LightningCLI):
         given = settings["callbacks"] or []
         given = list(given) if isinstance(given, list) else [given]
         kwargs["callbacks"] = given + self._run_callbacks(folder, config, settings, given)
+        plugins = settings["plugins"] or []
+        plugins = list(plugins) if isinstance(plugins, list) else [plugins]
+        if not any(isinstance(each, CheckpointIO) for each in plugins):
+            kwargs["plugins"] = [*plugins, AtomicCheckpointIO()]
         return super().instantiate_trainer(**kwargs)
 
     def before_fit(self) -> None:

@@ -1,5 +1,6 @@
 """Batch loaders with a limit on waiting for their workers."""
 
+import errno
 import io
 import os
 import pickle
@@ -25,6 +26,7 @@ _POLL_S: Final = 5.0
 """Time [s] after which the end of a worker is noticed at the latest. PyTorch's signal handler
 notices it at once, but not if another handler has replaced it or a finalizer swallows its error."""
 _NO_WORKERS_REMEDY: Final = "set --data.init_args.workers 0"
+_QUEUES: Final = 3  # beside one for each worker: for results, and room for PyTorch's events
 _TIMED_OUT: Final = "DataLoader timed out"  # in PyTorch's error
 _SEND_FAILED_STATUS: Final = 3
 """Exit status of a worker that cannot send its batches to the training."""
@@ -100,13 +102,22 @@ class BatchLoader(DataLoader[Any]):
         if not self.num_workers:
             return super().__iter__()
         try:
+            # PyTorch's iterator fails in its finalizer, too, where its queues find no room.
+            queues: list[Any] = [
+                torch.multiprocessing.Queue() for _ in range(self.num_workers + _QUEUES)
+            ]
+            queues.clear()
             with holding_signals():
                 return super().__iter__()
         except OSError as error:
+            remedy = (
+                "raise the limit of processes (ulimit -u, or the container's)"
+                if error.errno == errno.EAGAIN
+                else "make /dev/shm writable and larger (docker run --shm-size 2g)"
+            )
             raise ChildProcessError(
                 f"the worker processes cannot be started: {(error.strerror or str(error)).lower()};"
-                " make /dev/shm writable and larger (docker run --shm-size 2g) or "
-                f"{_NO_WORKERS_REMEDY}"
+                f" {remedy} or {_NO_WORKERS_REMEDY}"
             ) from error
 
 

@@ -237,7 +237,7 @@ class TrainingModule(lightning.LightningModule, ABC):
                 "sightline": version("sightline"),
                 "seed": str(getattr(data, "seed", "unknown")),
                 "steps": str(self.trainer.global_step),
-                "epochs": str(self.trainer.current_epoch),
+                "epochs": str(_num_epochs(self.trainer)),
             },
         }
 
@@ -346,3 +346,11 @@ def _log_picture(
             log_image(key=name, images=[picture], step=step)
         elif (folder := logger.log_dir or logger.save_dir) is not None:
             write_rgb(Path(folder) / "pictures" / name / f"{step:07}.png", picture)
+
+
+def _num_epochs(trainer: lightning.Trainer) -> int:
+    """Number of complete epochs, by the steps: Lightning's own differs after a resumption."""
+    batches = trainer.num_training_batches
+    if not 0 < batches < math.inf:
+        return trainer.current_epoch
+    return trainer.global_step // math.ceil(batches / trainer.accumulate_grad_batches)
