@@ -7,7 +7,13 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from sightline.adaptation.adapt import FINE_TUNINGS, AdaptSettings, _arguments, adapt
+from sightline.adaptation.adapt import (
+    FINE_TUNINGS,
+    AdaptReport,
+    AdaptSettings,
+    _arguments,
+    adapt,
+)
 from sightline.cli.main import main
 from sightline.files.weights import read_weights
 from sightline.simulation.generate import simulate
@@ -16,6 +22,7 @@ from sightline.simulation.settings import SimulationConfig
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
+from sightline.training.loader import NO_WORKERS_REMEDY
 
 pytestmark = pytest.mark.filterwarnings("ignore:the rig is that of")
 
@@ -83,12 +90,46 @@ def test_finished_steps_are_not_repeated_and_other_settings_are_refused(
     monkeypatch.setattr("sightline.adaptation.adapt.run_bench", None)
     with pytest.warns(UserWarning, match=r"rig is that of .*rig.yaml \(measured from a recording"):
         again = adapt(recording, out, SMALL)
-    assert again.to_json()["tasks"] == report.to_json()["tasks"]
+    assert again.to_json() == report.to_json()
+    other = replace(SMALL, tasks=("depth-completion",))
+    with pytest.raises(TypeError), pytest.warns(UserWarning, match="rig is that of"):
+        adapt(recording, out, other)  # as nothing of this task is done
     copy = out.parent / "mine.yaml"
     copy.write_text((out / "rig.yaml").read_text())
     assert adapt(recording, out, SMALL, rig_file=copy).rig == report.rig
     with pytest.raises(ValueError, match="steps"):
         adapt(recording, out, replace(SMALL, steps=2))
+
+
+def test_tasks_of_an_earlier_run_stay_in_the_report(adapted, recording, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    shutil.copytree(adapted[0], out)
+    for name in ("before/detection3d", "after/detection3d", "detection3d"):
+        shutil.copytree(out / name, out / name.replace("3d", "2d"))
+    record = adapted[1].before["detection3d"]
+    monkeypatch.setattr("sightline.adaptation.adapt._score", lambda *_: record)
+    monkeypatch.setattr(AdaptReport, "to_json", lambda report: sorted(report.before))
+    adapt(recording, out, replace(SMALL, tasks=("detection2d",)))
+    assert json.loads((out / "adapt.json").read_text()) == ["detection2d", "detection3d"]
+    (out / "detection3d" / "finished").unlink()
+    adapt(recording, out, replace(SMALL, tasks=("detection2d",)))
+    assert json.loads((out / "adapt.json").read_text()) == ["detection2d"]
+
+
+def test_without_room_for_workers_the_advice_is_the_command_s_own(
+    adapted, recording, tmp_path, monkeypatch
+):
+    def fail(_, arguments, __):
+        workers = [each for each in arguments if each.startswith("--data.init_args.workers")]
+        raise ChildProcessError(f"{workers[0]}: make /dev/shm larger or {NO_WORKERS_REMEDY}")
+
+    shutil.copytree(adapted[0], tmp_path / "out")
+    (tmp_path / "out" / "detection3d" / "finished").unlink()
+    monkeypatch.setattr("sightline.adaptation.adapt.run_training", fail)
+    for workers, loading in ((1, 0), (2, 1), (8, 1)):
+        expected = rf"workers={loading}: make /dev/shm larger or give --workers 1$"
+        with pytest.raises(ChildProcessError, match=expected):
+            adapt(recording, tmp_path / "out", replace(SMALL, workers=workers))
 
 
 def test_an_interruption_says_how_to_go_on(adapted, recording, monkeypatch):

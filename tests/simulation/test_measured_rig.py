@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from sightline.data.open import open_dataset
+from sightline.data.rings import rings_of_any_order
 from sightline.simulation.generate import simulate
-from sightline.simulation.measured_rig import measure_rig, rig_text
+from sightline.simulation.measured_rig import _joined_parts, measure_rig, rig_text
 from sightline.simulation.rigs import named_rig, read_rig
 from sightline.simulation.settings import SimulationConfig
 
@@ -122,6 +123,29 @@ def test_frames_of_several_cameras_are_told_and_kept_in_the_file(sample_of, tmp_
     (tmp_path / "own.yaml").write_text(rig_text(measured.rig))
     assert measured.notes[0] in read_rig(tmp_path / "own.yaml").source
     assert not measure_rig(Samples(sample, sample), "own").notes
+
+
+def test_frames_of_several_lidars_are_told(sample_of):
+    sample = sample_of("nuscenes")
+    rings, _ = rings_of_any_order(sample.points.double().numpy())
+    few = replace(sample, points=sample.points[torch.from_numpy(rings % 4 == 0)])
+    measured = measure_rig(Samples(sample, sample, few), "own")
+    assert len(measured.rig.lidar.elevations_deg) == int(rings.max()) + 1
+    (note,) = measured.notes
+    assert "the 3 frames measured have several LiDARs (8 to" in note
+    assert not measure_rig(Samples(sample, sample), "own").notes
+
+
+def test_parts_of_one_ring_are_joined_and_sound_rings_are_not():
+    parts = [0.72, 0.64, 0.53, -1.98, -2.01, -4.51, -4.68, -4.66, -7.28, -7.32, -7.37]
+    assert sorted(_joined_parts(parts)) == [-7.32, -4.66, -1.99, 0.64]
+    close = np.arange(2, -6.1, -1 / 6).round(2).tolist()
+    pandar64 = [15.0, 11.0, 8.0, 5.0, 3.0, *close, -8.0, -10.0, -12.0, -14.0, -19.0, -25.0]
+    for name in ("kitti", "nuscenes", "robot-vlp16"):
+        sound = list(named_rig(name).lidar.elevations_deg)
+        assert _joined_parts(sound) == sound
+    assert _joined_parts(pandar64) == pandar64
+    assert _joined_parts([3.0]) == [3.0]
 
 
 def test_rings_of_too_few_points_are_refused_with_the_remedy(sample_of, monkeypatch):

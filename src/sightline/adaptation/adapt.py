@@ -24,6 +24,7 @@ from sightline.simulation.settings import SimulationConfig
 from sightline.tasks import PACKAGE_RECIPES, find_task
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
+from sightline.training.loader import NO_WORKERS_REMEDY
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,6 +36,7 @@ REPORT_NAME: Final = "adapt.json"
 _SUITE: Final = "dgfn7"  # of which only the clean case is run
 _SHOWN: Final = 4  # metrics of each task in the table
 _LEAST: Final = {"frames": 4, "validation_frames": 1, "steps": 1, "workers": 1}  # 4: a batch
+_FINISHED: Final = "finished"
 _LAST_CHECKPOINT: Final = "last.ckpt"
 _WEIGHTS: Final = "weights.safetensors"
 
@@ -105,7 +107,6 @@ class AdaptReport:
     after: Mapping[str, Record]
     weights: Mapping[str, Path]
     """Fine-tuned weights by task."""
-    notes: tuple[str, ...]
 
     def table(self) -> "Table":
         """Format the first metrics of each task."""
@@ -133,7 +134,7 @@ class AdaptReport:
                 }
                 for task in self.before
             },
-            "notes": list(self.notes),
+            "notes": [self.rig.source] if self.rig.source else [],
         }
 
     def is_better(self, task: str) -> bool:
@@ -157,7 +158,8 @@ def adapt(
 
     OUT gets the rig (rig.yaml), simulated frames of it, a run folder for each task with its
     weights.safetensors, scores before and after, and adapt.json. Steps that are finished are
-    skipped, so a stopped adaptation goes on where it was.
+    skipped, so a stopped adaptation goes on where it was; tasks of an earlier run stay in the
+    report.
 
     Args:
         data: Data set with sweeps, by whose first frames the rig is measured.
@@ -195,16 +197,24 @@ def adapt(
         workers=settings.workers,
     )
     before, after, weights = {}, {}, {}
-    for name in settings.tasks:
+    for name in FINE_TUNINGS:
+        if name not in settings.tasks and not _is_finished(name, out):
+            continue
         default = find_task(name).default_weights
         assert default is not None, "each of FINE_TUNINGS has one"
         shipped = find_weights(default)
         before[name] = _score(name, shipped, frames, out / "before" / name, settings)
         weights[name] = _fine_tune(name, frames, out / name, settings)
         after[name] = _score(name, weights[name], frames, out / "after" / name, settings)
-    report = AdaptReport(rig=rig, before=before, after=after, weights=weights, notes=notes)
+    report = AdaptReport(rig=rig, before=before, after=after, weights=weights)
     atomic_write_text(out / REPORT_NAME, json.dumps(report.to_json(), indent=2) + "\n")
     return report
+
+
+def _is_finished(name: str, out: Path) -> bool:
+    """Whether an earlier run has adapted a task, and scored it."""
+    is_scored = all((out / when / name / RECORD_NAME).exists() for when in ("before", "after"))
+    return is_scored and (out / name / _FINISHED).exists()
 
 
 def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, ...]]:
@@ -246,7 +256,7 @@ def _score(name: str, weights: Path, frames: Path, out: Path, settings: AdaptSet
 def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> Path:
     """Train a task's shipped network on; returns the weights of the last step."""
     weights = folder / _WEIGHTS
-    finished = folder / "finished"
+    finished = folder / _FINISHED
     if finished.exists():
         _check_weights(weights, finished)
         return weights
@@ -255,6 +265,9 @@ def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
         arguments.append("--ckpt_path=last")
     try:
         run_training("fit", arguments, PACKAGE_RECIPES)
+    except ChildProcessError as error:
+        text = str(error).replace(NO_WORKERS_REMEDY, "give --workers 1")
+        raise ChildProcessError(text) from error
     except Interruption as interruption:
         raise Interruption(
             f"interrupted while {name} was fine-tuned; run the same command again to go on",
@@ -290,7 +303,7 @@ def _arguments(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
         "keep_last_weights": "true",
         "data.init_args.root": str(frames),
         "data.init_args.training": "[{path: ., sample_list: train}]",
-        "data.init_args.workers": "1",
+        "data.init_args.workers": str(min(settings.workers - 1, 1)),
         "model.init_args.initial_weights": find_task(name).default_weights,
         "model.init_args.optimizer.learning_rate": str(tuning.learning_rate),
         "trainer.max_steps": str(settings.steps),

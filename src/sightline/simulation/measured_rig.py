@@ -1,5 +1,6 @@
 """Measurement of a recording's rig: camera, LiDAR and mounts as the simulator takes them."""
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -27,6 +28,13 @@ _RANGES_M: Final = (20.0, 250.0)
 _STEPS_DEG: Final = (0.02, 5.0)
 _SAME_CAMERA: Final = 1.05
 """Largest ratio of focal lengths, or widths, of one camera: those of KITTI's days differ by 2 %."""
+_SAME_LIDAR: Final = 1.5
+"""Largest ratio of the numbers of rings of one LiDAR: those into the sky have no return."""
+_CLOSE_STEP: Final = 0.2
+"""Share of a wide step between rings that steps between parts of one ring do not reach."""
+_WIDE_STEP_QUANTILE: Final = 0.9
+_MIN_CLOSE_SHARE: Final = 0.25
+_MAX_PARTS: Final = 6  # of a ring
 _REMEDY: Final = "give the rig's file by --rig (docs/guides/simulate.md, Other rigs)"
 
 
@@ -61,7 +69,7 @@ def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
             f"measured; {_REMEDY}"
         )
     sample = swept[len(swept) // 2]
-    notes = _notes_on_other_cameras(swept, sample)
+    notes = [*_notes_on_other_cameras(swept, sample), *_notes_on_other_lidars(swept)]
     if sample.lidar_height_m is None:
         notes.append(f"the LiDAR's height is not known: {KITTI_LIDAR_HEIGHT_M} m is assumed")
     try:
@@ -95,6 +103,38 @@ def _notes_on_other_cameras(
         f"{chosen.sample_id}, {focal_px:.0f} px, is simulated; adapt to each by a data set of its "
         "frames"
     ]
+
+
+def _notes_on_other_lidars(samples: Sequence[CameraLidarSample]) -> list[str]:
+    """Tell that sweeps are of several LiDARs, of which the one with most points is taken."""
+    counts = []
+    for sample in samples:
+        assert sample.points is not None, "a swept sample has points"
+        with contextlib.suppress(ValueError):  # without rings
+            elevations_deg, _ = _measure_rings(sample.points.double().numpy())
+            counts.append(len(_joined_parts(elevations_deg)))
+    if not counts or max(counts) <= _SAME_LIDAR * min(counts):
+        return []
+    return [
+        f"the {len(samples)} frames measured have several LiDARs ({min(counts)} to {max(counts)} "
+        "rings): only that of the frame with most points is simulated; adapt to each by a data "
+        "set of its frames"
+    ]
+
+
+def _joined_parts(elevations_deg: Sequence[float]) -> list[float]:
+    """Join rings of nearly one elevation, if there are many: lost points cut rings into parts."""
+    ordered = np.sort(np.array(elevations_deg))
+    steps = np.diff(ordered)
+    if len(steps) < 2:
+        return list(elevations_deg)
+    is_close = steps < _CLOSE_STEP * np.quantile(steps, _WIDE_STEP_QUANTILE)
+    if is_close.mean() < _MIN_CLOSE_SHARE:
+        return list(elevations_deg)
+    groups = np.split(ordered, np.flatnonzero(~is_close) + 1)
+    if max(map(len, groups)) > _MAX_PARTS:  # a sensor with its rings close together in the middle
+        return list(elevations_deg)
+    return [round(float(np.median(group)), 2) for group in groups]
 
 
 def spread_samples(dataset: SampleDataset, number: int) -> list[CameraLidarSample]:
@@ -200,7 +240,7 @@ def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple
     notes = []
     sweep = max(sweeps, key=len)
     try:
-        numbers, _ = rings_of_any_order(sweep)
+        rings, steps = _measure_rings(sweep)
     except ValueError:
         xyz = sweep[:, :3] @ own_from_ahead
         azimuth_deg, elevation_deg = _angles_deg(xyz)
@@ -211,6 +251,30 @@ def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple
             points=len(sweep),
         )
         return LidarRig(rosette=rosette, **common), tuple(notes)
+    if not steps:
+        raise ValueError(f"no ring of its LiDAR has {_MIN_RING_POINTS} points")
+    whole = _joined_parts(rings)
+    if len(whole) < len(rings):
+        notes.append(
+            f"{len(rings)} parts of rings are taken for {len(whole)} rings: many have nearly the "
+            "elevation of another"
+        )
+    return LidarRig(
+        elevations_deg=tuple(sorted(whole, reverse=True)),
+        azimuth_step_deg=round(float(np.median(steps).clip(*_STEPS_DEG)), 3),
+        **common,
+    ), tuple(notes)
+
+
+def _measure_rings(
+    sweep: Float64[np.ndarray, "num_points 4"],
+) -> tuple[list[float], list[float]]:
+    """Elevations of the rings with enough points, and their steps of azimuth [degrees].
+
+    Raises:
+        ValueError: No rings are found.
+    """
+    numbers, _ = rings_of_any_order(sweep)
     azimuth_deg, elevation_deg = _angles_deg(sweep[:, :3])
     rings, steps = [], []
     for number in np.unique(numbers):
@@ -222,13 +286,7 @@ def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple
         gaps_deg = np.diff(np.unique(azimuth_deg[is_ring].round(3)))
         if len(gaps_deg):
             steps.append(float(gaps_deg[gaps_deg < 1.5 * np.median(gaps_deg)].mean()))
-    if not steps:
-        raise ValueError(f"no ring of its LiDAR has {_MIN_RING_POINTS} points")
-    return LidarRig(
-        elevations_deg=tuple(sorted(rings, reverse=True)),
-        azimuth_step_deg=round(float(np.median(steps).clip(*_STEPS_DEG)), 3),
-        **common,
-    ), tuple(notes)
+    return rings, steps
 
 
 def _angles_deg(

@@ -25,7 +25,8 @@ _BATCH_TIMEOUT_S: Final = 1800.0
 _POLL_S: Final = 5.0
 """Time [s] after which the end of a worker is noticed at the latest. PyTorch's signal handler
 notices it at once, but not if another handler has replaced it or a finalizer swallows its error."""
-_NO_WORKERS_REMEDY: Final = "set --data.init_args.workers 0"
+NO_WORKERS_REMEDY: Final = "set --data.init_args.workers 0"
+"""Advice to `fit` where workers cannot run."""
 _QUEUES: Final = 3  # beside one for each worker: for results, and room for PyTorch's events
 _TIMED_OUT: Final = "DataLoader timed out"  # in PyTorch's error
 _SEND_FAILED_STATUS: Final = 3
@@ -117,7 +118,7 @@ class BatchLoader(DataLoader[Any]):
             )
             raise ChildProcessError(
                 f"the worker processes cannot be started: {(error.strerror or str(error)).lower()};"
-                f" {remedy} or {_NO_WORKERS_REMEDY}"
+                f" {remedy} or {NO_WORKERS_REMEDY}"
             ) from error
 
 
@@ -185,7 +186,7 @@ class _SharingPickler(pickle.Pickler):
 def _unpickled(pickled: _PickledBatch) -> object:
     warnings.warn(
         f"workers send batches through pipes, because /dev/shm has no room ({pickled.reason}); for "
-        f"speed make it larger (docker run --shm-size 2g) or {_NO_WORKERS_REMEDY}",
+        f"speed make it larger (docker run --shm-size 2g) or {NO_WORKERS_REMEDY}",
         stacklevel=2,
     )
     return pickle.loads(pickled.content)  # noqa: S301 - from our own worker
@@ -195,13 +196,13 @@ def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
     """Error for workers that are gone or hang; None: the error has another cause."""
     if _TIMED_OUT in str(error):
         return ChildProcessError(
-            f"no worker process has sent a batch for {_BATCH_TIMEOUT_S:g} s; {_NO_WORKERS_REMEDY}"
+            f"no worker process has sent a batch for {_BATCH_TIMEOUT_S:g} s; {NO_WORKERS_REMEDY}"
         )
     if "DataLoader worker" in str(error) or "Pin memory thread" in str(error):
         return ChildProcessError(
             "a worker process was ended from outside or could not send a batch; if "
             "memory or /dev/shm is full, set fewer --data.init_args.workers or "
-            f"{_NO_WORKERS_REMEDY}"
+            f"{NO_WORKERS_REMEDY}"
         )
     return None
 
