@@ -139,6 +139,10 @@ def test_what_cannot_be_reached_is_named(address):
     ):
         open_dataset("http://127.0.0.1:9/shards")
     with pytest.raises(
+        ValueError, match=r"sig=x: has a query, which is of one file, and shards are"
+    ):
+        open_dataset(f"{address}/shards/000001.tar?sig=x")
+    with pytest.raises(
         ValueError, match=r"steam://x/shards\.json cannot be read: steam is no known"
     ):
         open_dataset("steam://x")
@@ -159,6 +163,19 @@ def test_a_refusal_by_the_server_is_named_and_hides_no_shards(folder):
         with pytest.raises(ValueError, match="cannot be read: its server answers 403; ") as raised:
             open_dataset(f"{secret}/nothing")
         assert str(raised.value).startswith(f"{address}/nothing/shards.json: ")
+
+
+def test_a_manifest_of_too_few_shards_and_a_missing_shard_are_told(folder, address, capsys):
+    manifest = folder / "shards" / "shards.json"
+    text = manifest.read_text()
+    manifest.write_text(text.replace('"frames": 3', '"frames": 2'))
+    with pytest.raises(ValueError, match=r"counts 1 shards, but there is 000001\.json; copy it"):
+        open_dataset(f"{address}/shards")
+    manifest.write_text(text)
+    (folder / "shards" / "000001.tar").rename(folder / "away.tar")
+    assert main(["check", address.replace("http", "HTTP") + "/shards"]) == 1
+    out = capsys.readouterr().out
+    assert "000002.png: cannot be read: 000001.tar is absent; copy it to the server, or" in out
 
 
 class EndlessHandler(PlainHandler):

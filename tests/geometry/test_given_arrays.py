@@ -12,7 +12,6 @@ from sightline.geometry.given_arrays import given_array, without_masked
         np.array([[1, 2], [3, 4]], ">f8"),
         np.ma.masked_array([[1, 2], [3, 4]], mask=False),
         torch.tensor([[1.0, 2], [3, 4]], requires_grad=True),
-        torch.tensor([[1.0, 2], [3, 4]], dtype=torch.bfloat16),
         torch.tensor([[1.0, 2], [3, 4]]).to_sparse(),
     ],
 )
@@ -42,3 +41,10 @@ def test_masked_numbers_are_filled_and_nothing_else_changes():
     assert without_masked(masked, 0.0).tolist() == [1, 0, 3]
     assert np.isnan(without_masked(masked)[1])
     assert without_masked("x") == "x"
+
+
+def test_points_in_bfloat16_are_doubted_and_images_are_not():
+    numbers = torch.tensor([[60.1, 2.0, 3.0]]).bfloat16()
+    with pytest.warns(UserWarning, match=r"the points are bfloat16, .*steps of 0\.25 m; give"):
+        given_array("the points", numbers)
+    assert given_array("the image", torch.arange(256).bfloat16()).tolist() == list(range(256))

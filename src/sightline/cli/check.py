@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from sightline.cli.output import gathered_warnings, say
 from sightline.cli.report import check_places
 from sightline.files.atomic import atomic_write_text
+from sightline.files.problem import shown_place
 from sightline.tasks import find_task, task_names
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def check(data: Path, *, workers: int = 2, json: Path | None = None) -> int:
     from sightline.inference.rig_distance import rig_distance
 
     if not data_path(data).is_dir():
-        raise ValueError(f"{data} is no folder; give the folder of a data set")
+        raise ValueError(f"{shown_place(data)} is no folder; give the folder of a data set")
     check_places({"--json": json}, data=[data])
     problems = []
     with gathered_warnings():

@@ -31,6 +31,7 @@ from sightline.files.shard_index import (
     MANIFEST,
     MAX_SHARDS,
     PACKED_SUFFIX,
+    SHARD_REMEDY,
     SHARED,
     Member,
     ShardIndex,
@@ -415,7 +416,7 @@ def _check_members(index: ShardIndex) -> None:
         raise FileError(
             index_path(index.tar),
             f"lists other files than {index.tar.name} holds",
-            "copy both again, or make them again by `sightline shard`",
+            "copy both again, or run the command again that packed them",
         )
 
 
@@ -427,13 +428,12 @@ def _digest(tar: Path) -> tuple[str, int]:
 
 def _unpack(tar: Path, out: Path) -> bool | None:
     """Write the files of a tar, except those that are there and the same; None: it has none."""
-    remedy = "copy it again, or make it again by `sightline shard`"
     index = read_index(tar)
     if index is None:
-        raise FileError(index_path(tar), "is missing", remedy)
+        raise FileError(index_path(tar), "is missing", SHARD_REMEDY)
     fault = _fault(index)
     if fault is not None:
-        raise FileError(tar, fault, remedy)
+        raise FileError(tar, fault, SHARD_REMEDY)
     _check_members(index)
     is_written = False
     for path, member in index.files.items():

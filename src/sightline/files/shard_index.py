@@ -25,7 +25,8 @@ MAX_SHARDS: Final = 100_000
 """Most shards of a folder: a manifest that is made up must not fill the memory with names."""
 _MARK: Final = b"sightline shard"
 _MARK_BYTES: Final = 64  # from the beginning of a manifest
-_REMEDY: Final = "copy it again, or make it again by `sightline shard`"
+SHARD_REMEDY: Final = "copy it again, or run the command again that packed it"
+"""Advice for a shard that is damaged or missing."""
 _NO_FORMAT: Final = (
     ValueError,
     TypeError,
@@ -68,7 +69,7 @@ class Member:
             raise FileError(
                 self.tar,
                 f"is damaged: {self.name} in it has another checksum",
-                _REMEDY,
+                SHARD_REMEDY,
             )
         return content
 
@@ -121,10 +122,10 @@ def read_index(tar: Path) -> ShardIndex | None:
         source_sha256 = data.get("source_sha256")
         rows = [(str(row[0]), _member(tar, row, num_bytes)) for row in data["files"]]
     except _NO_FORMAT as error:
-        raise FileError(path, "is no index of a shard", _REMEDY) from error
+        raise FileError(path, "is no index of a shard", SHARD_REMEDY) from error
     members = dict(rows)
     if len(members) != len(rows):
-        raise FileError(path, "names a file twice", _REMEDY)
+        raise FileError(path, "names a file twice", SHARD_REMEDY)
     for name in members:
         relative_parts(name, path, "a file's path")
     return ShardIndex(
@@ -168,15 +169,15 @@ def read_manifest(folder: Path) -> dict[str, Any] | None:
         if data["format"] != FORMAT or min(numbers) < 1 or not isinstance(data["data"], str):
             raise ValueError
     except _NO_FORMAT as error:
-        raise FileError(folder / MANIFEST, "is no manifest of shards", _REMEDY) from error
+        raise FileError(folder / MANIFEST, "is no manifest of shards", SHARD_REMEDY) from error
     count = -(-numbers[0] // numbers[1])
     if count > MAX_SHARDS:
         problem = f"counts {count} shards, expected at most {MAX_SHARDS}"
-        raise FileError(folder / MANIFEST, problem, _REMEDY)
+        raise FileError(folder / MANIFEST, problem, SHARD_REMEDY)
     following = folder / f"{count:06d}.json"
     if _is_there(following):
         problem = f"counts {count} shards, but there is {following.name}"
-        raise FileError(folder / MANIFEST, problem, _REMEDY)
+        raise FileError(folder / MANIFEST, problem, SHARD_REMEDY)
     return dict(data)
 
 
@@ -251,7 +252,7 @@ def _read_tree(root: Path) -> ShardTree | None:
         both = files.keys() & index.files.keys()
         if both:
             problem = f"names {min(both)}, which another shard holds, too"
-            raise FileError(index_path(index.tar), problem, _REMEDY)
+            raise FileError(index_path(index.tar), problem, SHARD_REMEDY)
         files |= index.files
     return ShardTree(files=files, folders=_folders(files)) if found else None
 
@@ -260,7 +261,7 @@ def _required(tar: Path) -> ShardIndex:
     index = read_index(tar)
     if index is None:
         path = index_path(tar)
-        raise FileError(path, "is missing: the shard is not whole", _REMEDY)
+        raise FileError(path, "is missing: the shard is not whole", SHARD_REMEDY)
     return index
 
 

@@ -27,6 +27,12 @@ def data_path(path: Path | str) -> Path:
     path = as_path(path)
     if isinstance(path, ShardPath):
         return path
+    if "?" in path.name and url_of(path) is not None:
+        raise FileError(
+            path,
+            "has a query, which is of one file, and shards are several",
+            "give the address of their folder, or copy them to this machine",
+        )
     found = _tree_of(path)
     if found is None and url_of(path) is not None:
         raise FileError(

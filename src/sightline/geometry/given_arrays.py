@@ -1,5 +1,6 @@
 """Conversion of users' arrays, tensors and nested lists."""
 
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
@@ -71,6 +72,11 @@ def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:
             "or a GPU"
         )
     dense = tensor if tensor.layout == strided else tensor.to_dense()
+    if dense.dtype == bfloat16 and "image" not in name:  # whose levels it holds exactly
+        warnings.warn(
+            f"{name} are bfloat16, which rounds 60 m to steps of 0.25 m; give float32",
+            stacklevel=3,
+        )
     wide = dense.float() if dense.dtype == bfloat16 else dense  # NumPy has no bfloat16
     try:
         array: Shaped[np.ndarray, "..."] = wide.numpy(force=True)

@@ -12,7 +12,14 @@ from sightline.data.sharding import files_below, is_whole, pack_files
 from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of
 from sightline.files.problem import FileError, SetupError, error_text
-from sightline.files.shard_index import FORMAT, MANIFEST, read_index, read_manifest, tars_of
+from sightline.files.shard_index import (
+    FORMAT,
+    MANIFEST,
+    SHARD_REMEDY,
+    read_index,
+    read_manifest,
+    tars_of,
+)
 from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
@@ -201,8 +208,7 @@ def _default_split(tars: Sequence[Path]) -> str:
 def _open(writer: ShardWriter, tar: Path, place: str) -> SampleDataset | None:
     """Open the frames of a shard in a place; None: it has none there."""
     if url_of(tar) is None and not tar.is_file():
-        remedy = "copy it again, or make it again by `sightline shard`"
-        raise FileError(tar, "is missing, or no regular file", remedy)
+        raise FileError(tar, "is missing, or no regular file", SHARD_REMEDY)
     path = data_path(tar) / place
     if place and path.parent.is_dir() and not path.is_dir():
         return None
