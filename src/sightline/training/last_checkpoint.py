@@ -1,11 +1,16 @@
-"""Checkpoint for resuming a run, and interruption of a run from outside."""
+"""Checkpoints for resuming a run, and interruption of a run from outside."""
 
+import io
+import os
 from pathlib import Path
 from typing import Any
 
+import torch
 from lightning import LightningModule, Trainer
+from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.callbacks import Checkpoint
 
+from sightline.files.atomic import atomic_write_bytes
 from sightline.files.weights_header import has_weights, shipped_names
 from sightline.training.interruption import DeferredInterruption
 
@@ -31,6 +36,26 @@ def check_checkpoint_file(path: Path) -> None:
             f"there is no checkpoint {path}; leave out --ckpt_path to start the run, or name "
             "another one with it"
         )
+
+
+class AtomicCheckpointIO(TorchCheckpointIO):
+    """Plugin that writes checkpoints atomically in the folder of the run.
+
+    Lightning's own takes room in the folder for temporary files, and may stop between there and the
+    run's folder.
+    """
+
+    def save_checkpoint(
+        self,
+        checkpoint: dict[str, Any],
+        path: str | os.PathLike[str],
+        storage_options: Any | None = None,  # noqa: ANN401 - as base
+    ) -> None:
+        """Write a checkpoint; `storage_options` has no effect."""
+        del storage_options
+        content = io.BytesIO()
+        torch.save(checkpoint, content)
+        atomic_write_bytes(Path(path), content.getvalue())
 
 
 class LastCheckpoint(Checkpoint):

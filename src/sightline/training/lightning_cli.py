@@ -38,10 +38,9 @@ from sightline.training.callbacks import (
     ReturnFreeMemory,
     checkpoint_callbacks,
 )
-from sightline.training.checkpoint_files import AtomicCheckpointIO
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
-from sightline.training.last_checkpoint import check_checkpoint_file
+from sightline.training.last_checkpoint import AtomicCheckpointIO, check_checkpoint_file
 from sightline.training.module import STEP, TrainingModule
 from sightline.training.nulls import check_nulls
 from sightline.training.progress import RunProgress
