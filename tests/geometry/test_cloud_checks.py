@@ -142,6 +142,17 @@ def test_the_likely_scale_is_named_and_never_the_one_that_was_refused(largest, l
     assert cloud_fault(points, float(scale)) is None
 
 
+def test_bytes_with_a_sign_are_told_as_such():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-40, 40, (500, 4))
+    points[:, 3] = rng.integers(0, 256, 500).astype(np.uint8).astype(np.int8)
+    problem, remedy = cloud_fault(points, 255.0)
+    assert "probably bytes of 0 to 255 that are declared as signed (int8)" in problem
+    assert "uint8" in remedy
+    points[:, 3] = rng.integers(-1, 1, 500)  # -1 for unknown
+    assert "int8" not in cloud_fault(points, 255.0)[0]
+
+
 def test_negative_intensities_may_be_coordinates():
     points = np.random.default_rng(0).uniform(-20, 20, (500, 4))
     problem, remedy = cloud_fault(points, 1.0)

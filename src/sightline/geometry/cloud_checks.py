@@ -14,6 +14,7 @@ from sightline.geometry.mount import MAX_RANGE_M
 
 _MAX_COLUMNS: Final = 64
 """Largest number of columns in a row; drivers write up to about twenty fields for each point."""
+_LEAST_BYTE = -128  # of eight bits with a sign
 _BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed many scales
 
 USUAL_LOSS: Final = 0.5
@@ -315,6 +316,12 @@ def cloud_fault(
             f"intensities from {intensities.min():.4g} to {intensities.max():.4g}, expected 0 to "
             f"{max_intensity:.6g}"
         )
+        is_signed = (intensities == np.rint(intensities)).all() and intensities.min() >= _LEAST_BYTE
+        if intensities.min() < 0 and is_signed and 1 < intensities.max() <= ~_LEAST_BYTE:
+            return (
+                f"{problem}: probably bytes of 0 to 255 that are declared as signed (int8)",
+                "declare them as unsigned (uint8), or write zeros for an unknown intensity",
+            )
         if intensities.min() < 0:
             return problem, (
                 "write intensities from 0 on, or zeros, and columns in the order x, y, z, intensity"
