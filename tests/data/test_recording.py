@@ -89,8 +89,9 @@ def test_frames_of_two_cameras_and_sensors_have_calibrations_of_their_own(tmp_pa
     write_rgb(tmp_path / "images" / "b.png", cv2.resize(IMAGE, (621, 188)))
     write_cloud_file(tmp_path / "points" / "b.npy", POINTS[::7])
     own = calibration_entries(camera_matrix=(np.diag([0.5, 0.5, 1]) @ CAMERA_MATRIX).tolist())
-    with pytest.raises(FileError, match=r"is 188x621 .*, expected 375x1242 as in a.jpg"):
-        open_dataset(tmp_path)[1]
+    for parts in (("image", "points"), ("points",)):  # sizes count where pixels are not read, too
+        with pytest.raises(FileError, match=r"is 188x621 .*, expected 375x1242 as in a.jpg"):
+            open_dataset(tmp_path, parts=parts)[1]
     assert "is 188x621" in str(next(iter(check_tree(tmp_path))))
     (tmp_path / "calibration").mkdir()
     (tmp_path / "calibration" / "b.yaml").write_text(yaml.safe_dump(own))

@@ -181,14 +181,16 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             rig.calibration,
             rig.level_from_lidar,
         )
+        picture = frame.image or frame.depth
+        size = read_or_note(read_image_size, picture, [])  # also where pictures are not needed
+        if picture is not None and size is not None:
+            mismatch = size_mismatch(picture, size, contents, self._reference_images[path])
+            if mismatch is not None:
+                raise FileError(mismatch.path, mismatch.problem, mismatch.remedy)
         image = None
         if frame.image is not None and "image" in self.parts:
             image = _undistorted_image(frame.image, contents)
-            size = (image.shape[1], image.shape[2])
-            mismatch = size_mismatch(frame.image, size, contents, self._reference_images[path])
-            if mismatch is not None:
-                raise FileError(mismatch.path, mismatch.problem, mismatch.remedy)
-        seen = _seen_size(frame, contents)
+        seen = (size if frame.image else None) or contents.image_size
         self._judge.judge(
             contents.matrices.stacked, seen, lambda: calibration_problems(contents, seen, path)
         )
