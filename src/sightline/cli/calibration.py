@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
 from sightline.cli.report import check_places, check_writable_folder, deliver, named_file
+from sightline.files.problem import refuse_without_effect
 from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
@@ -62,6 +63,9 @@ def evaluate_calibration(
     check_writable_folder(out)
     if out is not None and (fit_results is None or calibrator == "all"):
         raise ValueError("--out needs --fit-results and one --calibrator, whose scores are written")
+    refuse_without_effect(
+        "without --fit-results", target=target != "precision" and fit_results is None
+    )
     if fit_results is None and (calibrator != "all" or fit_labels or fit_list):
         raise ValueError(
             "--calibrator, --fit-labels and --fit-list need results to fit on; add --fit-results"

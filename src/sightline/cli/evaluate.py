@@ -7,7 +7,7 @@ would import the evaluation for `--help`.
 from pathlib import Path
 from typing import Literal
 
-from sightline.cli.network_options import announce_engine
+from sightline.cli.network_options import announce_engine, refuse_engine
 from sightline.cli.object_plots import write_object_plots
 from sightline.cli.output import say
 from sightline.cli.parser import Device
@@ -227,6 +227,8 @@ def held_out_command(
     from sightline.depth_completion.predictor import choose_completer
     from sightline.evaluation.held_out import evaluate_held_out
 
+    if method is not None:
+        refuse_engine(engine, device)
     completer = choose_completer(method=method, weights=weights, engine=engine, device=device)
     announce_engine(engine, completer.made_by.get("engine"), device)
     parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}

@@ -9,7 +9,7 @@ from sightline.cli.output import warn
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.choice import VARIABLE, has_openvino
 from sightline.export.names import EngineChoice
-from sightline.files.problem import install_command
+from sightline.files.problem import install_command, refuse_without_effect
 
 Around = Literal["auto", "yes", "no"]
 """Field of 3D detection: the LiDAR's whole turn, the camera's view, or as the data say (auto)."""
@@ -34,6 +34,15 @@ def warn_of_rig(
     distance = rig_distance(data, weights, sample_list=sample_list, velodyne=velodyne)
     if distance is not None:
         warn(str(distance))
+
+
+def refuse_engine(engine: EngineChoice, device: str) -> None:
+    """Refuse an engine or device that is requested where no network runs.
+
+    Raises:
+        ValueError: One is requested.
+    """
+    refuse_without_effect("without a network", engine=engine != "auto", device=device != "cpu")
 
 
 def announce_engine(choice: EngineChoice, taken: str | None, device: str) -> None:

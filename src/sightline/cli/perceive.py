@@ -2,18 +2,27 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
-from sightline.cli.network_options import Around, announce_engine, chosen_field, warn_of_rig
+from sightline.cli.network_options import (
+    Around,
+    announce_engine,
+    chosen_field,
+    refuse_engine,
+    warn_of_rig,
+)
 from sightline.cli.output import say
 from sightline.cli.parser import Device, declare
 from sightline.cli.report import named_file, refuse_with_pack
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
+from sightline.files.problem import refuse_without_effect
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 from sightline.tasks import find_task, task_names, weights_of
 
+_FPS: Final = 10.0
+_MIN_SCORE: Final = 0.3
 _HELP = """Runs all tasks on every frame; writes their result files and one line of JSON per frame.
 
 Each frame is loaded once. OUT gets a folder for each task, as from `sightline predict`, and
@@ -81,8 +90,8 @@ def perceive_command() -> Callable[..., None]:
         "pack": (bool, False),
         "video": (Path | None, None),
         "rerun": (Path | None, None),
-        "fps": (float, 10.0),
-        "min_score": (float, 0.3),
+        "fps": (float, _FPS),
+        "min_score": (float, _MIN_SCORE),
         "around": (Around, "auto"),
         "align": (Literal["auto", "no"], "auto"),
     }
@@ -131,6 +140,13 @@ def _run(
     perceiver = MultiTaskPredictor.load(weights, engine=engine, device=device, threads=1)
     engines = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
     announce_engine(engine, next(iter(engines), None), device)
+    if not engines:
+        refuse_engine(engine, device)
+    refuse_without_effect("without --video", fps=job["fps"] != _FPS and job["video"] is None)
+    is_drawn = job["video"] is not None or job["rerun"] is not None
+    refuse_without_effect(
+        "without --video or --rerun", min_score=job["min_score"] != _MIN_SCORE and not is_drawn
+    )
     if pack:
         kept = job.keys() - not_packed.keys() - {"fps", "min_score"}
         options = {name: job[name] for name in kept} | {"around": chosen_field(around)}

@@ -4,7 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from sightline.cli.network_options import Around, announce_engine, chosen_field, warn_of_rig
+from sightline.cli.network_options import (
+    Around,
+    announce_engine,
+    chosen_field,
+    refuse_engine,
+    warn_of_rig,
+)
 from sightline.cli.output import say
 from sightline.cli.parser import Device, declare
 from sightline.cli.report import named_file, refuse_with_pack
@@ -131,6 +137,8 @@ def _run(
     from sightline.data.open import existing_folder
     from sightline.inference.predict import predict, predict_shards
 
+    if method is not None:
+        refuse_engine(engine, device)
     existing_folder(data)  # before the network is loaded
     predictor = task.predictor(
         method=method,

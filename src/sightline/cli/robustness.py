@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from sightline.cli.network_options import announce_engine
+from sightline.cli.network_options import announce_engine, refuse_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
@@ -117,6 +117,8 @@ def robustness(
         workers=workers,
         driver=driver,
     )
+    if method is not None or results:
+        refuse_engine(engine, device)
     if not results:
         report = run_bench(
             chosen,

@@ -101,6 +101,22 @@ def error_text(error: Exception) -> str:
     return str(error)
 
 
+def refuse_without_effect(place: str, **is_given: bool) -> None:
+    """Refuse options that would be ignored.
+
+    Args:
+        place: End of the sentence: "on nuScenes".
+        is_given: Whether each option is given, by its name in Python.
+
+    Raises:
+        ValueError: One is given.
+    """
+    flags = [f"--{name.replace('_', '-')}" for name, given in is_given.items() if given]
+    if flags:
+        one, it = ("has", "it") if len(flags) == 1 else ("have", "them")
+        raise ValueError(f"{' and '.join(flags)} {one} no effect {place}; leave {it} out")
+
+
 class SetupError(ValueError):
     """Error of the process or the machine, whatever its input is: no piece of a job is to blame."""
 

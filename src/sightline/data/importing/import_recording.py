@@ -12,7 +12,7 @@ from sightline.data.importing.nuscenes import find_tables
 from sightline.data.importing.writer import ImportReport
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.files.byte_source import url_of
-from sightline.files.problem import shown_place
+from sightline.files.problem import refuse_without_effect, shown_place
 from sightline.geometry.wrong_types import named_arguments
 
 _MAX_GAP_S: Final = 0.05
@@ -75,7 +75,7 @@ def import_recording(
     if max_intensity is not None and not 0 < max_intensity < 1e9:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
     if is_bag(source):
-        _refuse_without_effect(
+        refuse_without_effect(
             "with --calibration, which has the camera's matrix and lens",
             info_topic=calibration is not None and info_topic is not None,
             undistort=calibration is not None
@@ -109,7 +109,7 @@ def import_recording(
             f"{', '.join(SUFFIXES)}) nor nuScenes (a folder with v1.0-mini/sample.json); a folder "
             "of images and clouds needs no import, see docs/recordings.md"
         )
-    _refuse_without_effect(
+    refuse_without_effect(
         "on nuScenes, whose tables have calibrations and pairs",
         calibration=calibration is not None,
         info_topic=info_topic is not None,
@@ -124,15 +124,3 @@ def import_recording(
         max_intensity=max_intensity or 255.0,
         undistort=undistort,
     )
-
-
-def _refuse_without_effect(place: str, **is_given: bool) -> None:
-    """Refuse options that would be ignored.
-
-    Raises:
-        ValueError: One is given.
-    """
-    flags = [f"--{name.replace('_', '-')}" for name, given in is_given.items() if given]
-    if flags:
-        has = "has" if len(flags) == 1 else "have"
-        raise ValueError(f"{' and '.join(flags)} {has} no effect {place}; leave it out")
