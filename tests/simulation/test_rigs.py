@@ -145,7 +145,7 @@ def test_json_and_a_rosette_are_read_too(file):
         ("focal_px: 500", "", "camera lacks focal_px"),
         ("focal_px: 500", "focal: 500", "camera has the unknown entry 'focal'"),
         ("focal_px: 500", "focal_px: 3", "focal_px must be finite and from 50 to 20000, got 3"),
-        ("{width: 640, height: 360}", "[640, 360]", "expected {width: .., height: ..}"),
+        ("{width: 640, height: 360}", "[640, 360]", "image_size is '[640, 360]', expected {width"),
         ("width: 640", "width: 6.5", "an entry of image_size is '6.5', expected a whole number"),
         ("width: 640", "width: 9", "must have 32 to 8192 pixels"),
         ("pitch_deg: 2.5", "pitch_deg: true", "pitch_deg is 'True', expected a number"),

@@ -177,8 +177,11 @@ def scale_doubt(
         return (
             f"intensities are below a hundredth of max_intensity, {max_intensity:.6g}, so "
             "reflectances are nearly 0",
-            "set max_intensity of the recording (import: --max-intensity) to the intensity of a "
-            "reflectance of 1, or scale them; for intensities from 0 to 1 it is 1",
+            "scale them to reflectances from 0 to 1; where an import divided them, set its "
+            "--max-intensity lower"
+            if max_intensity == 1
+            else "set max_intensity of the recording (import: --max-intensity) to the intensity of "
+            "a reflectance of 1, or scale them; for intensities from 0 to 1 it is 1",
         )
     return None
 

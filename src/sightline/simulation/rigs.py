@@ -285,8 +285,10 @@ def _converted(name: str, value: Any, hint: Any) -> Any:  # noqa: ANN401 - any p
     if is_dataclass(hint):
         return _built(name, value, hint)
     if name == "image_size":  # named sides, as the order of a list would be doubtful
-        is_size = isinstance(value, Mapping) and set(value) == {"width", "height"}
-        value = (value["height"], value["width"]) if is_size else None
+        if not isinstance(value, Mapping) or set(value) != {"width", "height"}:
+            given = shortened(str(value), 40)
+            raise ValueError(f"{name} is {given!r}, expected {{width: .., height: ..}}")
+        value = (value["height"], value["width"])
     if origin is tuple and isinstance(value, list | tuple):
         kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
         if len(kinds) == len(value):
@@ -296,12 +298,10 @@ def _converted(name: str, value: Any, hint: Any) -> Any:  # noqa: ANN401 - any p
         return float(value)
     if (hint in (int, str) and type(value) is hint) or (origin is Literal and value in parts):
         return value
-    raise ValueError(f"{name} is {shortened(str(value), 40)!r}, expected {_described(name, hint)}")
+    raise ValueError(f"{name} is {shortened(str(value), 40)!r}, expected {_described(hint)}")
 
 
-def _described(name: str, hint: Any) -> str:  # noqa: ANN401 - a type
-    if name == "image_size":
-        return "{width: .., height: ..}"
+def _described(hint: Any) -> str:  # noqa: ANN401 - a type
     parts = get_args(hint)
     if get_origin(hint) is Literal:
         return f"one of {', '.join(parts)}"

@@ -43,6 +43,14 @@ def test_bag_files_that_are_not_read_are_told(tmp_path, drive, name, has_metadat
     assert (f"warning: 1 bag files in the folder are not read, e.g. {name}" in report) == is_told
 
 
+def test_bags_in_folders_below_one_are_told(tmp_path, drive):
+    shutil.copytree(drive, tmp_path / "drive")
+    assert "folders below" not in str(import_recording(tmp_path / "drive", tmp_path / "sound"))
+    shutil.copytree(drive, tmp_path / "drive" / "more")
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "warning: 1 bags in folders below are not read, e.g. more: a drive's files" in report
+
+
 def test_a_listed_file_beside_its_packed_copy_is_no_matter(tmp_path, drive):
     shutil.copytree(drive, tmp_path / "drive")
     (tmp_path / "drive" / f"{mcap_of(drive).name}.zstd").touch()

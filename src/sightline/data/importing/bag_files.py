@@ -124,8 +124,18 @@ def describe_unread_files(bag: Path) -> tuple[str, ...]:
         and _unpacked_name(each) not in known
         and Path(_unpacked_name(each)).suffix.lower() in SUFFIXES
     ]
+    below = [
+        each.name
+        for each in sorted(bag.iterdir())
+        if each.is_dir() and ((each / METADATA_NAME).is_file() or files_without_metadata(each))
+    ]
+    notes = [
+        f"warning: {len(below)} bags in folders below are not read, e.g. {shortened(name)}: a "
+        "drive's files lie in one folder; import those by themselves"
+        for name in below[:1]
+    ]
     if not others:
-        return ()
+        return tuple(notes)
     reason = (
         f"{METADATA_NAME} does not name them" if has_metadata else "they are packed or not closed"
     )
@@ -133,6 +143,7 @@ def describe_unread_files(bag: Path) -> tuple[str, ...]:
         "`ros2 bag reindex` adds those of this drive" if has_metadata else "unpack or repair them"
     )
     return (
+        *notes,
         f"warning: {len(others)} bag files in the folder are not read, e.g. "
         f"{shortened(others[0])}: {reason}; {remedy}",
     )
