@@ -45,6 +45,39 @@ DATA = str(PACKAGED_FRAMES)
             "--min-score has no effect without --video or --rerun",
         ),
         (
+            ["perceive", DATA, "OUT", "--detection2d", "none", "--detection3d", "none",
+             "--depth-completion", "linear", "--around", "yes"],
+            "--around has no effect without 3D detection",
+        ),
+        (
+            ["robustness", "--compare", "a", "b", "--cases", "clean", "--engine", "torch"],
+            "--cases and --engine have no effect with --compare, which reads finished runs",
+        ),
+        (
+            ["robustness", "--compare", "a", "b", "--seed", "4", "--sample-list", "none.txt"],
+            "--seed and --sample-list have no effect with --compare",
+        ),
+        (
+            ["reproduce", "gated-fusion", "--iou", "0.3", "--class-name", "Pedestrian"],
+            "--class-name and --iou have no effect without --data; leave them out",
+        ),
+        (
+            ["reproduce", "two-stage", "--out", "OUT", "--figure-frame", "000002"],
+            "--out and --figure-frame have no effect without --data",
+        ),
+        (
+            ["reproduce", "shift-conv", "--device", "cuda", "--sample-list", "nope.txt"],
+            "--device and --sample-list have no effect without --data",
+        ),
+        (
+            ["evaluate", "objects", DATA, DATA, "--seed", "5"],
+            "--seed has no effect without --bootstrap or --against",
+        ),
+        (
+            ["evaluate", "depth", DATA, DATA, "--seed", "5"],
+            "--seed has no effect without --against",
+        ),
+        (
             ["evaluate", "calibration", DATA, DATA, "--target", "overlap"],
             "--target has no effect without --fit-results",
         ),
@@ -55,3 +88,12 @@ def test_options_without_an_effect_are_refused(tmp_path, capsys, arguments, said
     assert main([str(out) if each == "OUT" else each for each in arguments]) == 2
     assert said in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_health_tells_a_list_that_is_not_sorted(tmp_path):
+    names = tmp_path / "list.txt"
+    names.write_text("000001\n000000\n")
+    with pytest.warns(UserWarning, match=r"list.txt is not sorted: alarms and alignment follow"):
+        assert main(["health", DATA, "--sample-list", str(names)]) == 0
+    names.write_text("000000\n000001\n")
+    assert main(["health", DATA, "--sample-list", str(names)]) == 0

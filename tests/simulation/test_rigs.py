@@ -169,6 +169,7 @@ def test_json_and_a_rosette_are_read_too(file):
         ("height_m: 1.9", "model: hdl-64e", "needs one of elevations_deg (or fans), model and"),
         ("height_m: 1.9", "elevations_deg: [1]", "both fans and elevations_deg, expected one"),
         ("height_m: 1.9", "blind_sectors: [[9, 3, 0]]", "blind_sectors must be start, end and"),
+        ("fans:", "fan:", "lidar has the unknown entry 'fan', expected"),
         ("lidar:", "radar:", "the rig has the unknown entry 'radar', expected name, camera, lidar"),
         (MINE, "- 1", "holds no mapping of names to values, expected camera and lidar"),
         (MINE, "camera: 3\nlidar: {}", "camera is no mapping of entries to values"),

@@ -15,6 +15,7 @@ from sightline.cli.report import check_places, check_writable_folder, deliver, n
 from sightline.data.kitti_trees import Velodyne
 from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineChoice
+from sightline.files.problem import refuse_without_effect
 from sightline.jobs.output_dirs import check_outputs
 
 _COMPARED_RESAMPLES = 1000  # default number of resamples of frames for differences
@@ -68,6 +69,8 @@ def objects_command(
             "--against gives differences as a table and as --json; leave --by-distance, --csv, "
             "--markdown and --plots out"
         )
+    is_resampled = bootstrap > 0 or against is not None
+    refuse_without_effect("without --bootstrap or --against", seed=seed != 0 and not is_resampled)
     places = {"--json": json, "--csv": csv, "--markdown": markdown}
     read = [results, *([against] if against else [])]
     only_read = [labels, named_file(sample_list)]
@@ -171,6 +174,7 @@ def depth_command(
         workers: Number of threads that read and score.
         json: File for the whole report.
     """
+    refuse_without_effect("without --against", seed=seed != 0 and against is None)
     data = [truth, *([] if sparse is None else [sparse])]
     results = [predictions, *([] if against is None else [against])]
     check_places({"--json": json}, data=data, results=results)

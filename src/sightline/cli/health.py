@@ -70,6 +70,12 @@ def health(
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=sensors, needs=()
     )
+    if sample_list is not None and list(dataset.sample_ids) != sorted(dataset.sample_ids):
+        warnings.warn(
+            f"{sample_list} is not sorted: alarms and alignment follow its order, as if it were "
+            "that of the drive",
+            stacklevel=2,
+        )
     chosen = _limits(data, dataset, limits, images, lidar_beams, fit_first)
     monitor = DriveMonitor(HealthMonitor(chosen.limits))
     samples = (dataset[index] for index in range(len(dataset)))

@@ -142,6 +142,8 @@ def _run(
     announce_engine(engine, next(iter(engines), None), device)
     if not engines:
         refuse_engine(engine, device)
+    is_around_known = "detection3d" in perceiver.predictors
+    refuse_without_effect("without 3D detection", around=around != "auto" and not is_around_known)
     refuse_without_effect("without --video", fps=job["fps"] != _FPS and job["video"] is None)
     is_drawn = job["video"] is not None or job["rerun"] is not None
     refuse_without_effect(

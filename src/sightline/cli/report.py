@@ -1,13 +1,15 @@
 """Output of reports: a table for people, a file for scripts."""
 
+import inspect
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from sightline.cli.output import show_table
 from sightline.files.atomic import atomic_write_text, check_replaceable
+from sightline.files.problem import refuse_without_effect
 from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
@@ -79,6 +81,31 @@ def refuse_with_pack(**options: object) -> None:
                 f"--pack packs the first output of all frames; leave --{name.replace('_', '-')} "
                 "out, or --pack"
             )
+
+
+def refuse_given(
+    command: Callable[..., object],
+    values: Mapping[str, object],
+    place: str,
+    *,
+    used: Collection[str],
+) -> None:
+    """Refuse options of a command that differ from their defaults and would be ignored.
+
+    Args:
+        command: The command, whose signature has the defaults.
+        values: Its arguments.
+        place: End of the sentence: "without --data".
+        used: Names of the options that have an effect, or are refused elsewhere.
+
+    Raises:
+        ValueError: One is given.
+    """
+    parameters = inspect.signature(command).parameters
+    given = {
+        name: values[name] != each.default for name, each in parameters.items() if name not in used
+    }
+    refuse_without_effect(place, **given)
 
 
 def check_writable_folder(path: Path | None) -> None:

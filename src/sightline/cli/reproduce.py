@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sightline.cli.network_options import announce_engine
 from sightline.cli.output import say, warn
 from sightline.cli.parser import Device
-from sightline.cli.report import check_places, deliver, named_file
+from sightline.cli.report import check_places, deliver, named_file, refuse_given
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
@@ -89,6 +89,9 @@ def reproduce_gated_fusion(
         workers: Number of processes with one thread each.
         json: File for the whole report.
     """
+    if data is None:
+        used = ("data", "json", "figures", "gated", "ones", "early", "late", "camera", "lidar")
+        refuse_given(reproduce_gated_fusion, locals(), "without --data", used=used)
     files = [named_file(each) for each in (gated, ones, early, late, camera, lidar, sample_list)]
     check_outputs({"--json": json, "--out": out, "--figures": figures}, data=[data, *files])
     check_places({"--json": json})
@@ -176,6 +179,10 @@ def reproduce_two_stage(
         workers: Number of processes with one thread each.
         json: File for the whole report.
     """
+    if data is None:
+        refused = ("figures", "training_frame", "run", "first", "baseline", "improved")
+        used = ("data", "json", *refused)
+        refuse_given(reproduce_two_stage, locals(), "without --data", used=used)
     options: Mapping[Row, str | None] = {"first": first, "baseline": baseline, "improved": improved}
     given = {row: each for row, each in options.items() if each is not None}
     folders = [Path(each) for each in given.values() if Path(each).is_dir()]
@@ -243,6 +250,9 @@ def reproduce_shift_conv(
             velodyne_reduced.
         json: File for the whole report.
     """
+    if data is None:
+        used = ("data", "json", "figures", "weights", "weights_without")
+        refuse_given(reproduce_shift_conv, locals(), "without --data", used=used)
     files = [named_file(each) for each in (weights, weights_without, sample_list)]
     check_outputs({"--json": json, "--figures": figures}, data=[data, *files])
     check_places({"--json": json})

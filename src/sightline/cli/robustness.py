@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, get_args
 from sightline.cli.network_options import announce_engine, refuse_engine
 from sightline.cli.output import say
 from sightline.cli.parser import Device
-from sightline.cli.report import check_places, deliver, named_file
+from sightline.cli.report import check_places, deliver, named_file, refuse_given
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.crew import Driver
@@ -86,6 +86,8 @@ def robustness(
                 "--compare reads finished runs; leave the folder, --data, --results, "
                 "--weights and --method out"
             )
+        used = ("out_folder", "data", "results", "weights", "method", "compare", "page")
+        refuse_given(robustness, locals(), "with --compare, which reads finished runs", used=used)
         _compare(compare, page)
         return
     if page is not None:

@@ -227,7 +227,7 @@ def _read(data: ScoredFrames, settings: CalibrationSettings, *, progress: bool) 
         loose=loose,
         settings=settings,
         num_results=sum(map(len, found)),
-        remarks=(*unread, *tally.remarks()),
+        remarks=(*unread, *tally.remarks(in_space=settings.metric != "bbox")),
     )
 
 

@@ -85,8 +85,12 @@ class ObjectTally:
                 self.uncounted_labels[class_code(name)] += 1
                 self.hidden_labels += int(hidden)
 
-    def remarks(self) -> tuple[str, ...]:
-        """List remarks on unscored results and labels; empty if there are none."""
+    def remarks(self, *, in_space: bool = True) -> tuple[str, ...]:
+        """List remarks on unscored results and labels; empty if there are none.
+
+        Args:
+            in_space: Whether 3D boxes are scored.
+        """
         found, labelled = by_code(self.results), by_code(self.labels)
         remarks = []
         if not self.results.total():
@@ -100,7 +104,8 @@ class ObjectTally:
                 f"No result is of {CLASSES[code]}: its {missed}. A table without any result of a "
                 "class leaves it out, as KITTI's does."
             )
-        return (*remarks, *(each.text for each in self.lost_results()), *self.other_remarks())
+        lost = self.lost_results(in_space=in_space)
+        return (*remarks, *(each.text for each in lost), *self.other_remarks())
 
     def lost_results(
         self, classes: Collection[str] = CLASSES, *, in_space: bool = True

@@ -318,9 +318,10 @@ def _built(name: str, content: object, kind: Any) -> Any:  # noqa: ANN401 - a da
     listed = {field.name: field for field in fields(kind)}
     unknown = [str(key) for key in content if key not in listed]
     if unknown:
+        known = [*listed, *(["fans"] if kind is LidarRig else [])]
         raise ValueError(
             f"{name} has the unknown entry {shortened(unknown[0], 40)!r}, expected "
-            f"{', '.join(listed)}"
+            f"{', '.join(known)}"
         )
     lacking = [
         key for key, each in listed.items() if each.default is MISSING and key not in content
