@@ -119,7 +119,7 @@ def robustness(
         workers=workers,
         driver=driver,
     )
-    if method is not None or results:
+    if results or (method is not None and baseline is None):  # a baseline may be a network
         refuse_engine(engine, device)
     if not results:
         report = run_bench(

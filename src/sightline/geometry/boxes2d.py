@@ -35,10 +35,11 @@ class Boxes2D:
         return self.tensor.shape[-2]
 
     def __getitem__(
-        self, index: int | Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
+        self,
+        index: int | np.integer[Any] | Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice,
     ) -> "Boxes2D":
         """Select boxes of an unbatched set, by indices, mask or slice; one by its number."""
-        return Boxes2D(self.tensor[[index] if isinstance(index, int) else index])
+        return Boxes2D(self.tensor[[int(index)] if isinstance(index, int | np.integer) else index])
 
     def __iter__(self) -> Iterator[Float[Tensor, "4"]]:
         """Yield the numbers of each box of an unbatched set."""

@@ -62,10 +62,11 @@ class Boxes3D:
         return self.tensor.shape[-2]
 
     def __getitem__(
-        self, index: int | Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice
+        self,
+        index: int | np.integer[Any] | Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice,
     ) -> "Boxes3D":
         """Select boxes of an unbatched set, by indices, mask or slice; one by its number."""
-        return Boxes3D(self.tensor[[index] if isinstance(index, int) else index])
+        return Boxes3D(self.tensor[[int(index)] if isinstance(index, int | np.integer) else index])
 
     def __iter__(self) -> Iterator[Float[Tensor, "7"]]:
         """Yield the numbers of each box of an unbatched set."""

@@ -100,8 +100,9 @@ def import_nuscenes(
     _image_size(moments[0])  # else a wrong size in the tables looks like a wrong calibration
     for moment in moments:
         _calibration(moment)
-    if moments[0].lens and not undistort:
-        coefficients = ", ".join(f"{value:.4g}" for value in moments[0].lens)
+    lens = next((moment.lens for moment in moments if moment.lens), ())
+    if lens and not undistort:
+        coefficients = ", ".join(f"{value:.4g}" for value in lens)
         raise ValueError(
             f"{tables.folder}: the lens of {camera} distorts ({coefficients}); undistort images by "
             "--undistort"

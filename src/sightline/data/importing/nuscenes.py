@@ -129,9 +129,9 @@ class Tables:
     def digest(self) -> str:
         """Twelve digits of the SHA-256 of all tables: other digits mean other contents."""
         total = hashlib.sha256()
-        paths = [self.folder / f"{name}.json" for name in (*_REFERENCED, *_LISTED, _VISIBILITY)]
-        for path in paths[:-1] + [path for path in paths[-1:] if path.is_file()]:
-            with path.open("rb") as file:
+        has_visibility = (self.folder / f"{_VISIBILITY}.json").is_file()
+        for name in (*_REFERENCED, *_LISTED, *([_VISIBILITY] if has_visibility else [])):
+            with (self.folder / f"{name}.json").open("rb") as file:
                 total.update(hashlib.file_digest(file, "sha256").digest())
         return total.hexdigest()[:12]
 
