@@ -384,7 +384,8 @@ def _window(
     if height > size[0] or width > size[1]:
         raise ValueError(
             f"crop_size is {height}x{width} (height x width), larger than the sample's "
-            f"{size[0]}x{size[1]}; set a smaller one"
+            f"{size[0]}x{size[1]} (whole blocks of the network); set a smaller "
+            "--data.init_args.preparation.init_args.settings.crop_size"
         )
     if training and config.augmentation.random_crop:
         return (
