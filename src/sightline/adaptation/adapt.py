@@ -24,7 +24,6 @@ from sightline.simulation.settings import SimulationConfig
 from sightline.tasks import PACKAGE_RECIPES, find_task
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
-from sightline.training.loader import NO_WORKERS_REMEDY
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -266,6 +265,8 @@ def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
     try:
         run_training("fit", arguments, PACKAGE_RECIPES)
     except ChildProcessError as error:
+        from sightline.training.loader import NO_WORKERS_REMEDY
+
         text = str(error).replace(NO_WORKERS_REMEDY, "give --workers 1")
         raise ChildProcessError(text) from error
     except Interruption as interruption:
