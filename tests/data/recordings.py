@@ -247,6 +247,12 @@ class Ros1BagMaker(BagMaker):
             self._writer.set_compression(compression)
         self._connections: dict[str, object] = {}
 
+    def connect(self, topic: str, kind: str, *, callerid: str) -> None:
+        """Write the topic's further messages as a node's."""
+        self._connections[topic] = self._writer.add_connection(
+            topic, kind, typestore=self.types, callerid=callerid
+        )
+
     def write(self, topic: str, message: object, time_ns: int) -> None:
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(

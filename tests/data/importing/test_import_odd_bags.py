@@ -211,3 +211,16 @@ def test_damaged_bags_give_a_recording_or_one_line(tmp_path):
     lines = [line for line in outcomes if line is not None]
     assert len(lines) > 10
     assert all(line.isprintable() for line in lines)
+
+
+def test_a_topic_that_two_nodes_publish_is_told(tmp_path):
+    with Ros1BagMaker(tmp_path / "drive.bag") as bag:
+        bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        for number, node in enumerate(("/first", "/second"), start=1):
+            bag.connect("/points", "sensor_msgs/msg/PointCloud2", callerid=node)
+            bag.image("/front/image_raw", number * 10**9)
+            bag.cloud("/points", number * 10**9)
+    report = str(import_recording(tmp_path / "drive.bag", tmp_path / "out"))
+    assert "warning: topic /points is published by 2 nodes (/first, /second): all their" in report
+    assert "topic /front/image_raw is published" not in report

@@ -39,6 +39,7 @@ _KINDS: Final = {
     ("tf", "tfmessage"): TRANSFORMS,
 }
 """Supported kinds of messages, by package and name in lower case."""
+_MAX_NODES: Final = 5  # in a sentence
 _TIME_LIMIT_NS: Final = 2**62
 
 
@@ -153,6 +154,21 @@ class Bag:
                 )
         return tuple(notes)
 
+    def publisher_notes(self, topics: Collection[str]) -> tuple[str, ...]:
+        """Return a warning for each topic that several nodes publish, with their names."""
+        notes = []
+        for name in topics:
+            for reader in self._readers:  # a drive's files may be of nodes started again
+                nodes = {_publisher(each) for each in reader.connections if each.topic == name}
+                if len(nodes) > 1:
+                    listed = ", ".join(map(shortened, sorted(nodes)[:_MAX_NODES]))
+                    notes.append(
+                        f"warning: topic {shortened(name)} is published by {len(nodes)} nodes "
+                        f"({listed}): all their messages are taken for those of one sensor; filter "
+                        "the bag by node if they are of several"
+                    )
+        return tuple(dict.fromkeys(notes))
+
     def unreadable_topic_error(self, topic: str) -> ValueError:
         """Return the error for a topic without a decodable message."""
         notes = self.undecodable_notes([topic])
@@ -264,6 +280,11 @@ def _types(*, is_ros1: bool) -> "Typestore":
             get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS)
         )
     return types
+
+
+def _publisher(connection: "Connection") -> str:
+    """Name of the node that published on a connection; in ROS 2, which has none, its number."""
+    return str(getattr(connection.ext, "callerid", None) or f"connection {connection.id}")
 
 
 def _count(connection: "Connection") -> int:

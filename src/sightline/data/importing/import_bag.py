@@ -97,6 +97,7 @@ def import_bag(
             bag, topics, max_gap_s, clock, keep_other_frames=calibration is not None
         )
         notes += describe_parts_of_turns(bag, topics.lidar.name)
+        notes += bag.publisher_notes((topics.camera.name, topics.lidar.name))
         intensity = max_intensity or given.max_intensity
         if max_intensity is None and intensity == 1:
             intensity = _guess_intensity(bag, topics, pairs)
