@@ -22,6 +22,7 @@ from sightline.data.kitti_trees import (
 from sightline.data.point_files import CLOUD_SUFFIXES
 from sightline.files.plain_text import parse_numbers, read_text, shortened
 from sightline.files.problem import FileError, Problem
+from sightline.jobs.output_dirs import MANIFEST_NAME
 
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
 CALIBRATIONS: Final = "calibration"
@@ -281,7 +282,10 @@ def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]
         unknown, untimed = [], []
     if unknown:
         problem = f"{len(unknown)} of {len(times)} lines name no frame ({describe_absent(unknown)})"
-        faults.append((problem, "correct their names, or remove them"))
+        remedy = "correct their names, or remove them"
+        if (path.parent / MANIFEST_NAME).is_file():
+            remedy = "run `sightline import` again, which was probably stopped, or remove them"
+        faults.append((problem, remedy))
     if untimed:
         problem = (
             f"lacks a time of {len(untimed)} of {len(frames)} frames ({describe_absent(untimed)})"

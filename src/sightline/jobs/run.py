@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol, TypeVar, runtime_checkable
+from typing import Final, Protocol, TypeVar, get_args, runtime_checkable
 
 from sightline.files.extras import require_library
 from sightline.files.problem import SetupError, error_text, memory_fault
@@ -176,6 +176,8 @@ def check_workers(workers: int, driver: Driver = "local") -> None:
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
+    if driver not in get_args(Driver):
+        raise ValueError(f"driver must be one of {', '.join(get_args(Driver))}, got {driver!r}")
     if driver == "ray":
         require_library("ray", "ray")
 

@@ -10,8 +10,9 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
+from sightline.data.check import check_tree
 from sightline.data.importing import bag_files
-from sightline.data.importing.import_recording import import_recording
+from sightline.data.importing.import_recording import _check_choices, import_recording
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
 from tests.data.recordings import (
@@ -224,3 +225,48 @@ def test_a_topic_that_two_nodes_publish_is_told(tmp_path):
     report = str(import_recording(tmp_path / "drive.bag", tmp_path / "out"))
     assert "warning: topic /points is published by 2 nodes (/first, /second): all their" in report
     assert "topic /front/image_raw is published" not in report
+
+
+def test_a_calibration_that_was_corrected_is_kept_by_a_further_import(tmp_path):
+    bag = write_bag(tmp_path / "drive", 2)
+    import_recording(bag, tmp_path / "out")
+    path = tmp_path / "out" / "calibration.yaml"
+    made = path.read_text()
+    assert "is kept" not in str(import_recording(bag, tmp_path / "out"))
+    path.write_text(f"{made}lidar_height_m: 1.55\n")
+    (tmp_path / "out" / "points" / "000001.bin").unlink()
+    report = str(import_recording(bag, tmp_path / "out"))
+    assert "calibration.yaml differs from that of the bag, and is kept" in report
+    assert path.read_text() == f"{made}lidar_height_m: 1.55\n"
+
+
+def test_an_import_that_was_stopped_is_told_as_such(tmp_path):
+    import_recording(write_bag(tmp_path / "drive", 3), tmp_path / "out")
+    for path in (tmp_path / "out").glob("*/000002.*"):
+        path.unlink()
+    (problem,) = check_tree(tmp_path / "out")
+    assert "1 of 3 lines name no frame" in problem.problem
+    assert problem.remedy.startswith("run `sightline import` again, which was probably stopped")
+
+
+def test_a_misspelt_choice_is_refused():
+    _check_choices("received", undistort=False)
+    with pytest.raises(ValueError, match="clock must be one of header, received, got 'recieved'"):
+        _check_choices("recieved", undistort=False)
+    with pytest.raises(TypeError, match="undistort is of type str, expected True or False"):
+        _check_choices("header", undistort="no")
+
+
+def test_a_static_transform_goes_before_another_one_told_the_other_way(tmp_path):
+    moved = CAMERA_FROM_LIDAR.copy()
+    moved[0, 3] += 0.5
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 1, lidar__camera_optical=np.linalg.inv(CAMERA_FROM_LIDAR))
+        bag.transforms("/tf", 10**9, camera_optical__lidar=moved)
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "moves relative to" in report
+    used = open_dataset(tmp_path / "out")[0].calibration.camera_from_lidar
+    np.testing.assert_allclose(used, CAMERA_FROM_LIDAR, atol=1e-6)

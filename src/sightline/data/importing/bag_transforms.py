@@ -83,6 +83,9 @@ def transforms_of_bag(bag: Bag) -> BagTransforms:
                     label = f"{shortened(pair[1])} in {shortened(pair[0])}"
                     faults.append(f"{name}: the transform of {label} {error}")
                     continue
+                reverse = values.get(pair[::-1])
+                if not is_static and reverse is not None and reverse.is_static:
+                    pair, rigid = pair[::-1], np.linalg.inv(rigid)
                 known = values.setdefault(pair, _Values(is_static=is_static))
                 known.add(rigid, is_static=is_static)
     return BagTransforms(

@@ -51,7 +51,7 @@ from sightline.data.recording_calibration import (
     read_recording_calibration,
     recording_calibration_text,
 )
-from sightline.data.recording_files import IMAGES, POINTS
+from sightline.data.recording_files import CALIBRATIONS, IMAGES, POINTS
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.geometry.cloud_checks import cloud_fault, echoes
@@ -121,7 +121,7 @@ def import_bag(
             bag, dict(zip(names[:_MAX_TRIED_FRAMES], pairs.positions, strict=False)), source
         )
         acquire_output_dir(out, settings, results=RESULTS)
-        write_calibration(out, written)
+        notes += _write_or_keep(out, written)
         times = dict(zip(names, pairs.times_s, strict=True))
         write_times(out, times)  # before the frames: `check` tells an import that was stopped
         present = names_present(out, IMAGES, POINTS)
@@ -143,6 +143,15 @@ def import_bag(
             *describe_view(out),
         ),
     )
+
+
+def _write_or_keep(out: Path, calibration: RecordingCalibration) -> tuple[str, ...]:
+    """Write the calibration, unless the user has changed that of an earlier run; return a note."""
+    path = out / f"{CALIBRATIONS}.yaml"
+    if path.is_file() and path.read_bytes() != recording_calibration_text(calibration).encode():
+        return (f"{path.name} differs from that of the bag, and is kept",)
+    write_calibration(out, calibration)
+    return ()
 
 
 @dataclass(slots=True)
