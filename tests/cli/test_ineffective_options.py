@@ -97,3 +97,15 @@ def test_health_tells_a_list_that_is_not_sorted(tmp_path):
         assert main(["health", DATA, "--sample-list", str(names)]) == 0
     names.write_text("000000\n000001\n")
     assert main(["health", DATA, "--sample-list", str(names)]) == 0
+
+
+def test_a_network_as_the_baseline_of_a_method_has_an_engine(tmp_path, capsys, monkeypatch):
+    def reached(*_, **options):
+        raise ValueError(f"run by {options['engine']}")
+
+    monkeypatch.setattr("sightline.robustness.bench.run_bench", reached)
+    arguments = ["robustness", str(tmp_path / "out"), "--data", DATA, "--method", "linear"]
+    assert main([*arguments, "--baseline", "depth-best", "--engine", "torch"]) == 2
+    assert capsys.readouterr().err == "sightline: run by torch\n"
+    assert main([*arguments, "--engine", "torch"]) == 2
+    assert "--engine has no effect" in capsys.readouterr().err

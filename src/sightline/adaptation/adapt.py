@@ -211,7 +211,7 @@ def adapt(
 
 
 def _is_finished(name: str, out: Path) -> bool:
-    """Whether an earlier run has adapted a task, and scored it."""
+    """Test whether an output folder has the fine-tuned weights of a task, and their scores."""
     is_scored = all((out / when / name / RECORD_NAME).exists() for when in ("before", "after"))
     return is_scored and (out / name / _FINISHED).exists()
 

@@ -125,6 +125,11 @@ def _run(
     align: Literal["auto", "no"],
     **job: Any,  # noqa: ANN401 - the options of `perceive`
 ) -> None:
+    refuse_without_effect("without --video", fps=job["fps"] != _FPS and job["video"] is None)
+    is_drawn = job["video"] is not None or job["rerun"] is not None
+    refuse_without_effect(
+        "without --video or --rerun", min_score=job["min_score"] != _MIN_SCORE and not is_drawn
+    )
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
     files = [named_file(each) for each in (*weights.values(), job["sample_list"])]
     check_outputs(places, data=[data, *files])
@@ -144,11 +149,6 @@ def _run(
         refuse_engine(engine, device)
     is_around_known = "detection3d" in perceiver.predictors
     refuse_without_effect("without 3D detection", around=around != "auto" and not is_around_known)
-    refuse_without_effect("without --video", fps=job["fps"] != _FPS and job["video"] is None)
-    is_drawn = job["video"] is not None or job["rerun"] is not None
-    refuse_without_effect(
-        "without --video or --rerun", min_score=job["min_score"] != _MIN_SCORE and not is_drawn
-    )
     if pack:
         kept = job.keys() - not_packed.keys() - {"fps", "min_score"}
         options = {name: job[name] for name in kept} | {"around": chosen_field(around)}

@@ -46,7 +46,7 @@ class ResultDoubt:
     text: str
     """Sentence with counts."""
     is_total: bool = False
-    """Whether no result can match a label: all scores are 0, whatever the method found."""
+    """True if none of the results can match a label, so that every score of the method is 0."""
 
 
 @dataclass(slots=True)

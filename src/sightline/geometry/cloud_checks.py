@@ -279,7 +279,7 @@ def _is_finite(values: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
 
 
 def _counts_rows(column: Float[np.ndarray, " num_points"]) -> bool:
-    """Whether a column of a cloud is a row index: rising whole numbers, perhaps with gaps."""
+    """Test a column of a point cloud for row numbers: rising whole numbers, perhaps with gaps."""
     return bool((np.diff(column) >= 1).all() and (column == np.floor(column)).all())
 
 

@@ -62,7 +62,7 @@ class Tilt:
 
     @property
     def is_level(self) -> bool:
-        """Whether the LiDAR is level: roll and pitch are both below 0.05 degrees."""
+        """True if roll and pitch of the LiDAR are both below 0.05 degrees."""
         return max(abs(self.roll_deg), abs(self.pitch_deg)) < _LEVEL_DEG
 
     def __str__(self) -> str:
