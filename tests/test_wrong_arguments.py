@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -27,6 +28,14 @@ _CASES = {
     'len({given, sightline.open_dataset(PACKAGED_FRAMES)[0]})': "1",
     'list(sightline.check_tree(5))': "check_tree: root is of type int, expected Path or str",
     'sightline.open_dataset(PACKAGED_FRAMES, sample_list=[1])': "holds 1, expected text such as",
+    'sightline.open_dataset(PACKAGED_FRAMES, velodyne="velodyne_reducd")':
+        "open_dataset: velodyne must be one of velodyne, velodyne_reduced, None, got "
+        "'velodyne_reducd'; perhaps velodyne_reduced",
+    'sample(all_around="no")': "from_arrays: all_around is of type str, expected True or False",
+    'sample(all_around=np.True_).all_around': "True",
+    'sightline.perceive(PACKAGED_FRAMES, "out", align="no")': "align is of type str, expected True",
+    'sightline.perceive(PACKAGED_FRAMES, "out", around="auto")':
+        "perceive: around is of type str, expected True or False or None",
 }  # fmt: skip
 _PROGRAM = """
 import json, sys
@@ -104,4 +113,50 @@ def test_every_public_function_names_an_argument_of_a_wrong_type_in_one_line():
         told = message.replace("_", " ")
         assert any(name.replace("_", " ").rstrip("s") in told for name in names) or (
             kind == "ValueError"  # which says what is expected in its own words
+        ), (call, message)
+
+
+_WALK_CHOICES = """
+import inspect, json, pkgutil, re, sys
+from pathlib import Path
+from sightline.geometry.choices import choices_in
+
+def documented():
+    for page in sorted(Path(sys.argv[1]).glob("*.md")):
+        for name in re.findall(r"^::: (\\S+)", page.read_text("utf-8"), re.MULTILINE):
+            named = pkgutil.resolve_name(name)
+            for given in vars(named).values() if inspect.ismodule(named) else [named]:
+                if not inspect.ismodule(named) or getattr(given, "__module__", "") == name:
+                    yield from with_methods(given)
+
+def with_methods(given):
+    if inspect.isfunction(given):
+        yield given.__qualname__, given
+    for name, method in vars(given).items() if inspect.isclass(given) else ():
+        if isinstance(method, classmethod) and not name.startswith("_"):
+            yield method.__func__.__qualname__, getattr(given, name)
+
+said = {}
+for name, function in documented():
+    if not name.startswith("_"):
+        inner = inspect.unwrap(getattr(function, "__func__", function))
+        for parameter in choices_in(inner):
+            try:
+                made = function(**{parameter: "misspelt"})
+                next(made) if inspect.isgenerator(made) else None
+            except Exception as error:
+                said[f"{name}, {parameter}"] = str(error)
+print(json.dumps(said))
+"""
+
+
+def test_every_documented_function_refuses_what_is_none_of_its_choices():
+    folder = Path(__file__).parents[1] / "docs/reference"
+    command = [sys.executable, "-c", _WALK_CHOICES, str(folder)]
+    said = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert len(said) > 30
+    for call, message in said.items():
+        parameter = call.rpartition(" ")[2]
+        assert f": {parameter} must be one of " in message or (
+            f": {parameter} is of type str, expected True or False" in message
         ), (call, message)

@@ -178,6 +178,30 @@ def test_a_manifest_of_too_few_shards_and_a_missing_shard_are_told(folder, addre
     assert "000002.png: cannot be read: 000001.tar is absent; copy it to the server, or" in out
 
 
+class FailingHandler(RangeHandler):
+    """Answers 503 for one file at every attempt."""
+
+    def do_HEAD(self):
+        if self.path.endswith("/000001.json"):
+            self.send_error(HTTPStatus.SERVICE_UNAVAILABLE)
+        else:
+            super().do_HEAD()
+
+    def do_GET(self):
+        self.do_HEAD() if self.path.endswith("/000001.json") else super().do_GET()
+
+
+def test_a_shard_that_the_server_fails_to_give_is_not_taken_for_absent(folder, monkeypatch):
+    monkeypatch.setattr(byte_source, "_WAITS_S", (0.01,))
+    manifest = folder / "shards" / "shards.json"
+    manifest.write_text(manifest.read_text().replace('"frames": 3', '"frames": 2'))
+    for address in serve(folder, FailingHandler):
+        with pytest.raises(
+            ValueError, match=r"000001\.json: cannot be read: its server answers 503"
+        ):
+            open_dataset(f"{address}/shards")
+
+
 class EndlessHandler(PlainHandler):
     """Serves files without their length."""
 

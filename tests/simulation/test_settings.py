@@ -32,7 +32,7 @@ def test_no_two_presets_share_a_street():
     [
         ({"lidar": "hdl-16e"}, "lidar must be one of hdl-64e, hdl-32e, vlp-16, got 'hdl-16e'"),
         ({"rig": "kity"}, "rig must be a Rig or one of random, named, got 'kity'"),
-        ({"samples_per_pixel": 2}, "samples_per_pixel must be 1 or 4, got 2"),
+        ({"samples_per_pixel": 2}, "samples_per_pixel must be one of 1, 4, got 2"),
     ],
 )
 def test_settings_that_there_are_not_are_refused(wrong, message):

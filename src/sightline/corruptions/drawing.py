@@ -8,6 +8,7 @@ import numpy as np
 
 from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import Case, Suite, find_suite
+from sightline.geometry.choices import check_choices
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +32,8 @@ class CorruptionSampler:
     et al. 2018, section IV-A. The random draws within a case are always separate for each image."""
 
     def __post_init__(self) -> None:
-        """Check names and probabilities."""
+        """Check choices, names and probabilities."""
+        check_choices(self)
         suite = find_suite(self.suite)
         suite.without(self.without)
         if self.probabilities is not None:

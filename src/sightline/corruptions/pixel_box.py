@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.choices import check_choices
 from sightline.geometry.projection import project_points
 from sightline.geometry.ranges import Within, check_ranges
 from sightline.structures.sample import CameraLidarSample
@@ -64,7 +65,8 @@ class BoxDrawing:
     anywhere in the image. Without an object it is anywhere."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Check the choices and the ranges."""
+        check_choices(self)
         check_ranges(self)
 
     def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:
@@ -101,7 +103,8 @@ class AreaDrawing:
     """See `BoxDrawing.placement`; the box is then moved into the image."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Check the choices and the ranges."""
+        check_choices(self)
         check_ranges(self)
 
     def draw(self, sample: CameraLidarSample, rng: np.random.Generator) -> PixelBox:

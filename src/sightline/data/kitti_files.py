@@ -25,8 +25,10 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import REMEDY
 from sightline.files.problem import FileError
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.wrong_types import named_arguments
 
 
+@named_arguments
 def read_points(
     path: Path | str, *, drop_non_finite: bool = False
 ) -> Float32[Tensor, "num_points 4"]:

@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal, get_args, get_origin, get_type_hints
+from typing import Literal
 
 from sightline.depth_completion.method_names import Filling
 from sightline.files.settings import INFERENCE_ONLY
+from sightline.geometry.choices import check_choices
 
 TAPS = 9
 """Directions of a Shift-Convolution: the pixel itself and its eight neighbours."""
@@ -33,16 +34,6 @@ def _check_at_most(name: str, value: int, largest: int) -> None:
         raise ValueError(f"{name} must be at most {largest}, got {value}")
 
 
-def _check_choices(settings: object, prefix: str = "") -> None:
-    """Refuse a value that is not one of its setting's choices; files are checked when read."""
-    for name, kind in get_type_hints(type(settings)).items():
-        if get_origin(kind) is Literal and getattr(settings, name) not in get_args(kind):
-            choices = ", ".join(map(str, get_args(kind)))
-            raise ValueError(
-                f"{prefix}{name} must be one of {choices}, got {getattr(settings, name)!r}"
-            )
-
-
 @dataclass(frozen=True, kw_only=True)
 class ShiftConvConfig:
     """Shift-Convolution branch: spreads the sparse depth to a filled map, the E-Point."""
@@ -58,7 +49,7 @@ class ShiftConvConfig:
 
     def __post_init__(self) -> None:
         """Check the choices and the numbers."""
-        _check_choices(self, "shift_conv.")
+        check_choices(self, "shift_conv.")
         if self.channels < TAPS or self.channels % TAPS:
             raise ValueError(f"shift_conv.channels must be a multiple of 9, got {self.channels}")
         _check_at_least("shift_conv.layers", self.layers, 1)
@@ -91,7 +82,7 @@ class TrunkConfig:
 
     def __post_init__(self) -> None:
         """Check the choices and the numbers."""
-        _check_choices(self, "trunk.")
+        check_choices(self, "trunk.")
         for name in ("modules", "blocks", "lowest_blocks", "reduction"):
             _check_at_least(f"trunk.{name}", getattr(self, name), 1)
         if not self.channels or min(self.channels) < 1:
@@ -244,7 +235,7 @@ class DepthCompletionConfig:
 
     def __post_init__(self) -> None:
         """Check the choices, the numbers and their combinations."""
-        _check_choices(self)
+        check_choices(self)
         if not _MIN_SCALE_M <= self.depth_scale_m <= _MAX_SCALE_M:
             raise ValueError(
                 f"depth_scale_m must be from {_MIN_SCALE_M:g} to {_MAX_SCALE_M:g}, got "

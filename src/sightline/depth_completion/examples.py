@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import torch
@@ -40,6 +40,7 @@ from sightline.evaluation.held_out_frame import (
     dense_truth_in_reach,
     split_rings,
 )
+from sightline.geometry.choices import check_choices
 from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.ranges import check_range
 from sightline.structures.batch import FieldwiseBatch
@@ -149,10 +150,7 @@ class ExampleConfig:
 
     def __post_init__(self) -> None:
         """Check the choices and the ranges."""
-        if self.truth not in get_args(TruthKind):
-            raise ValueError(
-                f"truth must be one of {', '.join(get_args(TruthKind))}, got {self.truth!r}"
-            )
+        check_choices(self)
         if self.shaping != AS_SIMULATED and self.truth != "depth":
             raise ValueError(f"shaping needs dense truth: set truth to depth, got {self.truth}")
         if not 0 < self.farthest_m <= _MAX_TRUTH_M:

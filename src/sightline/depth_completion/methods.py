@@ -10,9 +10,11 @@ from sightline.depth_completion.adaptive import FIRST_EDITION, AdaptiveConfig, a
 from sightline.depth_completion.classical import classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth
 from sightline.depth_completion.method_names import AdaptiveEdition, Method
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.predictions import DepthMap
 
 
+@named_arguments
 def complete_depth(
     sparse_depth_m: Float32[Tensor, "height width"] | Float32[np.ndarray, "height width"],
     method: Method,
@@ -41,11 +43,13 @@ def complete_depth(
             assert_never(method)
 
 
+@named_arguments
 def filling_config(edition: AdaptiveEdition) -> AdaptiveConfig:
     """Settings of an edition of adaptive completion."""
     return FIRST_EDITION if edition == "first" else AdaptiveConfig()
 
 
+@named_arguments
 def starting_depth(
     sparse_depth_m: Float32[Tensor, "height width"], edition: AdaptiveEdition = "first"
 ) -> DepthMap:

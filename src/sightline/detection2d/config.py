@@ -1,11 +1,11 @@
 """Settings of the 2D detectors: defaults as shipped, and `PAPER`, those of Kim et al. 2018."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal, get_args
+from typing import Final, Literal
 
 from sightline.files.settings import TRAINING_ONLY
+from sightline.geometry.choices import check_choices
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.ranges import check_range
 
@@ -27,16 +27,6 @@ _SMALLEST_PRIOR_PX = 0.1
 _LARGEST_RATIO = 100.0
 _LARGEST_L2_NORM_SCALE = 1000.0
 _MAX_DETECTIONS = 10_000
-
-
-def check_choice(name: str, value: object, choices: Sequence[object]) -> None:
-    """Check that a setting is one of its choices.
-
-    Raises:
-        ValueError: It is none of them.
-    """
-    if value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {value!r}")
 
 
 def scaled(channels: int, width: float) -> int:
@@ -163,7 +153,7 @@ class CompactConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_choice("compact.lidar_pooling", self.lidar_pooling, get_args(LidarPooling))
+        check_choices(self, "compact.")
         for name, highest in (("gate_groups", 64), ("head_channels", 4096), ("bins", 256)):
             check_range(f"compact.{name}", getattr(self, name), 1, highest)
         check_range("compact.head_convs", self.head_convs, 0, 64)
@@ -206,7 +196,7 @@ class Detection2DConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges, and that exactly one design is set."""
-        check_choice("fusion", self.fusion, get_args(Fusion))
+        check_choices(self)
         if not 0 < self.width <= _LARGEST_WIDTH:
             raise ValueError(f"width must be in (0, {_LARGEST_WIDTH}], got {self.width}")
         if (self.dgfn is None) == (self.compact is None):

@@ -46,6 +46,8 @@ from sightline.evaluation.kitti_object_rules import (
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
+from sightline.geometry.choices import check_choices
+from sightline.geometry.wrong_types import named_arguments
 
 Target = Literal["precision", "overlap"]
 
@@ -75,7 +77,8 @@ class CalibrationSettings:
     needed for LaECE."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Check the choices and the ranges."""
+        check_choices(self)
         if not 1 <= self.num_bins <= _MAX_BINS:
             raise ValueError(f"bins must be 1 to {_MAX_BINS:,}, got {self.num_bins}")
         if not 0 <= self.min_score < 1:
@@ -92,6 +95,7 @@ class ScoredFrames:
     """Frames to score; see `evaluate_objects`."""
 
 
+@named_arguments
 def evaluate_calibration(
     data: ScoredFrames,
     *,
@@ -143,6 +147,7 @@ def evaluate_calibration(
     )
 
 
+@named_arguments
 def write_calibrated(
     data: ScoredFrames, out: Path, report: CalibrationReport, calibrator: CalibratorName
 ) -> int:

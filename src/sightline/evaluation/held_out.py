@@ -162,8 +162,6 @@ def evaluate_held_out(
             than the previous ones; a density does not divide the sensor's beams; or the method
             returns a map of another size, a depth that is not finite, or no depth at all.
     """
-    if truth not in _TRUTHS:
-        raise ValueError(f"truth must be one of {', '.join(_TRUTHS)}, got {truth!r}")
     if beams is not None and not beams:
         raise ValueError("beams is empty; name at least one density, e.g. 64")
     frames: list[tuple[str, tuple[HeldOutScore, ...]]] = []

@@ -18,6 +18,7 @@ from sightline.export.names import EngineName, Precision
 from sightline.export.onnx import export_onnx, read_onnx_metadata
 from sightline.export.openvino import read_openvino_metadata, shared_core
 from sightline.files.atomic import scratch_folder
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.worker import has_lost_threads
 
 _SIZES_KEPT = 4  # a compiled network holds its weights and buffers
@@ -51,6 +52,7 @@ class Engine(Protocol):
         ...
 
 
+@named_arguments
 def open_engine(
     path: Path,
     name: EngineName | None = None,
@@ -85,6 +87,7 @@ def open_engine(
     )
 
 
+@named_arguments
 def build_engine(
     module: nn.Module,
     example_inputs: Mapping[str, Tensor],

@@ -11,8 +11,10 @@ from sightline.export.onnx import export_onnx
 from sightline.export.openvino import export_openvino, ir_files
 from sightline.export.parity import ParityReport, check_parity
 from sightline.files.atomic import atomic_path
+from sightline.geometry.wrong_types import named_arguments
 
 
+@named_arguments
 def export_graphs(
     graphs: Sequence[ExportGraph],
     out: Path,

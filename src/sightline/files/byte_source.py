@@ -11,6 +11,7 @@ from sightline.files.plain_file import check_regular
 from sightline.files.problem import FileError, address, shown_place
 
 _NOT_THERE: Final = (404, 410)  # status of a file that a server does not have
+_FIRST_FAULT: Final = 500  # status of the server's own faults
 _PASSING: Final = (408, 425, 429, 500, 502, 503, 504)  # status of a server that is busy, say
 _WAITS_S: Final = (0.5, 1.0, 2.0)  # before each further attempt
 _TIMEOUT_S: Final = 15.0  # of a server that accepts a connection, and says nothing
@@ -86,7 +87,7 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
     """Read a whole file of limited length; None: there is none.
 
     Raises:
-        RefusedError: The server answers with an error other than that there is none.
+        RefusedError: The server refuses the file.
         FileError: The file cannot be read, or is longer.
     """
     url = url_of(path)
@@ -161,6 +162,7 @@ def _unreadable(path: Path, error: Exception) -> FileError:
     if status == 0:  # aiohttp's for a circle
         return RefusedError(path, "cannot be read: its server redirects without an end", _REMEDY)
     if status is not None:  # not the library's text, which has the address
-        return RefusedError(path, f"cannot be read: its server answers {status}", _REMEDY)
+        kind = FileError if status >= _FIRST_FAULT else RefusedError
+        return kind(path, f"cannot be read: its server answers {status}", _REMEDY)
     remedy = _LOCAL_REMEDY if url_of(path) is None else _REMEDY
     return FileError(path, f"cannot be read: {reason}", remedy)

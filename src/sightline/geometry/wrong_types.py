@@ -1,4 +1,4 @@
-"""Errors of calls that fail because an argument is of a wrong type.
+"""Errors of calls with an argument of a wrong type, or that is none of its choices.
 
 Without PyTorch, for commands that start at once.
 """
@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import wraps
 from numbers import Real
-from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 from sightline.geometry.arguments import wrong_type
+from sightline.geometry.choices import check_choice, choices_in, hints_of
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -24,14 +25,17 @@ _TYPE_ERRORS = (TypeError, AttributeError)
 def named_arguments(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
     """Decorate a function so that its errors name an argument of a wrong type.
 
-    Arguments are examined only after a failure: other types that work stay valid, at no cost.
-    The error is a TypeError of one line with the argument, its type and the expected one.
+    Other types are examined only after a failure: those that work stay valid, at no cost. The error
+    is a TypeError of one line with the argument, its type and the expected one. Choices (`Literal`)
+    and switches (`bool`) are checked before the call: a misspelt one, or the text "no", would
+    silently be taken for another.
     """
     if inspect.isgeneratorfunction(function):
         return _named_in_generator(function)
 
     @wraps(function)
     def call(*args: Parameters.args, **named: Parameters.kwargs) -> Result:
+        _check_choices(function, args, named)
         try:
             return function(*args, **named)
         except _TYPE_ERRORS as error:
@@ -48,6 +52,7 @@ def _named_in_generator(function: Callable[Parameters, Any]) -> Callable[Paramet
 
     @wraps(function)
     def items(*args: Parameters.args, **named: Parameters.kwargs) -> Iterator[object]:
+        _check_choices(function, args, named)
         try:
             yield from function(*args, **named)
         except _TYPE_ERRORS as error:
@@ -57,6 +62,26 @@ def _named_in_generator(function: Callable[Parameters, Any]) -> Callable[Paramet
             raise fault from error
 
     return items
+
+
+def _check_choices(
+    function: Callable[..., object], args: tuple[object, ...], named: dict[str, Any]
+) -> None:
+    """Refuse an argument that is none of its parameter's choices."""
+    choices = choices_in(function)
+    if not choices:
+        return
+    try:
+        given = inspect.signature(function).bind_partial(*args, **named).arguments
+    except TypeError:  # one argument too many; the call says it
+        return
+    for name in choices.keys() & given.keys():
+        check_choice(f"{_called(function)}: {name}", given[name], choices[name])
+
+
+def _called(function: Callable[..., object]) -> str:
+    """Name a function as its caller knows it."""
+    return function.__qualname__.removesuffix(".__init__")
 
 
 def _fault(
@@ -73,14 +98,11 @@ def _fault(
         return None
     with suppress(TypeError):  # a missing argument, or one too many
         given = inspect.signature(function).bind(*args, **named).arguments
-        hints = function.__annotations__
-        with suppress(NameError):  # of names for type checkers alone
-            hints = get_type_hints(function)
+        hints = hints_of(function)
         for name, value in given.items():
             hint = hints.get(name)
             if hint is not None and not isinstance(hint, str) and not _matches_hint(value, hint):
-                called = function.__qualname__.removesuffix(".__init__")
-                return wrong_type(f"{called}: {name}", value, _expected(hint))
+                return wrong_type(f"{_called(function)}: {name}", value, _expected(hint))
     return None
 
 

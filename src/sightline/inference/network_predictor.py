@@ -56,6 +56,7 @@ class NetworkPredictor(SamplePredictor[Prediction], Generic[Network, Prediction]
         """Prepare the network for an engine; return the engine's name."""
 
     @classmethod
+    @named_arguments
     def load(  # noqa: PYI019 - see Made
         cls: type[Made],
         weights: str | Path,

@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol, TypeVar, get_args, runtime_checkable
+from typing import Final, Protocol, TypeVar, runtime_checkable
 
 from sightline.files.extras import require_library
 from sightline.files.problem import SetupError, error_text, memory_fault
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.crew import Crew, Driver, Lost, Piece, run_on_crew
 from sightline.jobs.pool import ProcessCrew, one_blas_thread
 from sightline.jobs.progress import track
@@ -168,6 +169,7 @@ def _progress(num_done: int, total: int, way_on: str) -> str:
     return f". {num_done:,} of {total:,} are done and stay, {left}: {way_on}"
 
 
+@named_arguments
 def check_workers(workers: int, driver: Driver = "local") -> None:
     """Refuse an invalid number of workers, and a driver whose library is not installed.
 
@@ -176,8 +178,6 @@ def check_workers(workers: int, driver: Driver = "local") -> None:
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
-    if driver not in get_args(Driver):
-        raise ValueError(f"driver must be one of {', '.join(get_args(Driver))}, got {driver!r}")
     if driver == "ray":
         require_library("ray", "ray")
 

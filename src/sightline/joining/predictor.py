@@ -100,6 +100,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
         )
 
     @classmethod
+    @named_arguments
     def load(
         cls,
         *,

@@ -103,6 +103,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         self.alignment: Final = alignment
 
     @classmethod
+    @named_arguments
     def load(
         cls,
         weights: Mapping[str, str | Path | None] | None = None,

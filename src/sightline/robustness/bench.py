@@ -17,6 +17,8 @@ from sightline.data.open import SampleDataset, dataset_title, sweeps_folder
 from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
+from sightline.geometry.choices import check_choices
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
@@ -101,6 +103,10 @@ class BenchSettings:
     driver: Driver = "local"
     """Kind of workers."""
 
+    def __post_init__(self) -> None:
+        """Check the choices."""
+        check_choices(self)
+
     def chosen_cases(self, suite: Suite) -> tuple[Case, ...]:
         """List the requested cases.
 
@@ -126,6 +132,7 @@ class BenchSettings:
         )
 
 
+@named_arguments
 def run_bench(
     task: BenchTask,
     data: Path,
@@ -272,6 +279,7 @@ def check_compared(
         check_healthy(sensor, record, setting)
 
 
+@named_arguments
 def describe_setting(
     task: BenchTask,
     scoring: Scoring,

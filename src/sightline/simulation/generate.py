@@ -25,6 +25,8 @@ from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
+from sightline.geometry.choices import check_choices
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, is_finished
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
@@ -97,6 +99,10 @@ class ObjectLayout:
     root: Path
     velodyne: Velodyne
     camera: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the choices."""
+        check_choices(self)
 
     def frame(self, index: int) -> FrameFiles:
         """List the files of a frame."""
@@ -243,6 +249,7 @@ MANIFEST_NAME: Final = "simulation.json"
 """File in an output folder that records the settings of the other files."""
 
 
+@named_arguments
 def simulate(
     out: Path,
     *,

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin, 
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
+from sightline.geometry.choices import check_choices
 from sightline.geometry.ranges import Within, check_ranges
 from sightline.simulation.tables import read_table
 
@@ -158,9 +159,7 @@ class LidarRig:
                 "a LiDAR needs one of elevations_deg (or fans), model and rosette, got "
                 f"{sum(given)} of them"
             )
-        if self.model is not None and self.model not in get_args(LidarModel):
-            names = ", ".join(get_args(LidarModel))
-            raise ValueError(f"model must be one of {names}, got {shortened(str(self.model), 40)}")
+        check_choices(self)
         rings = self.elevations_deg
         if len(rings) > _MAX_RINGS or any(not abs(ring) <= _MAX_ELEVATION_DEG for ring in rings):
             raise ValueError(
@@ -179,9 +178,6 @@ class LidarRig:
                 f"roof_m must be {MIN_ROOF_GAP_M:g} m or more below the LiDAR at "
                 f"{self.height_m:g} m, got {self.roof_m:g}"
             )
-        if self.order not in get_args(PointOrder):
-            names = ", ".join(get_args(PointOrder))
-            raise ValueError(f"order must be one of {names}, got {shortened(str(self.order), 40)}")
         for start, end, below in self.blind_sectors:
             if not (0 <= start < end <= 360 and abs(below) <= 90):
                 raise ValueError(

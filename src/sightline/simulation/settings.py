@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal
 
 from sightline.data.kitti_trees import Velodyne
+from sightline.geometry.choices import check_choices
 from sightline.simulation.rigs import (
     DRAWN,
     MAX_SIDE_PX,
@@ -73,12 +74,7 @@ class SimulationConfig:
                 f"the image must have {MIN_SIDE_PX} to {MAX_SIDE_PX} pixels along each side, got "
                 f"{width} x {height} (width x height)"
             )
-        if self.samples_per_pixel not in (1, 4):
-            raise ValueError(f"samples_per_pixel must be 1 or 4, got {self.samples_per_pixel}")
-        if self.lidar not in get_args(LidarModel):
-            raise ValueError(
-                f"lidar must be one of {', '.join(get_args(LidarModel))}, got {self.lidar!r}"
-            )
+        check_choices(self)
         if not _MIN_FOCAL_PX <= self.focal_px <= _MAX_FOCAL_PX:
             raise ValueError(
                 f"focal_px must be between {_MIN_FOCAL_PX:g} and {_MAX_FOCAL_PX:g}, got "

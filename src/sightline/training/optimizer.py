@@ -10,6 +10,8 @@ from torch import nn
 from torch.optim import SGD, Adam, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
 
+from sightline.geometry.choices import check_choices
+
 _MIN_ONE_CYCLE_STEPS: Final = 4  # two of warm-up, two of cooling down
 
 
@@ -41,7 +43,8 @@ class OptimizerConfig:
     (`*` is any text; of several that fit, the first counts): {"*_gate.*": 0.05}. 0: frozen."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Check the choices and the ranges."""
+        check_choices(self)
         if not 0 < self.learning_rate < math.inf:
             raise ValueError(f"learning_rate must be finite and positive, got {self.learning_rate}")
         if not 0 <= self.weight_decay < math.inf:

@@ -16,6 +16,8 @@ from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import NamedSubset, SampleDataset, label_file, open_dataset
 from sightline.files.plain_text import shortened
 from sightline.files.shard_path import data_path
+from sightline.geometry.choices import check_choices
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
 LearnedBox = Literal["2D", "3D"]
@@ -44,7 +46,8 @@ class SourceConfig:
     separate, repeated source shows rare classes more often. (): all."""
 
     def __post_init__(self) -> None:
-        """Check the range."""
+        """Check the choices and the range."""
+        check_choices(self)
         if self.repeat < 1:
             raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
 
@@ -152,6 +155,7 @@ def _select_frames(
     return NamedSubset(dataset, kept)
 
 
+@named_arguments
 def absent_classes(
     datasets: Sequence[SampleDataset], class_names: Sequence[str], box: LearnedBox | None = None
 ) -> tuple[str, ...]:

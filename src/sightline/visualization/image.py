@@ -13,6 +13,7 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import project_points
 from sightline.geometry.transforms import transform_points
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.canvas import (
@@ -65,6 +66,7 @@ def sweep_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 
     return draw_points(black, sample.points, sample.calibration)
 
 
+@named_arguments
 def draw_boxes2d(
     picture: UInt8[np.ndarray, "height width 3"],
     boxes: Boxes2D,
@@ -119,6 +121,7 @@ def draw_boxes2d(
     return canvas
 
 
+@named_arguments
 def draw_boxes3d(
     picture: UInt8[np.ndarray, "height width 3"],
     boxes: Boxes3D,

@@ -12,7 +12,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from sightline.data.check import check_tree
 from sightline.data.importing import bag_files
-from sightline.data.importing.import_recording import _check_choices, import_recording
+from sightline.data.importing.import_recording import import_recording
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
 from tests.data.recordings import (
@@ -247,14 +247,6 @@ def test_an_import_that_was_stopped_is_told_as_such(tmp_path):
     (problem,) = check_tree(tmp_path / "out")
     assert "1 of 3 lines name no frame" in problem.problem
     assert problem.remedy.startswith("run `sightline import` again, which was probably stopped")
-
-
-def test_a_misspelt_choice_is_refused():
-    _check_choices("received", undistort=False)
-    with pytest.raises(ValueError, match="clock must be one of header, received, got 'recieved'"):
-        _check_choices("recieved", undistort=False)
-    with pytest.raises(TypeError, match="undistort is of type str, expected True or False"):
-        _check_choices("header", undistort="no")
 
 
 def test_a_static_transform_goes_before_another_one_told_the_other_way(tmp_path):

@@ -192,7 +192,6 @@ def test_more_samples_change_little_and_neither_depth_nor_owners():
 @pytest.mark.parametrize(
     ("choice", "message"),
     [
-        ({"samples_per_pixel": 3}, "samples_per_pixel must be 1 or 4, got 3"),
         ({"ambient_stride": 0}, "ambient_stride must be finite and at least 1, got 0"),
         ({"ambient_rays": 0}, "ambient_rays must be finite and at least 1, got 0"),
     ],

@@ -1,7 +1,7 @@
 """`sightline import`: convert drives of other formats to recordings."""
 
 from pathlib import Path
-from typing import Final, get_args
+from typing import Final
 
 from sightline.data.importing.bag import is_bag
 from sightline.data.importing.bag_clocks import Clock
@@ -13,7 +13,6 @@ from sightline.data.importing.writer import ImportReport
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.files.byte_source import url_of
 from sightline.files.problem import refuse_without_effect, shown_place
-from sightline.geometry.arguments import wrong_type
 from sightline.geometry.wrong_types import named_arguments
 
 _MAX_GAP_S: Final = 0.05
@@ -72,7 +71,6 @@ def import_recording(
     if not source.exists():
         raise ValueError(f"{source} does not exist; name a bag or a folder of nuScenes")
     _check_numbers(max_gap_s, max_intensity)
-    _check_choices(clock, undistort)
     if is_bag(source):
         refuse_without_effect(
             "with --calibration, which has the camera's matrix and lens",
@@ -131,11 +129,3 @@ def _check_numbers(max_gap_s: float, max_intensity: float | None) -> None:
         raise ValueError(f"max_gap_s must be between 0 and 10, got {max_gap_s}; often it is 0.05")
     if max_intensity is not None and not 0 < max_intensity < 1e9:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
-
-
-def _check_choices(clock: object, undistort: object) -> None:
-    """Refuse misspelt choices, which would be taken for another one."""
-    if clock not in get_args(Clock):
-        raise ValueError(f"clock must be one of {', '.join(get_args(Clock))}, got {clock!r}")
-    if not isinstance(undistort, bool):
-        raise wrong_type("undistort", undistort, "True or False")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from sightline.detection2d.compact.network import decode_distances
-from sightline.detection2d.config import CLASSES, check_choice
+from sightline.detection2d.config import CLASSES
 from sightline.detection2d.fusion import HeadOutput
 from sightline.detection2d.targets import DetectionTargets, covered_shares
 from sightline.geometry.boxes2d import Boxes2D, pairwise_iou2d
+from sightline.geometry.choices import check_choices
 from sightline.geometry.ranges import check_range
 
 _NOTHING = -1
@@ -127,7 +128,7 @@ class AlignedLossConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        check_choice("aligned.classification", self.classification, get_args(Classification))
+        check_choices(self, "aligned.")
         check_range("aligned.ignored_share", self.ignored_share, 0, 1)
         for name in ("class_weight", "box_weight", "distribution_weight"):
             check_range(f"aligned.{name}", getattr(self, name), 0, 1e6)

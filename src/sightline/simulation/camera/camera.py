@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Final, TypeVar, cast
+from typing import Annotated, Final, Literal, TypeVar, cast
 
 import cv2
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt16
 
 from sightline.data.kitti_calibration import CalibrationMatrices
+from sightline.geometry.choices import check_choices
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.ranges import Within, check_ranges
 from sightline.ops.compiled import compiled
@@ -155,7 +156,9 @@ class CameraConfig:
     """Camera mount and rendering quality."""
 
     picture: bool = True  # whether to render the image as well as its ground truth
-    samples_per_pixel: int = 1  # samples per pixel: 1, with more at edges, or 4 everywhere
+    samples_per_pixel: Literal[1, 4] = (
+        1  # samples per pixel: 1, with more at edges, or 4 everywhere
+    )
     ambient_stride: Annotated[int, Within(1)] = 3
     """Step [px] of the grid on which ambient light is gathered."""
     ambient_rays: Annotated[int, Within(1)] = 4  # ambient rays per grid point
@@ -165,8 +168,7 @@ class CameraConfig:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.samples_per_pixel not in (1, 4):
-            raise ValueError(f"samples_per_pixel must be 1 or 4, got {self.samples_per_pixel}")
+        check_choices(self)
         check_ranges(self)
 
 
