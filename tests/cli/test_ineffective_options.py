@@ -70,6 +70,18 @@ DATA = str(PACKAGED_FRAMES)
             "--device and --sample-list have no effect without --data",
         ),
         (
+            ["serve", DATA, "--export", "OUT", "--host", "0.0.0.0", "--port", "9999"],
+            "--host and --port have no effect with --export, which opens no page",
+        ),
+        (
+            ["simulate", "OUT", "--no-camera", "--samples-per-pixel", "4"],
+            "samples_per_pixel has no effect without the camera; leave it out",
+        ),
+        (
+            ["show", DATA, "000000", "--method", "linear", "--min-score", "0.9"],
+            "--min-score has no effect on depth maps; leave it out",
+        ),
+        (
             ["evaluate", "objects", DATA, DATA, "--seed", "5"],
             "--seed has no effect without --bootstrap or --against",
         ),

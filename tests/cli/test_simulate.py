@@ -73,7 +73,7 @@ def test_every_setting_is_an_option_with_its_text_and_default(capsys):
 def test_options_reach_the_settings_of_their_names(calls: list[dict]):
     options = "--frames 7 --validation-frames 2 --velodyne velodyne_reduced --seed 5"
     options += " --image-size 1920,1200 --focal-px 600 --samples-per-pixel 4 --lidar vlp-16"
-    options += " --rolling-shutter --no-camera --hard --workers 3 --driver ray"
+    options += " --rolling-shutter --hard --workers 3 --driver ray"
     options += " --shard-index 1 --num-shards 2"
     assert run(*options.split()) == 0
     assert calls[0] == {
@@ -92,12 +92,13 @@ def test_options_reach_the_settings_of_their_names(calls: list[dict]):
             samples_per_pixel=4,
             lidar="vlp-16",
             rolling_shutter=True,
-            camera=False,
             hard=True,
         ),
     }
-    run("--sequence-length", "3", "--image-size", "1920", "1200")
-    assert calls[1]["config"] == SimulationConfig(sequence_length=3, image_size=(1200, 1920))
+    run("--sequence-length", "3", "--image-size", "1920", "1200", "--no-camera")
+    assert calls[1]["config"] == SimulationConfig(
+        sequence_length=3, image_size=(1200, 1920), camera=False
+    )
 
 
 def test_a_preset_gives_unspecified_settings_wherever_it_stands(calls: list[dict]):

@@ -194,6 +194,13 @@ def test_reduced_sweeps_are_not_taken_for_none(tmp_path):
         open_dataset(tmp_path, parts=("points",), velodyne="velodyne")
 
 
+def test_reduced_sweeps_of_a_drive_are_refused(tmp_path):
+    drive = write_drive(tmp_path / "drive", official=False)
+    assert len(open_dataset(drive, velodyne="velodyne"))
+    with pytest.raises(ValueError, match="velodyne_reduced is a folder of KITTI's object trees"):
+        open_dataset(drive, velodyne="velodyne_reduced")
+
+
 @pytest.mark.filterwarnings("ignore:.*only the frames in training are used")
 def test_each_split_has_sweeps_of_its_own(tmp_path):
     write_whole_object_tree(tmp_path, "000001")

@@ -6,14 +6,17 @@ from sightline.cli.output import say
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.files.extras import require_library
+from sightline.files.problem import refuse_without_effect
 from sightline.training.interruption import Interruption
+
+_PORT = 8000
 
 
 def serve(
     data_set: Path | None = None,
     *,
     host: str | None = None,
-    port: int = 8000,
+    port: int = _PORT,
     browser: bool = True,
     workers: int = 2,
     velodyne: Velodyne | None = None,
@@ -49,6 +52,9 @@ def serve(
     for library in ("starlette", "uvicorn"):
         require_library(library, "app")
     if export is not None:
+        refuse_without_effect(
+            "with --export, which opens no page", host=host is not None, port=port != _PORT
+        )
         from sightline.app.site import export_page
 
         content = export_page(

@@ -5,7 +5,10 @@ from pathlib import Path
 from sightline.cli.output import say
 from sightline.cli.report import check_places, named_file
 from sightline.data.kitti_trees import Velodyne
+from sightline.files.problem import refuse_without_effect
 from sightline.tasks import choose_task
+
+_MIN_SCORE = 0.3
 
 
 def show(
@@ -17,7 +20,7 @@ def show(
     task: str | None = None,
     method: str | None = None,
     weights: str | None = None,
-    min_score: float = 0.3,
+    min_score: float = _MIN_SCORE,
     velodyne: Velodyne | None = None,
 ) -> None:
     """Draw a frame: boxes on the image, LiDAR on the image, bird's-eye view, depth.
@@ -57,6 +60,9 @@ def show(
     else:
         chosen = choose_task(task, weights)
         source = PredictorSource(chosen, chosen.predictor(method=method, weights=weights))
+    refuse_without_effect(
+        "on depth maps", min_score=min_score != _MIN_SCORE and not source.has_scores
+    )
     picture = write_frames_picture(
         data, frames, path, source=source, min_score=min_score, velodyne=velodyne
     )

@@ -162,8 +162,6 @@ def open_dataset(
             outside 0 to 1.
     """
     path = existing_folder(path)
-    if velodyne is not None:
-        plain_names("velodyne", (velodyne,), get_args(Velodyne))
     parts = None if parts is None else plain_names("parts", parts, get_args(Part))
     needs = None if needs is None else plain_names("needs", needs, get_args(Part))
     requested: Collection[Part] = ("image", "points", "objects") if parts is None else parts
@@ -194,6 +192,11 @@ def open_dataset(
             dataset = NamedSubset(dataset, read_sample_list(sample_list, path))
     if dataset is None:
         raise _no_data_set(path)
+    if velodyne not in (None, sweeps_folder(dataset)):
+        raise ValueError(
+            f"{path}: {velodyne} is a folder of KITTI's object trees, and this is none; leave "
+            "velodyne out"
+        )
     _check_gaps(dataset, path, needs or ())
     _check_samples(dataset, path, requested)
     return dataset

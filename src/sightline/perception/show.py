@@ -23,6 +23,7 @@ class PredictorSource:
 
     def __init__(self, task: Task, predictor: Predictor) -> None:
         self.depth_name = predictor.name
+        self.has_scores = task.name != "depth-completion"
         self._task, self._predictor = task, predictor
 
     def __call__(self, sample: CameraLidarSample) -> Perception:
@@ -51,6 +52,11 @@ class ResultSource:
     def depth_name(self) -> str:
         """Name of the depth maps' method or weights, if known."""
         return next((each.made_by for each in self._opened if _is_depth(each)), "")
+
+    @property
+    def has_scores(self) -> bool:
+        """Check if results other than depth maps are drawn."""
+        return not all(_is_depth(each) for each in self._opened)
 
     def __call__(self, sample: CameraLidarSample) -> Perception:
         """Read the files, and warn of folders without one of the sample.

@@ -80,6 +80,8 @@ class SimulationConfig:
                 f"focal_px must be between {_MIN_FOCAL_PX:g} and {_MAX_FOCAL_PX:g}, got "
                 f"{self.focal_px:g}"
             )
+        if not self.camera and self.samples_per_pixel != 1:
+            raise ValueError("samples_per_pixel has no effect without the camera; leave it out")
         self._check_rig()
 
     def _check_rig(self) -> None:
