@@ -126,6 +126,10 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
         ((task, cases, cases, SETTINGS), "has no result for 2 of 2 frames"),
         ((task, cases, found, replace(SETTINGS, suite="dgfn7")), "with suite levels, not dgfn7"),
         ((task, cases, found, replace(SETTINGS, seed=4)), "with seed 3, not 4"),
+        (
+            (task, cases, found, replace(SETTINGS, velodyne="velodyne_reduced")),
+            "with velodyne velodyne, not velodyne_reduced; leave --velodyne out",
+        ),
         ((task, cases, found, replace(SETTINGS, cases=("fog",))), "suite levels has no case 'fog'"),
         (
             (task, cases, found, replace(SETTINGS, baseline="weights")),

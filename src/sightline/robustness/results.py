@@ -69,7 +69,8 @@ def score_results(
         )
     made_with = _made_with(cases)
     suite = find_suite(str(made_with["suite"]))
-    for name, value in (("suite", settings.suite), ("seed", settings.seed)):
+    given = {"suite": settings.suite, "seed": settings.seed, "velodyne": settings.velodyne}
+    for name, value in given.items():
         if value not in (None, made_with[name]):
             raise ValueError(
                 f"{cases} was written with {name} {made_with[name]}, not {value}; leave --{name} "
