@@ -1,7 +1,7 @@
 """Frames with sound and faulty sensors, and their detections kept in a folder: for joining."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,37 +21,16 @@ from sightline.export.names import EngineName
 from sightline.files.atomic import atomic_write_text
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
+from sightline.joining.fit_pair import Change, clean, core_fault, without_camera, without_lidar
 from sightline.joining.fitting import FitFrame
 from sightline.joining.models import JoinModels, read_models
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 
-Change = Callable[[CameraLidarSample, int], CameraLidarSample]
-"""Fault of a sample, which may depend on its position in the list."""
-
 _CORE: Final = find_suite("core")
 _SOUND: Final = "clean"
 _RINGS: Final = 64
-_THIN: Final = (16, 8, 32, 16, 8, 16)  # beams, in turns
-
-
-def clean(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-    """Change nothing."""
-    del position
-    return sample
-
-
-def without_camera(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-    """Remove the image."""
-    del position
-    return replace(sample, image=None)
-
-
-def without_lidar(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-    """Remove the sweep."""
-    del position
-    return replace(sample, points=None)
 
 
 def beams(num_beams: int, first: int) -> Change:
@@ -62,12 +41,6 @@ def beams(num_beams: int, first: int) -> Change:
         return thin_rings(sample, _RINGS // num_beams, first)
 
     return thin
-
-
-def thin_sweep(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-    """Keep 32, 16 or 8 of 64 rings, in turns, also of the first one."""
-    keep_every = _RINGS // _THIN[position % len(_THIN)]
-    return thin_rings(sample, keep_every, 7 * position % keep_every)
 
 
 def turned(yaw_deg: float) -> Change:
@@ -90,32 +63,6 @@ def half_hidden(sample: CameraLidarSample, position: int) -> CameraLidarSample:
     is_left = sample.points[:, 1] > 0
     return replace(sample, points=sample.points[is_left if position % 2 else ~is_left])
 
-
-def core_fault(kind: str, severity: int) -> Change:
-    """Make a change to one of suite `core`."""
-    (case,) = _CORE.select([f"{kind}-{severity}"])
-
-    def corrupt(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-        del position
-        return case.corrupt(sample).sample
-
-    return corrupt
-
-
-def any_fault(sample: CameraLidarSample, position: int) -> CameraLidarSample:
-    """Apply one of suite `core`, kinds and severities in turns."""
-    kind = _CORE.kinds[3 * position % len(_CORE.kinds)]
-    return core_fault(kind, 1 + position // 2 % 5)(sample, position)
-
-
-FIT_CASES: Final[Mapping[str, Change]] = {
-    "clean": clean,
-    "thin": thin_sweep,
-    "lidar_blank": without_lidar,
-    "camera_blank": without_camera,
-    "fault": any_fault,
-}
-"""States of the sensors in which the models are fitted; each frame is in all."""
 
 CASES: Final[Mapping[str, Change]] = {
     "clean": clean,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 import yaml
 
+from sightline.adaptation import adapt as adaptation
 from sightline.adaptation.adapt import (
     FINE_TUNINGS,
     AdaptReport,
@@ -16,6 +17,7 @@ from sightline.adaptation.adapt import (
 )
 from sightline.cli.main import main
 from sightline.files.weights import read_weights
+from sightline.joining.models import read_models
 from sightline.simulation.generate import simulate
 from sightline.simulation.rigs import Rig, named_rig
 from sightline.simulation.settings import SimulationConfig
@@ -23,10 +25,20 @@ from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
 from sightline.training.loader import NO_WORKERS_REMEDY
+from tests.joining.scenes import own_score_models
 
 pytestmark = pytest.mark.filterwarnings("ignore:the rig is that of")
 
+FIT_JOINED = adaptation._fit_joined
 SMALL = AdaptSettings(tasks=("detection3d",), frames=4, validation_frames=1, steps=1, workers=1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_joined():
+    """Skip the fit of joined scores, which needs more boxes than the few frames here have."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(adaptation, "_fit_joined", lambda *_: None)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -201,3 +213,35 @@ def test_scores_of_other_weights_are_told(copied, over, recording, adapted, tmp_
     shutil.copytree(out / copied, out / over)
     with pytest.raises(ValueError, match=rf"{over}.*holds the scores of other weights than"):
         adapt(recording, out, SMALL)
+
+
+def test_joined_scores_are_fitted_once_to_the_fine_tuned_detector_and_the_shipped_other_one(
+    adapted, tmp_path, monkeypatch
+):
+    out, report = adapted
+    fitted = []
+
+    def fit(dataset, in_image, in_sweep, *, data, frames):
+        fitted.append((len(dataset), data, frames))
+        digests = {"detection2d": in_image.sha256, "detection3d": in_sweep.sha256}
+        return own_score_models({"sha256": digests, "weights": [in_image.name, in_sweep.name]})
+
+    monkeypatch.setattr(adaptation, "fit_pair", fit)
+    path = tmp_path / "joined.json"
+    for _ in range(2):
+        assert FIT_JOINED(report.weights, out / "frames", path) == path
+    assert fitted == [(1, "out/frames", 40)]
+    models = read_models(path)
+    assert models.provenance["weights"] == ["detection2d-best", "weights"]
+    assert FIT_JOINED({"depth-completion": path}, out / "frames", path) is None
+
+
+def test_too_few_boxes_for_joined_scores_are_told(adapted, tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise ValueError("no box of class Car")
+
+    monkeypatch.setattr(adaptation, "fit_pair", fail)
+    out, report = adapted
+    with pytest.warns(UserWarning, match="objects of these detectors cannot be joined: no box of"):
+        assert FIT_JOINED(report.weights, out / "frames", tmp_path / "joined.json") is None
+    assert not (tmp_path / "joined.json").exists()

@@ -19,7 +19,7 @@ OUTPUTS = {"out", "out_folder", "export", "json", "csv", "markdown", "plots", "p
 RESULTS = {"results", "fit_results", "against", "predictions", "run"}
 FILES = {"sample_list", "fit_list", "weights", "weights_without", "baseline", "healthy", "compare",
          "limits", "calibration", "gated", "ones", "early", "late", "camera", "lidar", "first",
-         "second", "improved", "rig",
+         "second", "improved", "rig", "joined",
          *TASKS}  # fmt: skip
 NO_FILES = {"method", "task", "suite", "cases", "show", "frames", "overlaps", "figure_frame",
             "camera_topic", "lidar_topic", "info_topic", "tasks", "training_frame",

@@ -159,8 +159,37 @@ def test_objects_of_perceive_are_read_back_for_pictures(tmp_path, packaged):
         read_perception(open_results([tmp_path]), packaged)
 
 
-def test_perceive_with_other_weights_joins_nothing(tmp_path):
-    perceive(PACKAGED_FRAMES, tmp_path, perceiver=perceiver(["a", "b"]))
+def test_perceive_with_other_weights_joins_nothing_and_says_so(tmp_path):
+    with pytest.warns(UserWarning, match="objects are not joined: there are no models") as told:
+        perceive(PACKAGED_FRAMES, tmp_path, perceiver=perceiver(["a", "b"]))
+    assert len(told) == 1
     line = json.loads((tmp_path / "perception.jsonl").read_text().splitlines()[0])
     assert line["objects"] is None
     assert not (tmp_path / "joined").exists()
+
+
+def test_perceive_joins_by_models_for_weights_of_one_s_own(tmp_path):
+    own = perceiver(["a", "b"])
+    models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})
+    with_models = MultiTaskPredictor(own.predictors, join_models=models)
+    assert with_models.with_alignment(Alignment()).join_models is models
+    perceive(PACKAGED_FRAMES, tmp_path, perceiver=with_models)
+    assert len((tmp_path / "joined" / "000000.txt").read_text().splitlines()) == 2
+
+
+def test_models_of_other_weights_and_for_one_detector_are_refused():
+    own = perceiver(["a", "c"])
+    models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})
+    with pytest.raises(ValueError, match=r"were not fitted for image and sweep; give the weights"):
+        MultiTaskPredictor(own.predictors, join_models=models)
+    alone = {"detection2d": own.predictors["detection2d"]}
+    with pytest.raises(ValueError, match="models of joined scores need both detectors"):
+        MultiTaskPredictor(alone, join_models=models)
+
+
+def test_files_of_models_are_read_for_given_weights(tmp_path):
+    models = read_models()
+    models.write(tmp_path / "joined.json")
+    assert JoinedPredictor.load(models=tmp_path / "joined.json").models == models
+    with pytest.raises(ValueError, match="not fitted for detection2d-fast-cpu and detection3d"):
+        JoinedPredictor.load(detection2d="detection2d-fast-cpu", models=tmp_path / "joined.json")

@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Final
 
 from sightline.data.kitti_trees import Part
 from sightline.data.open import open_dataset
+from sightline.detection2d.predictor import DetectionPredictor
+from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
 from sightline.files.weights_header import find_weights
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
+from sightline.joining.fit_pair import fit_pair
+from sightline.joining.models import JOINED, read_models
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
 from sightline.simulation.generate import simulate
@@ -32,6 +36,10 @@ RIG_NAME: Final = "rig.yaml"
 """File with the rig."""
 REPORT_NAME: Final = "adapt.json"
 """File with the scores before and after."""
+JOINED_NAME: Final = f"{JOINED}.json"
+"""File with the models of joined scores for the fine-tuned detectors."""
+_DETECTORS: Final = ("detection2d", "detection3d")
+_JOINED_FRAMES: Final = 40  # of those for validation, as for the shipped models
 _SUITE: Final = "dgfn7"  # of which only the clean case is run
 _SHOWN: Final = 4  # metrics of each task in the table
 _LEAST: Final = {"frames": 4, "validation_frames": 1, "steps": 1, "workers": 1}  # 4: a batch
@@ -106,6 +114,8 @@ class AdaptReport:
     after: Mapping[str, Record]
     weights: Mapping[str, Path]
     """Fine-tuned weights by task."""
+    joined: Path | None = None
+    """Models of joined scores for the fine-tuned detectors."""
 
     def table(self) -> "Table":
         """Format the first metrics of each task."""
@@ -133,6 +143,7 @@ class AdaptReport:
                 }
                 for task in self.before
             },
+            "joined": None if self.joined is None else str(self.joined),
             "notes": [self.rig.source] if self.rig.source else [],
         }
 
@@ -156,7 +167,8 @@ def adapt(
     """Adapt the shipped networks of some tasks to a recording's rig.
 
     OUT gets the rig (rig.yaml), simulated frames of it, a run folder for each task with its
-    weights.safetensors, scores before and after, and adapt.json. Steps that are finished are
+    weights.safetensors, scores before and after, models that join the detectors' boxes
+    (joined.json), and adapt.json. Steps that are finished are
     skipped, so a stopped adaptation goes on where it was; tasks of an earlier run stay in the
     report.
 
@@ -205,9 +217,35 @@ def adapt(
         before[name] = _score(name, shipped, frames, out / "before" / name, settings)
         weights[name] = _fine_tune(name, frames, out / name, settings)
         after[name] = _score(name, weights[name], frames, out / "after" / name, settings)
-    report = AdaptReport(rig=rig, before=before, after=after, weights=weights)
+    joined = _fit_joined(weights, frames, out / JOINED_NAME)
+    report = AdaptReport(rig=rig, before=before, after=after, weights=weights, joined=joined)
     atomic_write_text(out / REPORT_NAME, json.dumps(report.to_json(), indent=2) + "\n")
     return report
+
+
+def _fit_joined(weights: Mapping[str, Path], frames: Path, out: Path) -> Path | None:
+    """Fit the joined scores to the fine-tuned detectors, each with the shipped other one if alone.
+
+    None: no detector was fine-tuned, or their boxes are too few for a fit.
+    """
+    if not set(_DETECTORS) & weights.keys():
+        return None
+    of_image, of_sweep = (
+        str(weights.get(name, find_task(name).default_weights)) for name in _DETECTORS
+    )
+    in_image, in_sweep = DetectionPredictor.load(of_image), Detection3DPredictor.load(of_sweep)
+    if out.exists() and read_models(out).fits(in_image.sha256, in_sweep.sha256):
+        return out
+    dataset = open_dataset(frames, sample_list="val", parts=("image", "points", "objects"))
+    try:
+        models = fit_pair(
+            dataset, in_image, in_sweep, data=data_name(frames), frames=_JOINED_FRAMES
+        )
+    except ValueError as error:
+        warnings.warn(f"objects of these detectors cannot be joined: {error}", stacklevel=3)
+        return None
+    models.write(out)
+    return out
 
 
 def _is_finished(name: str, out: Path) -> bool:

@@ -1,10 +1,13 @@
-"""`sightline adapt` and `average`: networks fine-tuned for a rig, and means of weights."""
+"""`sightline adapt`, `average` and `fit-joined`: weights for a rig, their means, their join."""
 
 from pathlib import Path
 
+from sightline.cli.network_options import announce_engine
 from sightline.cli.output import say, warn
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
+from sightline.data.kitti_trees import Velodyne
+from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
 
 
@@ -65,6 +68,8 @@ def adapt(
             "" if report.is_better(task) else " (no better on these frames: keep the shipped one)"
         )
         say(f"{task}: {weights}{advice}")
+    if report.joined is not None:
+        say(f"joined objects of these detectors: {report.joined}")
 
 
 def average(first: str, second: str, out: Path, *, share: float = 0.5, half: bool = False) -> None:
@@ -87,3 +92,49 @@ def average(first: str, second: str, out: Path, *, share: float = 0.5, half: boo
         names = f"{len(left_out)} tensors ({left_out[0]}, ..)"
         warn(f"{second}: left out, as {first} lacks them: {names}")
     say(f"{out}: {1 - share:g} of {first} and {share:g} of {second}")
+
+
+def fit_joined(
+    data: Path,
+    out: Path,
+    *,
+    detection2d: str = "detection2d-best",
+    detection3d: str = "detection3d-best",
+    sample_list: str | None = None,
+    velodyne: Velodyne | None = None,
+    frames: int = 40,
+    engine: EngineChoice = "auto",
+) -> None:
+    """Fit the scores of joined objects to two detectors, for `perceive --joined`.
+
+    Both detectors run on labelled frames that they were not trained on, with sound and faulty
+    sensors; simulated frames do. The shipped pairs have their models already.
+
+    Args:
+        data: A recording or KITTI object tree with labels.
+        out: JSON file to write.
+        detection2d: Weights of the image detector: a name or file.
+        detection3d: Weights of the 3D detector: a name or file.
+        sample_list: List of frames: a list in ImageSets or a text file with one name per line.
+            Default: all.
+        velodyne: Folder of the sweeps in an object tree. Default: velodyne, or else
+            velodyne_reduced.
+        frames: Largest number of frames to use, evenly spread.
+        engine: Engine of the networks: by default (auto) openvino if it is installed, else torch.
+    """
+    given = [named_file(each) for each in (detection2d, detection3d, sample_list)]
+    check_places({"OUT": out}, data=[data, *given])
+    from sightline.data.open import dataset_title, open_dataset
+    from sightline.detection2d.predictor import DetectionPredictor
+    from sightline.detection3d.predictor import Detection3DPredictor
+    from sightline.joining.fit_pair import fit_pair
+
+    dataset = open_dataset(
+        data, sample_list=sample_list, velodyne=velodyne, parts=("image", "points", "objects")
+    )
+    in_image = DetectionPredictor.load(detection2d, engine=engine)
+    in_sweep = Detection3DPredictor.load(detection3d, engine=engine)
+    announce_engine(engine, in_sweep.engine, "cpu")
+    models = fit_pair(dataset, in_image, in_sweep, data=dataset_title(dataset, data), frames=frames)
+    models.write(out)
+    say(out)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import jsonargparse
 
-from sightline.cli.adapt import adapt, average
+from sightline.cli.adapt import adapt, average, fit_joined
 from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.check import check
 from sightline.cli.corrupt import corrupt
@@ -160,6 +160,7 @@ def _commands() -> dict[str, Any]:
         **{name: {"_help": text} for name, text in _TRAINING.items()},  # for --help
         "adapt": adapt,
         "average": average,
+        "fit-joined": fit_joined,
         "tasks": list_tasks,
         "predict": predict_commands(),
         "perceive": perceive_command(),

@@ -33,7 +33,9 @@ run, run it again.
 Args:
     data: A recording, or a KITTI object tree, depth completion tree or raw drive.
     out: Folder for all results.
-{tasks}    engine: Engine of the networks: by default (auto) openvino on the CPU if it is
+{tasks}    joined: Models of joined scores for the detectors' weights (.json), from
+        `sightline fit-joined` or `adapt`. Default: those in Sightline, for its own weights.
+    engine: Engine of the networks: by default (auto) openvino on the CPU if it is
         installed, else torch.
     device: Device of the networks in PyTorch.
     all_outputs: Also writes the further outputs of the tasks: expected errors of depth, gates.
@@ -77,6 +79,7 @@ def perceive_command() -> Callable[..., None]:
         _argument(name): (str | None, None) for name in task_names()
     }
     options: dict[str, tuple[Any, object]] = {
+        "joined": (str | None, None),
         "engine": (EngineChoice, "auto"),
         "device": (Device, "cpu"),
         "all_outputs": (bool, False),
@@ -118,6 +121,7 @@ def _run(
     *,
     data: Path,
     out: Path,
+    joined: str | None,
     engine: EngineChoice,
     device: Device,
     around: Around,
@@ -131,7 +135,7 @@ def _run(
         "without --video or --rerun", min_score=job["min_score"] != _MIN_SCORE and not is_drawn
     )
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
-    files = [named_file(each) for each in (*weights.values(), job["sample_list"])]
+    files = [named_file(each) for each in (*weights.values(), joined, job["sample_list"])]
     check_outputs(places, data=[data, *files])
     not_packed = {name: job[name] for name in ("sample_list", "overwrite", "video", "rerun")}
     if pack:
@@ -142,7 +146,9 @@ def _run(
 
     existing_folder(data)  # before networks are loaded
     # One thread per worker; with several threads PyTorch's last digits differ.
-    perceiver = MultiTaskPredictor.load(weights, engine=engine, device=device, threads=1)
+    perceiver = MultiTaskPredictor.load(
+        weights, joined=joined, engine=engine, device=device, threads=1
+    )
     engines = {each.made_by.get("engine") for each in perceiver.predictors.values()} - {None}
     announce_engine(engine, next(iter(engines), None), device)
     if not engines:

@@ -37,7 +37,7 @@ CALIBRATED: Final = ("image", "alone", "image_3d", "alone_3d")
 
 _LEAST: Final = 1e-9  # of a score's distance to 0 and 1, so that its logarithms are finite
 _MAX_BYTES: Final = 2**20
-_REMEDY: Final = "fit the models again by `python -m benchmarks.fit_joined`"
+_REMEDY: Final = "fit the models again by `sightline fit-joined`"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -113,6 +113,23 @@ class JoinModels:
             "detection2d": sha256_2d,
             "detection3d": sha256_3d,
         }
+
+    def check_fit(self, weights_2d: tuple[str, str], weights_3d: tuple[str, str]) -> None:
+        """Check that the models were fitted with the weights of the two detectors.
+
+        Args:
+            weights_2d: Name and SHA-256 of the image detector's weights.
+            weights_3d: Name and SHA-256 of the sweep detector's weights.
+
+        Raises:
+            ValueError: They were fitted with others.
+        """
+        (name_2d, sha256_2d), (name_3d, sha256_3d) = weights_2d, weights_3d
+        if not self.fits(sha256_2d, sha256_3d):
+            raise ValueError(
+                f"the models of joined scores were not fitted for {name_2d} and {name_3d}; give "
+                "the weights that their file names, or fit models by `sightline fit-joined`"
+            )
 
     def write(self, path: Path) -> None:
         """Write the models as JSON, atomically."""

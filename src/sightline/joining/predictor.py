@@ -68,11 +68,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
         Raises:
             ValueError: The models were fitted for other weights.
         """
-        if not models.fits(detector2d.sha256, detector3d.sha256):
-            raise ValueError(
-                f"the models of joined scores were not fitted for {detector2d.name} and "
-                f"{detector3d.name}; give the weights that their file names, or fit them anew"
-            )
+        models.check_fit((detector2d.name, detector2d.sha256), (detector3d.name, detector3d.sha256))
         self.detector2d, self.detector3d = detector2d, detector3d
         self.models, self.config = models, config or JoinConfig()
         self.alignment = alignment or Alignment()
@@ -106,15 +102,18 @@ class JoinedPredictor(SamplePredictor[Perception]):
         *,
         detection2d: str | Path | None = None,
         detection3d: str | Path | None = None,
+        models: str | Path | None = None,
         engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "JoinedPredictor":
-        """Load both detectors, and the included models that were fitted for them.
+        """Load both detectors, and the models that were fitted for them.
 
         Args:
-            detection2d: Included weights of the image detector. None: the default ones.
-            detection3d: Included weights of the sweep detector. None: the default ones.
+            detection2d: Weights of the image detector: a name or file. None: the default ones.
+            detection3d: Weights of the sweep detector. None: the default ones.
+            models: File of models for these weights, from `sightline fit-joined`. None: those
+                included in the package.
             engine: See `load_network`.
             device: See `load_network`.
             threads: See `load_network`.
@@ -127,8 +126,9 @@ class JoinedPredictor(SamplePredictor[Perception]):
         options: dict[str, Any] = {"engine": engine, "device": device, "threads": threads}
         in_image = DetectionPredictor.load(detection2d or weights["detection2d"], **options)
         in_sweep = Detection3DPredictor.load(detection3d or weights["detection3d"], **options)
-        models = fitted_models(in_image.sha256, in_sweep.sha256)
-        return cls(in_image, in_sweep, models or default)
+        if models is not None:
+            return cls(in_image, in_sweep, read_models(Path(models)))
+        return cls(in_image, in_sweep, fitted_models(in_image.sha256, in_sweep.sha256) or default)
 
     @property
     def made_by(self) -> dict[str, str]:

@@ -55,6 +55,10 @@ TIMINGS_NAME: Final = "timings.jsonl"
 """File with the time of each prediction: the only output that differs between runs."""
 
 _TIMINGS_FOLDER = "timings"
+_NOT_JOINED: Final = (
+    "objects are not joined: there are no models of joined scores for these detectors; fit them by "
+    "`sightline fit-joined`, and give --joined (MultiTaskPredictor.load(joined=..))"
+)
 _ON_ALIGNMENT: Final = "; --align no (align=False) takes the frames as they are"
 
 
@@ -96,9 +100,9 @@ def perceive(
     """Run all tasks on every frame of a data set; each frame is loaded once.
 
     `out` then contains a folder of result files for each task, as from `sightline predict`, the
-    folders `joined` and `joined-3d` of objects if both detectors have their default weights,
-    perception.jsonl (docs/perception.md describes its lines) and timings.jsonl. For a frame without
-    a sensor, only the tasks that can work without it predict.
+    folders `joined` and `joined-3d` of objects if there are models of joined scores for the
+    detectors' weights, perception.jsonl (docs/perception.md describes its lines) and timings.jsonl.
+    For a frame without a sensor, only the tasks that can work without it predict.
 
     A rotation of the LiDAR in its mount, measured over up to 15 frames of the data, is undone in
     each frame if it is surer than its noise, with a warning; the lines hold it (`undone_turn`).
@@ -163,6 +167,8 @@ def perceive(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
     warn_of_missing_sensors(dataset, data, perceiver.parts, stacklevel=2)
+    if perceiver.lacks_models:
+        warnings.warn(_NOT_JOINED, stacklevel=2)
     if align and perceiver.alignment is None:
         perceiver = _aligned(perceiver, dataset, out, workers, driver)
     if perceiver.alignment:
@@ -221,6 +227,8 @@ def perceive_shards(
     hold each frame's line, but no perception.jsonl and no times, which differ between runs. Frames
     are taken as calibrated, since a shard alone may be too short to measure the LiDAR's rotation.
     """
+    if perceiver.lacks_models:
+        warnings.warn(_NOT_JOINED, stacklevel=2)
     return pack_results(
         _ShardWriter(perceiver, velodyne, all_outputs, around),
         data,
@@ -337,7 +345,7 @@ def _aligned(
     held = (read_claim(out) or {}).get(ALIGNMENT)
     if isinstance(held, dict):
         with suppress(TypeError, ValueError):  # of a manifest that was edited
-            return MultiTaskPredictor(perceiver.predictors, Alignment.from_json(held))
+            return perceiver.with_alignment(Alignment.from_json(held))
     if len(dataset) < MIN_FRAMES or not {"image", "points"} <= set(perceiver.parts):
         return perceiver
     if workers == 1 or driver != "local":  # other drivers fork no process
@@ -347,7 +355,7 @@ def _aligned(
         run_job([work], workers, description="measuring the LiDAR's mount")
         measured = json.loads(work.into.read_text())
     turn = LidarTurn(**measured.pop("turn"))
-    return MultiTaskPredictor(perceiver.predictors, Alignment(turn=turn, **measured))
+    return perceiver.with_alignment(Alignment(turn=turn, **measured))
 
 
 def _places(perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool) -> dict[str, Places]:

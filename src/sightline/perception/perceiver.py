@@ -15,7 +15,12 @@ from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.config import JoinConfig
 from sightline.joining.join import join_detections
-from sightline.joining.models import JOINED, JoinModels, fitted_models
+from sightline.joining.models import (
+    JOINED,
+    JoinModels,
+    fitted_models,
+    read_models,
+)
 from sightline.joining.recording import measure_recording
 from sightline.joining.refining import refiner_of
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
@@ -83,23 +88,28 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
 
     @named_arguments
     def __init__(
-        self, predictors: Mapping[str, Predictor], alignment: Alignment | None = None
+        self,
+        predictors: Mapping[str, Predictor],
+        alignment: Alignment | None = None,
+        join_models: JoinModels | None = None,
     ) -> None:
         """Store the predictors by task name.
 
         Args:
             predictors: Predictors by task name.
             alignment: State of the LiDAR's mount, as `aligned` measures it. None: not measured.
+            join_models: Models of joined scores. None: the included ones for both detectors.
 
         Raises:
-            ValueError: There are no predictors, or there is no such task.
+            ValueError: There are no predictors, there is no such task, or the models were fitted
+                for other weights.
         """
         if not predictors:
             raise ValueError(f"all tasks are left out; use at least one of {', '.join(REGISTRY)}")
         for name in predictors:
             find_task(name)
         self.predictors: Final = dict(predictors)
-        self.join_models: Final = _fitted_models(self.predictors)
+        self.join_models: Final = _models_for(self._detector_weights, join_models)
         self.alignment: Final = alignment
 
     @classmethod
@@ -108,6 +118,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         cls,
         weights: Mapping[str, str | Path | None] | None = None,
         *,
+        joined: str | Path | None = None,
         engine: EngineChoice = "auto",
         device: str = "cpu",
         threads: int | None = None,
@@ -117,6 +128,8 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         Args:
             weights: Weights by task: the name of weights in the package, a file, the name of one of
                 the task's methods, or "none" or None to leave the task out.
+            joined: File of models of joined scores for these weights, from `sightline fit-joined`.
+                None: those included in the package.
             engine: Engine of the networks: torch, onnxruntime or openvino; auto is openvino on the
                 CPU if it is installed, else torch.
             device: Device for PyTorch: cpu or cuda.
@@ -131,6 +144,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
                 f"weights is of type {type(weights).__name__}, expected a dictionary such as "
                 "{'depth-completion': 'depth-best'}: give weights by task name"
             )
+        join_models = None if joined is None else read_models(Path(joined))
         given = dict(weights or {})
         for name in given:
             find_task(name)
@@ -148,7 +162,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
                 device=device,
                 threads=threads,
             )
-        return cls(predictors)
+        return cls(predictors, join_models=join_models)
 
     def aligned(
         self,
@@ -167,7 +181,23 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         alignment = measure_recording(samples, self._detect, config or AlignmentConfig())
         if self.join_models is None:
             alignment = Alignment(turn=alignment.turn)
-        return MultiTaskPredictor(self.predictors, alignment)
+        return self.with_alignment(alignment)
+
+    def with_alignment(self, alignment: Alignment) -> "MultiTaskPredictor":
+        """Make a predictor with the same tasks and another state of the LiDAR's mount."""
+        return MultiTaskPredictor(self.predictors, alignment, self.join_models)
+
+    @property
+    def lacks_models(self) -> bool:
+        """Check if objects are not joined though both detectors are networks."""
+        return len(self._detector_weights) == len(_JOINED_TASKS) and self.join_models is None
+
+    @property
+    def _detector_weights(self) -> list[tuple[str, str]]:
+        """Name and SHA-256 of each detector's weights; none for one that is no network."""
+        detectors = [self.predictors[name] for name in _JOINED_TASKS if name in self.predictors]
+        named = [(each.name, each.made_by.get("weights_sha256", "")) for each in detectors]
+        return [(name, sha256) for name, sha256 in named if sha256]
 
     @property
     def parts(self) -> "tuple[Part, ...]":
@@ -229,13 +259,13 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         return self.predict_by_task(sample)
 
 
-def _fitted_models(predictors: Mapping[str, Predictor]) -> JoinModels | None:
-    """Read the models of joined scores fitted for the weights; None: there are none."""
-    digests = [
-        predictors[name].made_by.get("weights_sha256", "")
-        for name in _JOINED_TASKS
-        if name in predictors
-    ]
-    if len(digests) < len(_JOINED_TASKS) or not all(digests):
+def _models_for(weights: Sequence[tuple[str, str]], given: JoinModels | None) -> JoinModels | None:
+    """Check the given models of joined scores, or find the included ones; None: there are none."""
+    if len(weights) < len(_JOINED_TASKS):
+        if given is not None:
+            raise ValueError("models of joined scores need both detectors; leave them out")
         return None
-    return fitted_models(*digests)
+    if given is None:
+        return fitted_models(*(sha256 for _, sha256 in weights))
+    given.check_fit(*weights)
+    return given
