@@ -14,7 +14,6 @@ _CASES = {
     'sample(lidar_height_m=np.zeros(2))': "lidar_height_m is array([0., 0.]), expected a number",
     'sample(max_intensity="255")': "max_intensity is '255', expected a number",
     'sightline.write_rgb("a.png", given.image)': "is torch.uint8 of shape (3, 375, 1242), expected",
-    'sightline.write_rgb("a.png", np.zeros((4, 4, 3)))': "is float64 of shape (4, 4, 3), expected",
     'sightline.write_rgb("a.png", np.zeros((4, 4), np.uint8))': "is uint8 of shape (4, 4), expec",
     'sightline.write_rgb("a.png", [[[1, 2, 3]]])': "the picture is list, expected a uint8 array",
     'sightline.frame_sheet(given, detections2d=[1])': "is a list, expected Detections2D; of",
@@ -32,18 +31,68 @@ _CASES = {
         "open_dataset: velodyne must be one of velodyne, velodyne_reduced, None, got "
         "'velodyne_reducd'; perhaps velodyne_reduced",
     'sample(all_around="no")': "from_arrays: all_around is of type str, expected True or False",
-    'sample(all_around=np.True_).all_around': "True",
+    'repr(sample(all_around=np.True_).all_around) + "!"': "True!",
+    'sightline.perceive(PACKAGED_FRAMES, "")': "perceive: out is an empty text, expected a path",
+    'sightline.perceive(PACKAGED_FRAMES, "out", workers=1.5)':
+        "perceive: workers must be a whole number, got 1.5",
+    'sightline.perceive(PACKAGED_FRAMES, "out", workers=float("nan"))':
+        "perceive: workers must be a whole number, got nan",
+    'sightline.perceive(PACKAGED_FRAMES, "out", fps=-1)': "--fps has no effect without --video",
+    'sightline.perceive(PACKAGED_FRAMES, "out", perceiver=predictor("detection2d"), around=True)':
+        "--around has no effect without 3D detection",
+    'sightline.MultiTaskPredictor({"detection3d": sightline.load("detection2d-fast-cpu")})':
+        "detection2d-fast-cpu is of task detection2d, not detection3d",
+    'sightline.load("joined").aligned("data")':
+        "JoinedPredictor.aligned: samples is of type str, expected Sequence[CameraLidarSample]",
+    'sightline.evaluate_realism(PACKAGED_FRAMES, None, real_labels="labels")':
+        "--real-labels has no effect without real data",
+    'sightline.evaluate_realism(PACKAGED_FRAMES, None, max_frames=0)': "must be at least 1, got",
+    "sightline.evaluate_held_out([given], lambda _: 0)":
+        "the method's prediction is of type int, expected DepthMap",
+    'sightline.evaluate_held_out([given], predictor, crop_size=(1216, 352))':
+        "crop_size is (1216, 352), taller than wide: give height, width, such as (352, 1216)",
+    'sightline.evaluate_held_out([given], predictor, crop_size=(0, 352))':
+        "crop_size is (0, 352), expected (height, width)",
+    'sample(image=picture.convert("P"))': "a Pillow image of mode P, expected RGB; give image.con",
+    'sample(image=picture.convert("HSV"))': "a Pillow image of mode HSV, expected RGB; give image",
+    'sample(image=picture).image_size': "(375, 1242)",
+    'sightline.evaluate_objects(*scored(), by_distance=np.array([9.0, 30.0])).bands[1].from_m':
+        "9.0",
+    'sightline.evaluate_proposals(*scored(), ious=np.array([0.5, 0.7])).frames': "2",
+    'HealthMonitor("limits.json")': "limits is of type str, expected HealthLimits; read a file",
+    'corrupt_arrays("lidar_blank", 3, image=np.array(picture))':
+        "lidar_blank breaks the lidar, which has no points here; give points",
+    'corrupt_arrays("camera_blank+lidar_blank", 1, points=given.points)':
+        "camera_blank+lidar_blank breaks the camera, which has no image here; give image",
+    'sightline.write_rgb("a.png", np.zeros((4, 4, 3)))': "(255 * image).round().clip(0, 255)",
+    'write_image("a.png", given.image.permute(1, 2, 0))': "give image.permute(2, 0, 1)",
+    'sightline.undistort(given.image, np.eye(3), [0] * 5)': "give image.transpose(1, 2, 0)",
     'sightline.perceive(PACKAGED_FRAMES, "out", align="no")': "align is of type str, expected True",
     'sightline.perceive(PACKAGED_FRAMES, "out", around="auto")':
         "perceive: around is of type str, expected True or False or None",
 }  # fmt: skip
 _PROGRAM = """
-import json, sys
+import json, sys, tempfile
+from pathlib import Path
 import numpy as np
+from PIL import Image
 import sightline
+from sightline.corruptions.arrays import corrupt_arrays
+from sightline.data.kitti_files import write_image
+from sightline.health.monitor import HealthMonitor
 from sightline.simulation.packaged import PACKAGED_FRAMES
 given = sightline.open_dataset(PACKAGED_FRAMES)[0]
 perceiver = sightline.MultiTaskPredictor.load
+def predictor(task):
+    return perceiver(dict.fromkeys(tasks, "none") | {task: task + "-fast-cpu"})
+tasks = ("detection2d", "detection3d", "depth-completion")
+picture = Image.fromarray(given.image.permute(1, 2, 0).numpy())
+def scored():
+    labels, results = PACKAGED_FRAMES / "training/label_2", Path(tempfile.mkdtemp())
+    for each in labels.glob("*.txt"):
+        lines = [line for line in each.read_text().splitlines() if "DontCare" not in line]
+        (results / each.name).write_text("".join(f"{line} 0.5\\n" for line in lines))
+    return results, labels
 def sample(**changed):
     settings = {"points": given.points, "image_size": given.image_size} | changed
     return sightline.CameraLidarSample.from_arrays(given.calibration, **settings)

@@ -175,7 +175,8 @@ def test_frames_that_disagree_are_aligned_one_by_one(packaged, opened, tmp_path)
     for line in lines_of(tmp_path / "joined"):
         assert line["undone_turn"] == expected
         assert len(line["objects"]) == 1
-    perceive("data", tmp_path / "alone", perceiver=perceiver(["a", "b"]))
+    with pytest.warns(UserWarning, match="objects are not joined"):
+        perceive("data", tmp_path / "alone", perceiver=perceiver(["a", "b"]))
     assert all("undone_turn" not in line for line in lines_of(tmp_path / "alone"))
 
 

@@ -1,8 +1,10 @@
 """Result files of other detectors for the cases from `sightline corrupt`."""
 
 import json
+import os
 import re
 import shutil
+import time
 from dataclasses import replace
 
 import pytest
@@ -104,6 +106,21 @@ def test_results_that_changed_are_scored_again(written, tmp_path):
     before = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
     (mine / "camera_blank" / "000001.txt").write_text("")
     after = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    name = "Car_bbox_0.7_hard_all_points"
+    assert after.record.scores["camera_blank"][name] < before.record.scores["camera_blank"][name]
+    assert after.record.scores["clean"] == before.record.scores["clean"]
+
+
+def test_scores_of_answers_that_were_changed_later_are_repeated(written, tmp_path):
+    _, _, before = written
+    folder = tmp_path / "run"
+    shutil.copytree(written[1].parent, folder)
+    answer = folder / "answers" / "camera_blank" / "000001.txt"
+    answer.write_text("")
+    later = time.time() + 10
+    os.utime(answer, (later, later))
+    settings = replace(SETTINGS, suite="levels", seed=3)
+    after = run_bench(OracleTask(), PACKAGED_FRAMES, folder, settings, method="oracle")
     name = "Car_bbox_0.7_hard_all_points"
     assert after.record.scores["camera_blank"][name] < before.record.scores["camera_blank"][name]
     assert after.record.scores["clean"] == before.record.scores["clean"]

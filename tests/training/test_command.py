@@ -344,6 +344,13 @@ def test_a_misspelt_recipe_is_refused_without_pytorch(recipes):
     assert "there is no recipe toi" in done.stdout
 
 
+def test_a_folder_in_lightning_s_option_is_refused(recipes, tmp_path):
+    root = toy.write_frames(tmp_path / "frames")
+    settings = [f"--data.root={root}", f"--trainer.default_root_dir={tmp_path / 'elsewhere'}"]
+    with pytest.raises(ValueError, match=r"default_root_dir has no effect: .*; give --run_folder"):
+        run_training("fit", ["--config", "toy", *settings], recipes)
+
+
 def test_help_on_a_recipe_explains_its_settings(recipes, capsys):
     with pytest.raises(SystemExit):
         run_training("fit", ["--config", "toy", "--help"], recipes)

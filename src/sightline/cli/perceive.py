@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 from sightline.cli.network_options import (
     Around,
@@ -16,13 +16,10 @@ from sightline.cli.parser import Device, declare
 from sightline.cli.report import named_file, refuse_with_pack
 from sightline.data.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
-from sightline.files.problem import refuse_without_effect
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 from sightline.tasks import find_task, task_names, weights_of
 
-_FPS: Final = 10.0
-_MIN_SCORE: Final = 0.3
 _HELP = """Runs all tasks on every frame; writes their result files and one line of JSON per frame.
 
 Each frame is loaded once. OUT gets a folder for each task, as from `sightline predict`, and
@@ -93,8 +90,8 @@ def perceive_command() -> Callable[..., None]:
         "pack": (bool, False),
         "video": (Path | None, None),
         "rerun": (Path | None, None),
-        "fps": (float, _FPS),
-        "min_score": (float, _MIN_SCORE),
+        "fps": (float, 10.0),
+        "min_score": (float, 0.3),
         "around": (Around, "auto"),
         "align": (Literal["auto", "no"], "auto"),
     }
@@ -129,11 +126,6 @@ def _run(
     align: Literal["auto", "no"],
     **job: Any,  # noqa: ANN401 - the options of `perceive`
 ) -> None:
-    refuse_without_effect("without --video", fps=job["fps"] != _FPS and job["video"] is None)
-    is_drawn = job["video"] is not None or job["rerun"] is not None
-    refuse_without_effect(
-        "without --video or --rerun", min_score=job["min_score"] != _MIN_SCORE and not is_drawn
-    )
     places = {"OUT": out, "--video": job["video"], "--rerun": job["rerun"]}
     files = [named_file(each) for each in (*weights.values(), joined, job["sample_list"])]
     check_outputs(places, data=[data, *files])
@@ -143,8 +135,10 @@ def _run(
     from sightline.data.open import existing_folder
     from sightline.perception.perceive import LINES_NAME, perceive, perceive_shards
     from sightline.perception.perceiver import MultiTaskPredictor
+    from sightline.perception.pictures import PictureFiles
 
     existing_folder(data)  # before networks are loaded
+    PictureFiles.checked(**{name: job[name] for name in ("video", "rerun", "fps", "min_score")})
     # One thread per worker; with several threads PyTorch's last digits differ.
     perceiver = MultiTaskPredictor.load(
         weights, joined=joined, engine=engine, device=device, threads=1
@@ -153,8 +147,6 @@ def _run(
     announce_engine(engine, next(iter(engines), None), device)
     if not engines:
         refuse_engine(engine, device)
-    is_around_known = "detection3d" in perceiver.predictors
-    refuse_without_effect("without 3D detection", around=around != "auto" and not is_around_known)
     if pack:
         kept = job.keys() - not_packed.keys() - {"fps", "min_score"}
         options = {name: job[name] for name in kept} | {"around": chosen_field(around)}

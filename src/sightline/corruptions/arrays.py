@@ -37,7 +37,7 @@ from sightline.structures.arrays import (
     warn_of_view,
 )
 from sightline.structures.mounting import warn_of_axes
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
 
 # A camera without points in view: far above the scene, pointing up.
 _FAR_ABOVE = torch.eye(4, dtype=torch.float64)
@@ -134,6 +134,10 @@ def corrupt_arrays(
         points=sweep,
         depth=None if depth is None else _depth(_depth_array(depth), size),
     )
+    for sensor in corruption.sensors:
+        if getattr(sample, SENSOR_FIELDS[sensor]) is None:
+            field = SENSOR_FIELDS[sensor]
+            raise ValueError(f"{kind} breaks the {sensor}, which has no {field} here; give {field}")
     return _arrays(corruption.corrupt(sample, fault_rng(sample, seed, corruption.kind)))
 
 
@@ -188,7 +192,7 @@ def _depth_array(depth: Given) -> Shaped[np.ndarray, "..."]:
 def _image_size(
     image: UInt8[torch.Tensor, "3 height width"] | None, given: Sequence[SupportsIndex] | None
 ) -> tuple[int, int]:
-    size = None if given is None else plain_size(given)
+    size = None if given is None else plain_size("image_size", given)
     if image is None:
         if size is None:
             raise ValueError("image_size is missing; give (height, width) if there is no image")

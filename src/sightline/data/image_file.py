@@ -140,9 +140,12 @@ def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> N
         )
     is_array = isinstance(image, np.ndarray)
     if not is_array or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        from sightline.structures.arrays import image_remedy
+
+        remedy = "for a sample give image.permute(1, 2, 0).numpy()"
         raise ValueError(
             f"{path} cannot be written: the picture is {_describe_array(image)}, expected a uint8 "
-            "array of height, width, 3; for a sample give image.permute(1, 2, 0).numpy()"
+            f"array of height, width, 3; {image_remedy(image) if is_array else remedy}"
         )
     if image.size == 0:
         raise ValueError(f"{path} cannot be written: a picture needs at least one pixel")

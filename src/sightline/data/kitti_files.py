@@ -26,6 +26,7 @@ from sightline.files.plain_text import REMEDY
 from sightline.files.problem import FileError
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.wrong_types import named_arguments
+from sightline.structures.arrays import image_remedy
 
 
 @named_arguments
@@ -47,8 +48,18 @@ def read_image(path: Path | str) -> UInt8[Tensor, "3 height width"]:
 
 
 def write_image(path: Path | str, image: UInt8[Tensor, "3 height width"]) -> None:
-    """Write an RGB picture as PNG or JPEG, by the suffix; see `write_rgb`."""
-    write_rgb(path, image.numpy(force=True).transpose(1, 2, 0))
+    """Write an RGB picture as PNG or JPEG, by the suffix; see `write_rgb`.
+
+    Raises:
+        ValueError: The picture has another type or shape; or as for `write_rgb`.
+    """
+    planes = image.numpy(force=True)
+    if planes.dtype != np.uint8 or planes.ndim != 3 or len(planes) != 3:
+        raise ValueError(
+            f"{path} cannot be written: the picture is {planes.dtype} of shape {planes.shape}, "
+            f"expected uint8 of 3, height, width; {image_remedy(planes, is_tensor=True)}"
+        )
+    write_rgb(path, planes.transpose(1, 2, 0))
 
 
 def read_depth(path: Path | str) -> Float32[Tensor, "height width"]:

@@ -11,6 +11,7 @@ from jaxtyping import Float32, Float64, UInt8
 
 from sightline.geometry.given_arrays import given_array, plain_numbers
 from sightline.geometry.wrong_types import named_arguments
+from sightline.structures.arrays import image_remedy
 
 LensModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
 """ROS's names of OpenCV's models with 5 or 8 coefficients, and of its fisheye model with 4."""
@@ -67,7 +68,7 @@ def undistort(
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(
             f"the image is {image.dtype} of shape {image.shape}, expected uint8 of height, width, "
-            "3; convert it to RGB of 8 bits"
+            f"3; {image_remedy(image)}"
         )
     camera = plain_numbers("camera_matrix", camera_matrix)
     if camera.shape not in ((3, 3), (3, 4)) or not np.isfinite(camera).all():

@@ -23,6 +23,7 @@ from sightline.evaluation.held_out_frame import (
     densities,
     split_rings,
 )
+from sightline.geometry.arguments import plain_size, wrong_type
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.structures.predictions import DepthMap
@@ -164,6 +165,12 @@ def evaluate_held_out(
     """
     if beams is not None and not beams:
         raise ValueError("beams is empty; name at least one density, e.g. 64")
+    height, width = plain_size("crop_size", crop_size)
+    if height > width:
+        raise ValueError(
+            f"crop_size is ({height}, {width}), taller than wide: give height, width, such as "
+            f"({width}, {height})"
+        )
     frames: list[tuple[str, tuple[HeldOutScore, ...]]] = []
     sizes: dict[tuple[int, int], None] = {}
     sensor_beams = 0
@@ -200,6 +207,8 @@ def _score_frame(frame: HeldOutFrame, complete: Complete, beams: int) -> HeldOut
     given = frame.with_beams(beams)
     start = time.perf_counter()
     prediction = complete(given)
+    if not isinstance(prediction, DepthMap):
+        raise wrong_type("the method's prediction", prediction, "DepthMap")
     prediction.depth_m.cpu()  # copied inside the timing, so that a GPU has really finished
     milliseconds = (time.perf_counter() - start) * 1e3
     place = f"sample {given.sample_id} with {beams} beams"

@@ -82,6 +82,7 @@ def evaluate_objects(
             its name and the remedy. Or as for `score_by_distance`.
     """
     check_resampling(bootstrap, seed)
+    by_distance = tuple(by_distance)
     check_edges(by_distance)
     found = _read_submission(
         results_dir,

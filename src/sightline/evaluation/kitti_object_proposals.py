@@ -147,6 +147,7 @@ def evaluate_proposals(
     Raises:
         ValueError: If an argument is out of range, or a file is missing or invalid.
     """
+    ious = tuple(ious)
     if not ious or not all(0 < iou <= 1 for iou in ious):
         values = ", ".join(f"{iou:g}" for iou in ious) or "none"
         raise ValueError(f"ious must be above 0 and at most 1, got {values}: give e.g. 0.5 and 0.7")

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from sightline.evaluation.realism_measures import Measures, measure_tree
 from sightline.evaluation.realism_rows import STATISTICS
+from sightline.files.problem import refuse_without_effect
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 
@@ -102,6 +103,9 @@ def evaluate_realism(
     Raises:
         ValueError: A tree holds no labelled frames, or a file cannot be parsed.
     """
+    if max_frames is not None and max_frames < 1:
+        raise ValueError(f"max_frames must be at least 1, got {max_frames}")
+    refuse_without_effect("without real data", real_labels=real is None and real_labels is not None)
     if real is not None and Path(real).resolve() == Path(simulated).resolve():
         warnings.warn(
             f"{simulated} is compared with itself, so every ratio is 1: name a tree of real frames",

@@ -61,18 +61,18 @@ def plain_path(name: str, value: object, expected: str) -> Path:
     return Path(value)
 
 
-def plain_size(image_size: Sequence[SupportsIndex]) -> tuple[int, int]:
+def plain_size(name: str, given: Sequence[SupportsIndex]) -> tuple[int, int]:
     """Convert integers of any type to height and width [px].
 
     Raises:
         ValueError: They are not two, not whole or not positive.
     """
     with suppress(TypeError):
-        size = tuple(index(side) for side in image_size)
+        size = tuple(index(side) for side in given)
         if len(size) == 2 and min(size) > 0:
             return size[0], size[1]
     raise ValueError(
-        f"image_size is {short_repr(image_size)}, expected (height, width) as whole numbers of at "
+        f"{name} is {short_repr(given)}, expected (height, width) as whole numbers of at "
         "least 1 px; give pixels"
     )
 

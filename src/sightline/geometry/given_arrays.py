@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64, Shaped
@@ -15,6 +15,12 @@ Given = np.ndarray | Tensor | Sequence[Any]
 """Array, tensor or nested lists of numbers."""
 
 
+# Modes of Pillow's images whose numbers are no levels of grey, red, green and blue.
+_OTHER_MODES: Final = frozenset(
+    ("1", "P", "PA", "LA", "La", "RGBA", "RGBa", "RGBX", "CMYK", "YCbCr", "HSV", "LAB")
+)
+
+
 def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
     """Convert an array, a tensor or nested lists to an array; memory may be shared.
 
@@ -24,7 +30,7 @@ def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
 
     Raises:
         ValueError: Values are masked, a tensor has none (those on the device meta), or rows have
-            several lengths.
+            several lengths; or a Pillow image has other colours than RGB.
     """
     if isinstance(given, np.ma.MaskedArray):
         masked = int(np.ma.getmaskarray(given).sum())
@@ -36,6 +42,11 @@ def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
         return np.asarray(given.data)
     if isinstance(given, Tensor):
         return _tensor_array(name, given)
+    mode = getattr(given, "mode", "RGB") if hasattr(given, "getbands") else "RGB"  # Pillow's
+    if mode in _OTHER_MODES:
+        raise ValueError(
+            f"{name} is a Pillow image of mode {mode}, expected RGB; give image.convert('RGB')"
+        )
     try:
         return np.asarray(given)
     except ValueError as error:  # rows of different lengths

@@ -103,7 +103,7 @@ def sparse_depth_map(
         ValueError: The points lack coordinates, or no image is of such a size.
     """
     _check_given(points, calibration, 3)
-    height, width = image_size = plain_size(image_size)
+    height, width = image_size = plain_size("image_size", image_size)
     flat, depths, _ = _visible(points, calibration, image_size)
     nearest = torch.full((height * width,), torch.inf, device=points.device)
     nearest.scatter_reduce_(0, flat, depths.float(), "amin")

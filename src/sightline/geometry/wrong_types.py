@@ -6,10 +6,11 @@ Without PyTorch, for commands that start at once.
 import inspect
 import re
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from functools import wraps
+from functools import cache, partial, wraps
 from numbers import Real
+from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 from sightline.geometry.arguments import wrong_type
@@ -26,16 +27,16 @@ def named_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
     """Decorate a function so that its errors name an argument of a wrong type.
 
     Other types are examined only after a failure: those that work stay valid, at no cost. The error
-    is a TypeError of one line with the argument, its type and the expected one. Choices (`Literal`)
-    and switches (`bool`) are checked before the call: a misspelt one, or the text "no", would
-    silently be taken for another.
+    is a TypeError of one line with the argument, its type and the expected one. Choices
+    (`Literal`), switches (`bool`), whole numbers and empty paths are checked before the call: a
+    misspelt choice, or the text "no", would silently be taken for another.
     """
     if inspect.isgeneratorfunction(function):
         return _named_in_generator(function)
 
     @wraps(function)
     def call(*args: Parameters.args, **named: Parameters.kwargs) -> Result:
-        _check_choices(function, args, named)
+        _check_arguments(function, args, named)
         try:
             return function(*args, **named)
         except _TYPE_ERRORS as error:
@@ -52,7 +53,7 @@ def _named_in_generator(function: Callable[Parameters, Any]) -> Callable[Paramet
 
     @wraps(function)
     def items(*args: Parameters.args, **named: Parameters.kwargs) -> Iterator[object]:
-        _check_choices(function, args, named)
+        _check_arguments(function, args, named)
         try:
             yield from function(*args, **named)
         except _TYPE_ERRORS as error:
@@ -64,19 +65,48 @@ def _named_in_generator(function: Callable[Parameters, Any]) -> Callable[Paramet
     return items
 
 
-def _check_choices(
+def _check_arguments(
     function: Callable[..., object], args: tuple[object, ...], named: dict[str, Any]
 ) -> None:
-    """Refuse an argument that is none of its parameter's choices."""
-    choices = choices_in(function)
-    if not choices:
+    """Refuse arguments that would silently be taken for others."""
+    checks = _checks_of(function)
+    if not checks:
         return
     try:
         given = inspect.signature(function).bind_partial(*args, **named).arguments
     except TypeError:  # one argument too many; the call says it
         return
-    for name in choices.keys() & given.keys():
-        check_choice(f"{_called(function)}: {name}", given[name], choices[name])
+    for name in checks.keys() & given.keys():
+        checks[name](f"{_called(function)}: {name}", given[name])
+
+
+@cache
+def _checks_of(function: Callable[..., object]) -> Mapping[str, Callable[[str, object], None]]:
+    """Choose the checks before a call, by parameter: of choices, whole numbers and paths."""
+    checks: dict[str, Callable[[str, object], None]] = {}
+    for name, hint in hints_of(function).items():
+        is_union = get_origin(hint) in (Union, types.UnionType)
+        parts = set(get_args(hint) if is_union else (hint,)) - {types.NoneType}
+        if parts == {int}:
+            checks[name] = _check_whole
+        elif Path in parts:
+            checks[name] = _check_path
+    for name, values in choices_in(function).items():
+        checks[name] = partial(check_choice, choices=values)
+    checks.pop("return", None)
+    return checks
+
+
+def _check_whole(name: str, value: object) -> None:
+    """Refuse a fraction for a whole number."""
+    if isinstance(value, Real) and value != value // 1:
+        raise ValueError(f"{name} must be a whole number, got {value}")
+
+
+def _check_path(name: str, value: object) -> None:
+    """Refuse an empty text for a path, which would be the current folder."""
+    if isinstance(value, str) and not value:
+        raise ValueError(f"{name} is an empty text, expected a path; name a file or a folder")
 
 
 def _called(function: Callable[..., object]) -> str:

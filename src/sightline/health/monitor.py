@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import UInt8
 
+from sightline.geometry.arguments import wrong_type
 from sightline.health.alignment_checks import check_alignment
 from sightline.health.camera_checks import bad_image_regions, check_camera
 from sightline.health.lidar_checks import bad_sweep_regions, blind_sectors, check_lidar
@@ -24,7 +25,13 @@ class HealthMonitor:
     """Health monitor of single samples, without memory."""
 
     def __init__(self, limits: HealthLimits | None = None) -> None:
-        """Take limits; None: those included in Sightline."""
+        """Take limits; None: those included in Sightline.
+
+        Raises:
+            TypeError: `limits` are no limits.
+        """
+        if not isinstance(limits, HealthLimits | None):
+            raise wrong_type("limits", limits, "HealthLimits; read a file by read_limits")
         self.limits = limits or read_limits()
 
     def __call__(self, sample: CameraLidarSample) -> SampleHealth:

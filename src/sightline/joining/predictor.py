@@ -73,6 +73,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
         self.models, self.config = models, config or JoinConfig()
         self.alignment = alignment or Alignment()
 
+    @named_arguments
     def aligned(
         self,
         samples: Sequence[CameraLidarSample] | SampleDataset,

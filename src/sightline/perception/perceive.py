@@ -19,6 +19,7 @@ from sightline.data.open import (
     warn_of_missing_sensors,
 )
 from sightline.files.atomic import atomic_write_text, scratch_folder
+from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.inference.predict import (
@@ -38,8 +39,8 @@ from sightline.joining.files import write_objects
 from sightline.joining.models import JOINED
 from sightline.perception.kept_lines import LINES_FOLDER, Lines, read_lines, read_timings
 from sightline.perception.lines import frame_line, timing_line
-from sightline.perception.perceiver import MultiTaskPredictor
-from sightline.perception.pictures import PictureFiles
+from sightline.perception.perceiver import SWEEP_TASK, MultiTaskPredictor
+from sightline.perception.pictures import FPS, MIN_SCORE, PictureFiles
 from sightline.perception.results import ALIGNMENT, JOB_NAME
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.tasks import find_task
@@ -92,8 +93,8 @@ def perceive(
     num_shards: int = 1,
     video: Path | str | None = None,
     rerun: Path | str | None = None,
-    fps: float = 10.0,
-    min_score: float = 0.3,
+    fps: float = FPS,
+    min_score: float = MIN_SCORE,
     around: bool | None = None,
     align: bool = True,
 ) -> PerceiveResult:
@@ -167,8 +168,7 @@ def perceive(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
     warn_of_missing_sensors(dataset, data, perceiver.parts, stacklevel=2)
-    if perceiver.lacks_models:
-        warnings.warn(_NOT_JOINED, stacklevel=2)
+    _check_tasks(perceiver, around=around)
     if align and perceiver.alignment is None:
         perceiver = _aligned(perceiver, dataset, out, workers, driver)
     if perceiver.alignment:
@@ -208,6 +208,14 @@ def perceive(
     )
 
 
+def _check_tasks(perceiver: MultiTaskPredictor, *, around: bool | None) -> None:
+    """Refuse an option of a task that is left out, and warn where objects are not joined."""
+    is_searched = SWEEP_TASK in perceiver.predictors
+    refuse_without_effect("without 3D detection", around=around is not None and not is_searched)
+    if perceiver.lacks_models:
+        warnings.warn(_NOT_JOINED, stacklevel=3)
+
+
 def perceive_shards(
     data: Path,
     out: Path,
@@ -227,8 +235,7 @@ def perceive_shards(
     hold each frame's line, but no perception.jsonl and no times, which differ between runs. Frames
     are taken as calibrated, since a shard alone may be too short to measure the LiDAR's rotation.
     """
-    if perceiver.lacks_models:
-        warnings.warn(_NOT_JOINED, stacklevel=2)
+    _check_tasks(perceiver, around=around)
     return pack_results(
         _ShardWriter(perceiver, velodyne, all_outputs, around),
         data,

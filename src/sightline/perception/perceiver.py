@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
     from sightline.data.open import SampleDataset
 
-_SWEEP_TASK: Final = "detection3d"
-_JOINED_TASKS: Final = ("detection2d", _SWEEP_TASK)
+SWEEP_TASK: Final = "detection3d"
+_JOINED_TASKS: Final = ("detection2d", SWEEP_TASK)
 LEFT_OUT: Final = "none"
 """Name of weights that disables a task."""
 
@@ -106,8 +106,11 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         """
         if not predictors:
             raise ValueError(f"all tasks are left out; use at least one of {', '.join(REGISTRY)}")
-        for name in predictors:
+        for name, predictor in predictors.items():
             find_task(name)
+            own = getattr(predictor, "network_task", None)
+            if own is not None and own.name != name:
+                raise ValueError(f"{predictor.name} is of task {own.name}, not {name}; name that")
         self.predictors: Final = dict(predictors)
         self.join_models: Final = _models_for(self._detector_weights, join_models)
         self.alignment: Final = alignment
@@ -164,6 +167,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             )
         return cls(predictors, join_models=join_models)
 
+    @named_arguments
     def aligned(
         self,
         samples: "Sequence[CameraLidarSample] | SampleDataset",
@@ -239,7 +243,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             found.detections3d,
             self.join_models,
             JoinConfig(sweep_in_image=not alignment.late),
-            refiner_of(self.predictors.get(_SWEEP_TASK)),
+            refiner_of(self.predictors.get(SWEEP_TASK)),
         )
         milliseconds[JOINED] = 1000 * (time.perf_counter() - start)
         return replace(predictions, objects=objects, undone_turn=turn or None)

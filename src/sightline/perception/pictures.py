@@ -3,12 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import UInt8
 
 from sightline.data.open import SampleDataset
 from sightline.files.atomic import check_writable
+from sightline.files.problem import refuse_without_effect
 from sightline.jobs.progress import track
 from sightline.perception.results import ResultFolder, open_results, read_perception
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
@@ -17,6 +19,11 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.frame_row import RowLayout, draw_row
 from sightline.visualization.rerun_file import check_rerun, write_rerun
 from sightline.visualization.video import check_video, write_video
+
+FPS: Final = 10.0
+"""Default rate of a video [frames per second]."""
+MIN_SCORE: Final = 0.3
+"""Default score threshold of drawn detections."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -38,8 +45,13 @@ class PictureFiles:
 
         Raises:
             ValueError: A name has the wrong suffix, a file cannot be written, a library is missing,
-                or the rate or the score is invalid.
+                or the rate or the score is invalid, or given without a file that it is for.
         """
+        refuse_without_effect("without --video", fps=fps != FPS and video is None)
+        refuse_without_effect(
+            "without --video or --rerun",
+            min_score=min_score != MIN_SCORE and video is None and rerun is None,
+        )
         if video is None and rerun is None:
             return None
         if video is not None:

@@ -58,7 +58,8 @@ def score_cases(
         out: Folder of the run, in which scores are stored, too.
         workers: Number of workers; 1 on this machine uses this process alone.
         driver: Kind of workers.
-        anew: Whether to repeat existing scores, because predictions may have changed.
+        anew: Whether to repeat existing scores, because predictions may have changed. Those of
+            files that were changed later are repeated in any case.
 
     Raises:
         ValueError: A file is missing or invalid; the message contains the case.
@@ -67,7 +68,9 @@ def score_cases(
     works = [
         _CaseWork(scoring, dataset, case, data_path(predictions / case), path)
         for case, path in files.items()
-        if anew or _stored_scores(path, scoring) is None
+        if anew
+        or _stored_scores(path, scoring) is None
+        or _is_newer(data_path(predictions / case), path)
     ]
     run_job(works, workers, description="scoring", driver=driver)
     scores, doubts = {}, {}
@@ -77,6 +80,12 @@ def score_cases(
             raise FileError(path, "holds no scores", "remove it, and run this again")
         scores[case], doubts[case] = stored
     return CaseScores(scores, doubts)
+
+
+def _is_newer(predictions: Path, scores: Path) -> bool:
+    """Check if a prediction was changed after the scores were stored."""
+    stored = scores.stat().st_mtime
+    return any(each.stat().st_mtime > stored for each in predictions.rglob("*") if each.is_file())
 
 
 def _stored_scores(path: Path, scoring: Scoring) -> "tuple[Scores, tuple[ResultDoubt, ...]] | None":

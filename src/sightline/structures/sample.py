@@ -184,7 +184,7 @@ class CameraLidarSample:
             level_from_lidar=None
             if level_from_lidar is None
             else torch.from_numpy(level_from_lidar),
-            all_around=all_around,
+            all_around=bool(all_around),
         )
 
 
@@ -195,7 +195,7 @@ def _image_size(
     if image_size is None and image is None:
         raise ValueError("a sample without an image needs image_size: give height and width")
     actual = None if image is None else (image.shape[1], image.shape[2])
-    size = actual if image_size is None else plain_size(image_size)
+    size = actual if image_size is None else plain_size("image_size", image_size)
     assert size is not None, "one of them is given"
     if actual is not None and size != actual:
         raise ValueError(

@@ -299,8 +299,12 @@ class _TrainingCLI(LightningCLI):
         settings = self.config_init[self.subcommand]["trainer"]
         if settings["logger"] in _TENSORBOARD:
             kwargs["logger"] = TensorBoardLogger(folder, name="", version="")
-        if settings["default_root_dir"] is None:
-            kwargs["default_root_dir"] = folder
+        if settings["default_root_dir"] is not None:
+            raise ValueError(
+                "--trainer.default_root_dir has no effect: all files of a run go to its folder; "
+                "give --run_folder"
+            )
+        kwargs["default_root_dir"] = folder
         given = settings["callbacks"] or []
         given = list(given) if isinstance(given, list) else [given]
         kwargs["callbacks"] = given + self._run_callbacks(folder, config, settings, given)
