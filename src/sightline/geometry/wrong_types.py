@@ -70,14 +70,16 @@ def _check_arguments(
 ) -> None:
     """Refuse arguments that would silently be taken for others."""
     checks = _checks_of(function)
-    if not checks:
-        return
-    try:
-        given = inspect.signature(function).bind_partial(*args, **named).arguments
-    except TypeError:  # one argument too many; the call says it
-        return
-    for name in checks.keys() & given.keys():
-        checks[name](f"{_called(function)}: {name}", given[name])
+    if checks:
+        for name, value in (*zip(_parameters(function), args, strict=False), *named.items()):
+            if name in checks:
+                checks[name](f"{_called(function)}: {name}", value)
+
+
+@cache
+def _parameters(function: Callable[..., object]) -> tuple[str, ...]:
+    """List the names of a function's parameters in order."""
+    return tuple(inspect.signature(function).parameters)
 
 
 @cache
