@@ -3,8 +3,12 @@ import re
 import cv2
 import numpy as np
 import pytest
+import torch
 
+from sightline.data.check import check_tree
+from sightline.data.open import open_dataset
 from sightline.data.undistortion import lens_fault, undistort
+from tests.data.recordings import write_calibration, write_recording
 
 CAMERA = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 LENSES = {
@@ -63,6 +67,25 @@ def test_coefficients_that_a_model_does_not_take_are_refused(model, lens, said):
 def test_what_is_no_picture_or_no_camera_is_refused_instead_of_giving_black(image, camera, said):
     with pytest.raises(ValueError, match=said):
         undistort(image, camera, LENSES["plumb_bob"])
+
+
+def test_a_fisheye_of_zeros_is_none_of_a_pinhole(tmp_path):
+    write_recording(tmp_path, ("a",))
+    plain = open_dataset(tmp_path)[0].image
+    for model, is_straight in (("plumb_bob", True), ("equidistant", False)):
+        lens = {"model": model, "coefficients": [0.0] * 4, "undistort": True}
+        write_calibration(tmp_path, lens=lens)
+        assert torch.equal(open_dataset(tmp_path)[0].image, plain) is is_straight
+    write_calibration(tmp_path, lens=lens | {"undistort": False})
+    (problem,) = check_tree(tmp_path)
+    assert "lens has distortion, but images must be undistorted" in problem.problem
+
+
+def test_a_fisheye_cannot_show_what_is_beside_the_camera():
+    camera = CAMERA * np.array([[0.001], [0.001], [1]])
+    assert "focal lengths from the axis" in lens_fault(
+        "equidistant", (0.0,) * 4, camera, (240, 320)
+    )
 
 
 @pytest.mark.parametrize("model", LENSES)

@@ -12,7 +12,7 @@ from jaxtyping import Float64
 
 from sightline.data.image_header import MAX_PIXELS
 from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, lens_fault
+from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, distorts, lens_fault
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
@@ -264,7 +264,7 @@ def _lens(value: object) -> Lens | None:
             f"{', '.join(get_args(LensModel))} (radtan is plumb_bob, fisheye equidistant)"
         )
     check_lens(cast("LensModel", model), coefficients)
-    if not any(coefficients):
+    if not distorts(cast("LensModel", model), coefficients):
         return None
     if value.get("undistort") is not True:
         raise ValueError(

@@ -108,6 +108,11 @@ def check_lens(model: LensModel, coefficients: Sequence[float]) -> None:
         )
 
 
+def distorts(model: LensModel, coefficients: Sequence[float]) -> bool:
+    """Check whether a lens distorts; an equidistant (fisheye) lens does even with zeros alone."""
+    return model == "equidistant" or any(coefficients)
+
+
 def lens_fault(
     model: LensModel,
     coefficients: Sequence[float],
@@ -128,7 +133,7 @@ def lens_fault(
     Returns:
         The rest of a sentence that begins with the lens.
     """
-    if not any(coefficients):
+    if not distorts(model, coefficients):
         return None
     camera = np.ascontiguousarray(camera_matrix[:, :3], dtype=np.float64)
     height, width = size

@@ -157,6 +157,24 @@ def test_lens_distortion_is_refused_and_straightened_on_request(tmp_path):
     assert np.abs(straight.astype(int) - expected).mean() < 0.5
 
 
+@pytest.mark.parametrize("model", ["equidistant", "fisheye"])
+def test_a_fisheye_of_zeros_is_no_pinhole(tmp_path, model):
+    bag = write_bag(tmp_path / "drive", 1, distortion=(0.0,) * 4, model=model)
+    with pytest.raises(ValueError, match=r"the lens distorts \(equidistant: 0, 0, 0, 0\)"):
+        import_recording(bag, tmp_path / "out")
+    import_recording(bag, tmp_path / "out", undistort=True)
+    straight = open_dataset(tmp_path / "out")[0].image.permute(1, 2, 0).numpy()
+    assert np.abs(straight.astype(int) - IMAGE).mean() > 5
+
+
+@pytest.mark.parametrize("distortion", [(), (0.0,) * 5])
+@pytest.mark.parametrize("model", ["", "none", "pinhole", "plumb_bob", "rational_polynomial"])
+def test_a_pinhole_without_coefficients_is_straight(tmp_path, model, distortion):
+    bag = write_bag(tmp_path / "drive", 1, distortion=distortion, model=model)
+    import_recording(bag, tmp_path / "out")
+    assert "lens" not in (tmp_path / "out" / "calibration.yaml").read_text()
+
+
 def two_cameras(bag):
     for name in ("/left", "/right"):
         bag.info(f"{name}/camera_info", 10**9)
@@ -226,6 +244,18 @@ def no_such_lens(bag):
     bag.cloud("/points", 10**9)
 
 
+def an_unknown_lens(bag):
+    bag.info("/front/camera_info", 10**9, model="ds")
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+
+
+def a_fisheye_without_numbers(bag):
+    bag.info("/front/camera_info", 10**9, model="equidistant", distortion=())
+    bag.image("/front/image_raw", 10**9)
+    bag.cloud("/points", 10**9)
+
+
 def no_rectification(bag):
     bag.info("/front/camera_info", 10**9, rectification=np.zeros((3, 3)))
     bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
@@ -259,6 +289,8 @@ def not_rectified_by_its_name(bag):
             no_such_lens,
             r"/front/camera_info: the lens has 8 distortion coefficients, .* --calibration",
         ),
+        (an_unknown_lens, r"/front/camera_info: the lens model 'ds' is unknown; .*--calibration"),
+        (a_fisheye_without_numbers, r"the lens has 0 distortion coefficients, expected 4 finite"),
         (no_rectification, r"topic /front/camera_info: R is no rotation"),
         (not_rectified_by_its_name, r"/front/camera_info: the lens distorts"),
     ],

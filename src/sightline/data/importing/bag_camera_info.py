@@ -21,6 +21,11 @@ CALIBRATION_REMEDY: Final = (
     "give a calibration file by --calibration (docs/recordings.md has an example)"
 )
 _LENS_MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
+_STRAIGHT_MODELS: Final = (
+    *("", "none", "pinhole", "perspective"),
+    *("plumb_bob", "rational_polynomial", "radtan"),
+)
+"""Names of models that do not distort without coefficients, or with zeros; a fisheye does."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -178,9 +183,9 @@ def _lens(info: Any) -> Lens | None:  # noqa: ANN401 - a message
             sentence that begins with the topic.
     """
     coefficients = tuple(_field(info, "d").tolist())
-    if not any(coefficients):
-        return None
     model_name = str(info.distortion_model)
+    if model_name.lower() in _STRAIGHT_MODELS and not any(coefficients):
+        return None
     model = _LENS_MODELS.get(model_name, model_name)
     if model not in get_args(LensModel):
         raise ValueError(f"the lens model {shortened(model_name, 40)!r} is unknown")
