@@ -11,6 +11,7 @@ from sightline.data.importing.bag_messages import (
     cloud_from_message,
     image_file_from_message,
     image_from_message,
+    num_unread,
 )
 from tests.data.recordings import IMAGE
 
@@ -202,6 +203,7 @@ def test_a_length_of_rows_that_is_not_that_of_the_bytes_is_not_believed(order, r
     picture = message(IMAGE[:20, :30], "rgb8")
     picture.step = row_step
     np.testing.assert_array_equal(image_from_message(picture, "/camera"), IMAGE[:20, :30])
+    assert num_unread(sent) == num_unread(picture) == 0
 
 
 def test_the_last_row_may_lack_the_bytes_that_fill_it_up():
@@ -209,6 +211,34 @@ def test_the_last_row_may_lack_the_bytes_that_fill_it_up():
     values, sent = cloud(layout, range(6), height=3, row_gap=8)
     sent.data = sent.data[:-8]
     np.testing.assert_array_equal(cloud_from_message(sent, "/points")[:, 2], values["z"].ravel())
+
+
+@pytest.mark.parametrize("row_gap", [0, 8])
+def test_points_and_rows_beyond_the_size_of_a_message_are_counted(row_gap):
+    layout = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
+    _, sent = cloud(layout, range(12), height=3, row_gap=row_gap)
+    assert num_unread(sent) == 0
+    sent.data = sent.data[: len(sent.data) - row_gap]
+    assert num_unread(sent) == 0
+    sent.data = np.pad(sent.data, (0, row_gap + 15))
+    assert num_unread(sent) == 0  # less than a point
+    sent.data = np.pad(sent.data, (0, 1 + 16))
+    assert num_unread(sent) == 2
+    picture = message(IMAGE[:20, :30], "rgb8", step_px=row_gap)
+    assert num_unread(picture) == 0
+    picture.data = np.pad(picture.data, (0, picture.step - 1))
+    assert num_unread(picture) == 0  # less than a row
+    picture.height = 15
+    assert num_unread(picture) == 5
+
+
+@pytest.mark.parametrize("row_step", [48, 96])  # reduced together with the width, or kept
+def test_a_width_below_that_of_the_data_leaves_points_unread(row_step):
+    layout = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
+    _, sent = cloud(layout, range(6))
+    sent.width, sent.row_step = 3, row_step
+    assert num_unread(sent) == 3
+    assert len(cloud_from_message(sent, "/points")) == 3
 
 
 @pytest.mark.parametrize("encoding", ["RGB8", " rgb8", "8uc3", "8UC3"])

@@ -214,6 +214,50 @@ def test_damaged_bags_give_a_recording_or_one_line(tmp_path):
     assert all(line.isprintable() for line in lines)
 
 
+class HalvedBag(BagMaker):
+    """Writes clouds whose width, or images whose height, is half of their data's."""
+
+    def write(self, topic, message, time_ns):
+        if topic == self.halved and topic == "/points":
+            message.width, message.row_step = message.width // 2, message.row_step // 2
+        elif topic == self.halved:
+            message.height //= 2
+        super().write(topic, message, time_ns)
+
+
+@pytest.mark.parametrize(
+    ("topic", "told"),
+    [
+        ("/points", f"2 messages of /points hold {2 * (len(POINTS) - len(POINTS) // 2)} points"),
+        ("/front/image_raw", f"2 messages of /front/image_raw hold {2 * 188} rows"),
+    ],
+)
+def test_data_beyond_the_size_of_messages_are_told_once_with_counts(tmp_path, topic, told):
+    with HalvedBag(tmp_path / "drive") as bag:
+        bag.halved = topic
+        usual_topics(bag, size=(IMAGE.shape[0] // (2 if "image" in topic else 1), IMAGE.shape[1]))
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert f"warning: {told} more than their width and height declare: these are left" in report
+    write_bag(tmp_path / "whole", 1)
+    assert "declare" not in str(import_recording(tmp_path / "whole", tmp_path / "other"))
+
+
+def test_messages_of_a_second_kind_in_a_topic_are_told_and_no_second_node(tmp_path):
+    content = cv2.imencode(".jpg", IMAGE)[1].tobytes()
+    with BagMaker(tmp_path / "drive") as bag:
+        usual_topics(bag)
+        del bag._connections["/front/image_raw"]
+        for number in range(3):
+            bag.jpeg("/front/image_raw", 3 * 10**9 + number * 10**8, content)
+            bag.cloud("/points", 3 * 10**9 + number * 10**8)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert (
+        "warning: topic /front/image_raw (Image, 2) has messages of other kinds, which are left "
+        "out: /front/image_raw (CompressedImage, 3); give each kind a topic of its own"
+    ) in report
+    assert "nodes" not in report
+
+
 def test_a_topic_that_two_nodes_publish_is_told(tmp_path):
     with Ros1BagMaker(tmp_path / "drive.bag") as bag:
         bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)

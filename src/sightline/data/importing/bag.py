@@ -1,6 +1,7 @@
 """Reader of ROS 2 bags (sqlite3 and MCAP) and ROS 1 bags: topics and messages, by `rosbags`."""
 
 import heapq
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -157,9 +158,14 @@ class Bag:
     def publisher_notes(self, topics: Collection[str]) -> tuple[str, ...]:
         """Return a warning for each topic that several nodes publish, with their names."""
         notes = []
+        kinds = {topic.name: topic.kind for topic in self.topics}
         for name in topics:
             for reader in self._readers:  # a drive's files may be of nodes started again
-                nodes = {_publisher(each) for each in reader.connections if each.topic == name}
+                nodes = {
+                    _publisher(each)
+                    for each in reader.connections
+                    if each.topic == name and kind_of(each.msgtype) == kinds[name]
+                }
                 if len(nodes) > 1:
                     listed = ", ".join(map(shortened, sorted(nodes)[:_MAX_NODES]))
                     notes.append(
@@ -168,6 +174,25 @@ class Bag:
                         "the bag by node if they are of several"
                     )
         return tuple(dict.fromkeys(notes))
+
+    def kind_notes(self, topics: Collection[str]) -> tuple[str, ...]:
+        """Return a warning for each topic with messages of further kinds, which are not read."""
+        notes = []
+        for topic in self.topics:
+            others = Counter[str]()
+            for each in self._connections():
+                if each.topic == topic.name and (kind := kind_of(each.msgtype)) != topic.kind:
+                    others[kind] += _count(each)
+            left_out = [
+                Topic(name=topic.name, kind=kind, count=n) for kind, n in others.items() if n
+            ]
+            if left_out and topic.name in topics:
+                listed = ", ".join(map(str, left_out))
+                notes.append(
+                    f"warning: topic {topic} has messages of other kinds, which are left out: "
+                    f"{listed}; give each kind a topic of its own"
+                )
+        return tuple(notes)
 
     def unreadable_topic_error(self, topic: str) -> ValueError:
         """Return the error for a topic without a decodable message."""

@@ -167,6 +167,24 @@ def cloud_from_message(message: Any, topic: str) -> Float32[np.ndarray, "num_poi
     return columns_of(np.ascontiguousarray(rows).view(layout).ravel(), f"topic {topic}")
 
 
+def num_unread(message: Any) -> int:  # noqa: ANN401
+    """Number of points of a cloud, or rows of an image, in a valid message beyond its size.
+
+    Padding after rows is not counted if it is shorter than a point of a cloud.
+    """
+    is_cloud = hasattr(message, "point_step")
+    if is_cloud:
+        step, item_bytes = int(message.row_step), int(message.point_step)
+    else:
+        step, item_bytes = int(message.step), _ENCODINGS[_normalised_encoding(message.encoding)][0]
+    row_bytes = int(message.width) * item_bytes
+    padded_bytes = max(step, row_bytes)
+    if is_cloud and padded_bytes - row_bytes >= item_bytes:
+        padded_bytes = row_bytes
+    more_bytes = len(message.data) - int(message.height) * padded_bytes
+    return max(more_bytes, 0) // (item_bytes if is_cloud else padded_bytes)
+
+
 def _quoted(value: object) -> str:
     return f"'{shortened(str(value), 40)}'"
 

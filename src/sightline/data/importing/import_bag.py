@@ -1,7 +1,7 @@
 """Import of a bag: pairs images and sweeps by time, and writes a recording."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -23,6 +23,7 @@ from sightline.data.importing.bag_messages import (
     cloud_from_message,
     image_file_from_message,
     image_from_message,
+    num_unread,
 )
 from sightline.data.importing.bag_pairs import Pairs, pair_messages
 from sightline.data.importing.bag_sectors import describe_parts_of_turns
@@ -97,7 +98,8 @@ def import_bag(
             bag, topics, max_gap_s, clock, keep_other_frames=calibration is not None
         )
         notes += describe_parts_of_turns(bag, topics.lidar.name)
-        notes += bag.publisher_notes((topics.camera.name, topics.lidar.name))
+        read = (topics.camera.name, topics.lidar.name)
+        notes += (*bag.kind_notes(read), *bag.publisher_notes(read))
         intensity = max_intensity or given.max_intensity
         if max_intensity is None and intensity == 1:
             intensity = _guess_intensity(bag, topics, pairs)
@@ -168,6 +170,8 @@ class _Frames:
     clouds: CloudTally = field(default_factory=CloudTally)
     blank: dict[str, bool] = field(default_factory=dict)
     """Whether pictures have a single colour, by name."""
+    unread: dict[str, list[int]] = field(default_factory=dict)
+    """Numbers of points or rows beyond the sizes of messages with such, by topic."""
 
     def try_first(
         self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]], source: Path
@@ -180,7 +184,7 @@ class _Frames:
         first: ValueError | None = None
         for name, position in positions.items():
             with staging_folder() as staged:
-                trial = replace(self, out=staged, faults={}, blank={})
+                trial = replace(self, out=staged, faults={}, blank={}, unread={})
                 trial.write(bag, {name: position})
                 if not trial.faults:
                     write_calibration(staged, self.calibration)
@@ -225,7 +229,7 @@ class _Frames:
 
     def notes(self) -> tuple[str, ...]:
         """Return lines on left-out points and frames, with counts."""
-        lines = (*self.clouds.lines(), *self._blank_note())
+        lines = (*self.clouds.lines(), *self._blank_note(), *self._unread_notes())
         if not self.faults:
             return lines
         first = next(iter(self.faults.values()))
@@ -244,6 +248,19 @@ class _Frames:
             f"{blank[0]}; check whether the camera delivered images",
         )
 
+    def _count_unread(self, message: Message) -> None:
+        if number := num_unread(message.content):
+            self.unread.setdefault(message.topic, []).append(number)
+
+    def _unread_notes(self) -> Iterator[str]:
+        for topic, numbers in self.unread.items():
+            items = "rows" if topic == self.topics.camera.name else "points"
+            yield (
+                f"warning: {len(numbers)} messages of {shortened(topic)} hold {sum(numbers)} "
+                f"{items} more than their width and height declare: these are left out; correct "
+                "width and height where they are published, if they belong to the sensor's data"
+            )
+
     def _image(self, name: str, message: Message) -> Callable[[], None]:
         """Read an image; return a function that writes it."""
         topic = self.topics.camera
@@ -254,6 +271,7 @@ class _Frames:
             path = self.out / IMAGES / f"{name}{file.suffix}"
             return partial(atomic_write_bytes, path, file.content)
         image = image_from_message(message.content, topic.name)
+        self._count_unread(message)
         self._check_size((image.shape[0], image.shape[1]), message)
         self.blank[name] = is_blank(image)
         return partial(write_rgb, self.out / IMAGES / f"{name}.png", image)
@@ -271,6 +289,7 @@ class _Frames:
         """Read a cloud; return a function that writes it."""
         source = f"topic {shortened(message.topic)}"
         read = cloud_from_message(message.content, message.topic)
+        self._count_unread(message)
         points, tally = count_echoes(name, read, self.max_intensity, source)
         self.clouds += tally
         return partial(write_cloud, self.out, name, moved_cloud(points, self.new_from_old))
