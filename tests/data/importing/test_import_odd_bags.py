@@ -271,19 +271,6 @@ def test_a_topic_that_two_nodes_publish_is_told(tmp_path):
     assert "topic /front/image_raw is published" not in report
 
 
-def test_a_calibration_that_was_corrected_is_kept_by_a_further_import(tmp_path):
-    bag = write_bag(tmp_path / "drive", 2)
-    import_recording(bag, tmp_path / "out")
-    path = tmp_path / "out" / "calibration.yaml"
-    made = path.read_text()
-    assert "is kept" not in str(import_recording(bag, tmp_path / "out"))
-    path.write_text(f"{made}lidar_height_m: 1.55\n")
-    (tmp_path / "out" / "points" / "000001.bin").unlink()
-    report = str(import_recording(bag, tmp_path / "out"))
-    assert "calibration.yaml differs from that of the bag, and is kept" in report
-    assert path.read_text() == f"{made}lidar_height_m: 1.55\n"
-
-
 def test_an_import_that_was_stopped_is_told_as_such(tmp_path):
     import_recording(write_bag(tmp_path / "drive", 3), tmp_path / "out")
     for path in (tmp_path / "out").glob("*/000002.*"):

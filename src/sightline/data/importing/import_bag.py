@@ -44,7 +44,8 @@ from sightline.data.importing.writer import (
     turned_calibration,
     write_calibration,
     write_cloud,
-    write_times,
+    write_or_keep_calibration,
+    write_or_keep_times,
 )
 from sightline.data.lidar_mount import describe_rotation
 from sightline.data.recording_calibration import (
@@ -52,7 +53,7 @@ from sightline.data.recording_calibration import (
     read_recording_calibration,
     recording_calibration_text,
 )
-from sightline.data.recording_files import CALIBRATIONS, IMAGES, POINTS
+from sightline.data.recording_files import IMAGES, POINTS
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.geometry.cloud_checks import cloud_fault, echoes
@@ -123,14 +124,15 @@ def import_bag(
             bag, dict(zip(names[:_MAX_TRIED_FRAMES], pairs.positions, strict=False)), source
         )
         acquire_output_dir(out, settings, results=RESULTS)
-        notes += _write_or_keep(out, written)
+        notes += write_or_keep_calibration(out, written, names)
         times = dict(zip(names, pairs.times_s, strict=True))
-        write_times(out, times)  # before the frames: `check` tells an import that was stopped
+        # before the frames: `check` tells an import that was stopped
+        notes += write_or_keep_times(out, times)
         present = names_present(out, IMAGES, POINTS)
         pending = [number for number, name in enumerate(names) if name not in present]
         frames.write(bag, {names[number]: pairs.positions[number] for number in pending})
         if frames.faults:
-            write_times(out, {name: at for name, at in times.items() if name not in frames.faults})
+            write_or_keep_times(out, times, left_out=frames.faults)
     return ImportReport(
         out=out,
         written=len(pending) - len(frames.faults),
@@ -145,15 +147,6 @@ def import_bag(
             *describe_view(out),
         ),
     )
-
-
-def _write_or_keep(out: Path, calibration: RecordingCalibration) -> tuple[str, ...]:
-    """Write the calibration, unless the user has changed that of an earlier run; return a note."""
-    path = out / f"{CALIBRATIONS}.yaml"
-    if path.is_file() and path.read_bytes() != recording_calibration_text(calibration).encode():
-        return (f"{path.name} differs from that of the bag, and is kept",)
-    write_calibration(out, calibration)
-    return ()
 
 
 @dataclass(slots=True)

@@ -28,7 +28,7 @@ from sightline.data.importing.writer import (
     turned_calibration,
     write_calibration,
     write_cloud,
-    write_times,
+    write_or_keep_times,
 )
 from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
 from sightline.data.kitti_labels import write_objects
@@ -38,6 +38,7 @@ from sightline.data.recording_calibration import (
     checked_matrices,
 )
 from sightline.data.recording_files import (
+    CALIBRATION_SUFFIXES,
     CALIBRATIONS,
     IMAGES,
     LABELS,
@@ -116,7 +117,7 @@ def import_nuscenes(
             objects=tables.folder / "sample_annotation.json",
         )
     acquire_output_dir(out, settings, results=RESULTS)
-    write_times(out, {moment.name: moment.time_s for moment in moments})
+    kept = write_or_keep_times(out, {moment.name: moment.time_s for moment in moments})
     present = names_present(out, CALIBRATIONS, IMAGES, LABELS, POINTS)
     pending = [moment for moment in moments if moment.name not in present]
     work = _Frames(out, max_intensity)
@@ -130,6 +131,7 @@ def import_nuscenes(
         skipped=len(moments) - len(pending),
         notes=(
             f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
+            *kept,
             *_scene_notes(moments),
             *_dropped_notes(key_frames, len(listed) - len(moments)),
             *_time_notes(moments),
@@ -227,8 +229,12 @@ class _Frames:
             size,
             moved_cloud(points, level_from_lidar),
         )
-        write_calibration(self.out, calibration, moment.name)
-        write_objects(self.out / LABELS / f"{moment.name}.txt", objects)
+        labels = self.out / LABELS / f"{moment.name}.txt"
+        calibrations = (f"{moment.name}{suffix}" for suffix in CALIBRATION_SUFFIXES)
+        if not any((self.out / CALIBRATIONS / name).exists() for name in calibrations):
+            write_calibration(self.out, calibration, moment.name)  # else perhaps corrected
+        if not labels.exists():
+            write_objects(labels, objects)
         suffix = moment.image.suffix
         if suffix.lower() not in IMAGE_SUFFIXES:  # else no command reads it
             suffix = f".{read_image_header(moment.image).file_format}"

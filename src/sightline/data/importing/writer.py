@@ -1,7 +1,7 @@
 """Writer of imported recordings, frame by frame."""
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -14,6 +14,7 @@ from jaxtyping import Float32
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
 from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
+from sightline.data.kitti_trees import find_file, list_files
 from sightline.data.point_files import checked_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -27,6 +28,7 @@ from sightline.data.recording_checks import (
     view_of_recording,
 )
 from sightline.data.recording_files import (
+    CALIBRATION_SUFFIXES,
     CALIBRATIONS,
     IMAGES,
     LABELS,
@@ -261,6 +263,24 @@ def write_cloud(out: Path, name: str, points: Float32[np.ndarray, "num_points 4"
     write_sweep(out / POINTS / f"{name}.bin", points)
 
 
+def write_or_keep_calibration(
+    out: Path, calibration: RecordingCalibration, names: Collection[str]
+) -> tuple[str, ...]:
+    """Write the calibration of all frames, unless the user changed that of an earlier run.
+
+    Returns:
+        A note if it is kept: it has other contents or another suffix, or each frame has its own.
+    """
+    path = list_files(out, CALIBRATION_SUFFIXES).get(CALIBRATIONS)
+    if path is not None and path.read_bytes() != recording_calibration_text(calibration).encode():
+        return (f"{path.name} differs from that of the bag, and is kept",)
+    if path is None and set(names) <= set(list_files(out / CALIBRATIONS, CALIBRATION_SUFFIXES)):
+        return (f"each frame has its own calibration in {CALIBRATIONS}, which is kept",)
+    if path is None:
+        write_calibration(out, calibration)
+    return ()
+
+
 def write_calibration(
     out: Path, calibration: RecordingCalibration, name: str | None = None
 ) -> None:
@@ -269,10 +289,28 @@ def write_calibration(
     atomic_write_text(out / path, recording_calibration_text(calibration))
 
 
-def write_times(out: Path, times_s: Mapping[str, float | Decimal]) -> None:
-    """Write the time of each frame."""
-    lines = (f"{name} {seconds:.9f}\n" for name, seconds in times_s.items())
-    atomic_write_text(out / TIMES_NAME, "".join(lines))
+def write_or_keep_times(
+    out: Path, times_s: Mapping[str, float | Decimal], *, left_out: Collection[str] = ()
+) -> tuple[str, ...]:
+    """Write the time of each frame, unless the user changed those of an earlier run.
+
+    Args:
+        out: Folder of the recording.
+        times_s: Times of all frames of the source.
+        left_out: Names of the frames without a line.
+
+    Returns:
+        A note if they are kept.
+    """
+    lines = {name: f"{name} {seconds:.9f}" for name, seconds in times_s.items()}
+    path = find_file(out, TIMES_NAME)
+    if path is not None and not set(path.read_bytes().splitlines()) <= {
+        line.encode() for line in lines.values()
+    }:
+        return (f"{path.name} differs from the times of the source, and is kept",)
+    kept = (f"{line}\n" for name, line in lines.items() if name not in left_out)
+    atomic_write_text(path or out / TIMES_NAME, "".join(kept))
+    return ()
 
 
 def names_present(out: Path, *folders: str) -> set[str]:
