@@ -6,6 +6,7 @@ from hypothesis.extra import numpy as arrays
 
 from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt, write_sweep
 from sightline.files.problem import FileError
+from sightline.geometry.cloud_layouts import other_layout
 
 finite = st.floats(width=32, allow_nan=False, allow_infinity=False)
 sweeps = arrays.arrays(np.float32, st.tuples(st.integers(0, 9), st.just(4)), elements=finite)
@@ -76,6 +77,18 @@ def a_cloud(num_points=200, order=1):
 
 
 EXTRA = np.arange(200, dtype=np.float32)[:, None]
+NONE = np.zeros((200, 4), np.float32)
+
+
+def as_pcl_dumps(cloud):
+    """Rows of x, y, z, 1, intensity, 0, 0, 0."""
+    return np.hstack([cloud[:, :3], NONE[:, :1] + 1, cloud[:, 3:], NONE[:, :3]])
+
+
+def normals():
+    """Unit vectors."""
+    vectors = np.random.default_rng(2).normal(size=(200, 3))
+    return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
 
 
 @pytest.mark.parametrize("scale", [1, 255])
@@ -88,6 +101,15 @@ EXTRA = np.arange(200, dtype=np.float32)[:, None]
         (lambda cloud: np.hstack([cloud, -EXTRA / 1e4]), 20, "five columns"),
         (lambda cloud: np.hstack([cloud, EXTRA % 64, EXTRA / 1e4]), 24, "six columns"),
         (lambda cloud: cloud.astype(np.float64), 32, "four columns of float64"),
+        (lambda cloud: cloud.astype(np.float16), 8, "four columns of float16"),
+        (as_pcl_dumps, 32, "eight columns"),
+        (lambda cloud: np.hstack([cloud, EXTRA % 64, NONE[:, :3]]), 32, "eight columns"),
+        (lambda cloud: np.hstack([cloud, normals(), EXTRA / 1e4, NONE]), 48, "twelve"),
+        (
+            lambda cloud: np.hstack([as_pcl_dumps(cloud), EXTRA % 9, NONE, NONE[:, :3]]),
+            64,
+            "sixteen",
+        ),
     ],
 )
 @pytest.mark.parametrize("num_points", [200, 197])  # so that 16 bytes a point fit, or do not
@@ -100,8 +122,34 @@ def test_files_of_other_columns_are_refused_with_what_fits(
         with pytest.raises(FileError) as caught:
             read_sweep(tmp_path / "0.bin", drop_non_finite=drop_non_finite)
         assert caught.value.problem.path == tmp_path / "0.bin"
-        assert f"a multiple of {width} bytes per point, not of 16: probably" in str(caught.value)
+        assert f"{width} for each point instead of 16: probably" in str(caught.value)
         assert meaning in str(caught.value)
+
+
+def interleaved(cloud, parts):
+    """Rows from each of several equal parts of a cloud in turn."""
+    kept = cloud[: len(cloud) // parts * parts]
+    return kept.reshape(parts, -1, 4).swapaxes(0, 1).reshape(-1, 4)
+
+
+@pytest.mark.parametrize("parts", [2, 3, 4])
+@pytest.mark.parametrize("key", [lambda p: p[:, 0], lambda p: p[:, 1], lambda p: p[:, 2] / p[:, 0]])
+def test_sweeps_whose_rows_come_from_several_lasers_in_turn_have_four_columns(parts, key):
+    cloud = np.random.default_rng(3).uniform((-40, -40, -2, 0), (40, 40, 2, 1), (600, 4))
+    rows = interleaved(cloud[np.argsort(key(cloud))].astype(np.float32), parts)
+    assert other_layout(rows.tobytes()) is None
+    assert other_layout((rows + np.float32([0, 0, 2, 0])).tobytes()) is None
+    second = np.repeat(rows, 2, axis=0)
+    second[1::2] = (0.27, 0, 1.9, 0)  # no second echo, in the vehicle's frame
+    assert other_layout(second.tobytes()) is None
+
+
+def test_no_sweep_of_kitti_has_other_columns(kitti_root):
+    for path in kitti_root.rglob("*.bin"):
+        points = np.fromfile(path, "<f4").reshape(-1, 4)
+        mixed = np.random.default_rng(4).permutation(points)
+        for rows in (points, points[:150], mixed, points.astype("f2").astype("<f4")):
+            assert other_layout(rows.tobytes()) is None
 
 
 @pytest.mark.parametrize("order", [1, -1, "mixed"])

@@ -15,10 +15,9 @@ from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import (
     cloud_fault,
     hollow_doubt,
-    is_big_endian,
-    other_layout,
     scale_doubt,
 )
+from sightline.geometry.cloud_layouts import is_big_endian, other_layout
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
@@ -30,6 +29,8 @@ COLUMNS: Final = {
     6: "six columns (ring and time)",
     7: "seven columns",
     8: "eight columns",
+    12: "twelve columns",
+    16: "sixteen columns",
 }
 """Descriptions of the columns by their number in files of raw floats."""
 _TEXT: Final = re.compile(rb"[\t\n\r -~]{64,}")
@@ -188,9 +189,8 @@ def _check_layout(content: bytes, path: Path | str) -> None:
     kinds = f" of float{8 * kind.itemsize}" if kind.itemsize != 4 else ""
     raise FileError(
         path,
-        f"holds {len(content)} bytes: a multiple of {width} bytes per point, not of "
-        f"{_POINT_BYTES}: probably {COLUMNS[columns]}{kinds}, expected float32 x, y, z, "
-        "reflectance",
+        f"holds {len(content)} bytes, {width} for each point instead of {_POINT_BYTES}: probably "
+        f"{COLUMNS[columns]}{kinds}, expected float32 x, y, z, reflectance",
         "write only these four",
     )
 

@@ -20,16 +20,6 @@ _BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed man
 USUAL_LOSS: Final = 0.5
 """Share of points without an echo in a cloud that may include rays into the sky."""
 
-_OTHER_LAYOUTS: Final = (
-    *(("<f4", columns) for columns in (3, 5, 6, 7, 8)),
-    *(("<f8", columns) for columns in (3, 4, 5, 6)),
-)
-_MIN_BYTES: Final = 320  # twenty points: fewer give too little evidence
-_MIN_SWAPPED_M: Final = 0.01
-_FINITE_SHARE: Final = 0.5  # share of rows with points in range
-_MAX_UNLIKENESS_RATIO: Final = (
-    0.8  # largest ratio of unlikeness to that of rows of four for another layout
-)
 _MIN_POINTS_TO_WARN: Final = 100
 _DARK_SHARE: Final = 0.01  # share of max_intensity: for 255, about 1 for the scale [0, 1]
 _MIN_POINTS: Final = 20
@@ -52,7 +42,6 @@ _POINTS_A_RING: Final = 20  # enough points to avoid an explanation by chance
 _MAX_RINGS: Final = 128
 _MIN_EVEN_RINGS: Final = 8
 _EVEN_SPREAD: Final = 0.5  # largest variation of the points in a ring; KITTI's sweeps have 0.23
-_NOT_FINITE_VALUE: Final = 1e30  # replaces values that are not finite
 
 
 def as_point_rows(array: np.ndarray) -> Real[np.ndarray, "num_points columns"] | None:
@@ -411,77 +400,6 @@ def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str]
         return f"{problem}: they are in another unit", "write them in metres"
     unit, factor = ("centimetres", 100) if middle_m <= _MAX_MEDIAN_CM else ("millimetres", 1000)
     return f"{problem}: they are probably in {unit}", f"write them in metres, divided by {factor}"
-
-
-def other_layout(content: bytes) -> tuple[np.dtype[Any], int] | None:
-    """Find the number type and columns of a raw cloud that is not float32 x, y, z, intensity.
-
-    A layout has to fit the length, give points within a LiDAR's range with non-negative
-    intensities, and repeat: neighbouring points have similar numbers in the same column. If rows of
-    16 bytes fulfil all this, they are preferred, and the result is None.
-    """
-    narrow = np.frombuffer(content[: len(content) // 4 * 4], "<f4")
-    if len(content) % 16 == 0 and (
-        len(content) < _MIN_BYTES or _is_plausible(narrow.reshape(-1, 4))
-    ):
-        return None
-    found: list[tuple[float, str, int]] = []
-    for kind, columns in _OTHER_LAYOUTS:
-        row_bytes = int(kind[-1]) * columns
-        if len(content) % row_bytes or len(content) < 2 * row_bytes:
-            continue
-        values = np.frombuffer(content, kind)
-        if _is_plausible(values.reshape(-1, columns)):
-            found.append((_unlikeness(values, columns), kind, columns))
-    limit = _MAX_UNLIKENESS_RATIO * _unlikeness(narrow, 4)
-    found = [each for each in found if each[0] < limit]
-    best = min((each[0] for each in found), default=0.0)
-    return next(
-        ((np.dtype(kind), columns) for score, kind, columns in found if score <= 1.1 * best), None
-    )
-
-
-def is_big_endian(content: bytes) -> bool:
-    """Check if a raw cloud of float32 rows of four is plausible in big-endian order only.
-
-    With fewer than twenty points the result is False, since there is too little evidence.
-    """
-    if len(content) % 16 or len(content) < _MIN_BYTES:
-        return False
-    little, big = (np.frombuffer(content, order).reshape(-1, 4) for order in ("<f4", ">f4"))
-    reach_m = np.abs(big[:, :3]).max(axis=1)  # of swapped NaN 1e-41
-    is_cloud = (reach_m > _MIN_SWAPPED_M).mean() > 0.5
-    return bool(is_cloud and not _is_plausible(little) and _is_plausible(big))
-
-
-def has_columns(content: bytes, columns: int) -> bool:
-    """Check if float32 rows of `columns` values (x, y, z, intensity first) are plausible points.
-
-    With fewer than twenty points the result is False, since there is too little evidence.
-    """
-    row_bytes = 4 * columns
-    if len(content) % row_bytes or len(content) < 20 * row_bytes:
-        return False
-    return _is_plausible(np.frombuffer(content, "<f4").reshape(-1, columns))
-
-
-def _is_plausible(rows: Float[np.ndarray, "num_points columns"]) -> bool:
-    """Check if rows can be points in metres, with any brightness."""
-    in_order = rows[:, :3].min() >= -MAX_RANGE_M and rows[:, :3].max() <= MAX_RANGE_M
-    if in_order and not (rows[:, 3:4] < 0).any() and np.isfinite(rows[:, 3:4]).all():
-        return True  # most files; the rest takes five times as long
-    reach_m = np.abs(rows[:, :3]).max(axis=1, initial=0)
-    finite = np.isfinite(rows[:, :4]).all(axis=1)
-    if finite.mean() < _FINITE_SHARE or (rows[finite, 3:4] < 0).any():
-        return False
-    return bool((reach_m[finite] <= MAX_RANGE_M).mean() > _FINITE_SHARE)
-
-
-def _unlikeness(values: Float[np.ndarray, " count"], columns: int) -> float:
-    """Mean of log(1 + difference) between numbers and the next row's."""
-    level = np.where(np.isfinite(values), values, _NOT_FINITE_VALUE).astype(np.float64)
-    steps = np.log1p(np.abs(level[columns:] - level[:-columns]))
-    return float(steps.mean()) if len(steps) else _NOT_FINITE_VALUE
 
 
 def reflectances(

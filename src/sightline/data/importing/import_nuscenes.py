@@ -51,7 +51,7 @@ from sightline.files.atomic import atomic_link
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
-from sightline.geometry.cloud_checks import has_columns
+from sightline.geometry.cloud_layouts import has_columns
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
