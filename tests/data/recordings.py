@@ -181,6 +181,7 @@ class BagMaker:
         matrix=CAMERA_MATRIX,
         binning=(0, 0),
         region=(0, 0, 0, 0),
+        offset_px=0.0,
     ):
         """region: x, y, height, width."""
         roi = self.new(
@@ -192,6 +193,7 @@ class BagMaker:
             do_rectify=False,
         )
         projection = np.pad(matrix, ((0, 0), (0, 1)))
+        projection[0, 3] = offset_px
         message = self.new(
             "sensor_msgs/msg/CameraInfo",
             header=self.header("camera_optical", time_ns),

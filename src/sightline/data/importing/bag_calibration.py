@@ -1,11 +1,18 @@
 """Calibration of a recording from CameraInfo and TF messages of a bag."""
 
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Final
 
+import numpy as np
+
 from sightline.data.importing.bag import Bag, plain_frame
-from sightline.data.importing.bag_camera_info import CALIBRATION_REMEDY, camera_of_bag
+from sightline.data.importing.bag_camera_info import (
+    CALIBRATION_REMEDY,
+    CameraCalibration,
+    camera_of_bag,
+)
 from sightline.data.importing.bag_messages import image_size_from_message
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.bag_transforms import describe_transforms, transforms_of_bag
@@ -21,6 +28,9 @@ from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
 
 _LEVEL_FRAMES: Final = ("base_footprint", "base_link")
+_MIN_BASELINE_M: Final = 1e-3
+_BASELINE_TOLERANCE: Final = 0.05
+"""Largest distance of a first camera's frame from its place by P, as a share of the baseline."""
 _MIN_TILT_DEG: Final = 1.0  # smaller tilts are within the errors of calibrations
 
 
@@ -65,7 +75,7 @@ def calibration_of_bag(
             f"warning: images are in frame {shortened(camera_frame)}, but {label} is in "
             f"{shortened(camera.frame)}: it may belong to another camera",
         )
-    camera_from_lidar, tilt, tf_notes = _lidar_mount(bag, topics, frames)
+    camera_from_lidar, tilt, tf_notes = _lidar_mount(bag, topics, frames, camera)
     try:
         calibration = RecordingCalibration(
             matrices=checked_matrices(
@@ -90,7 +100,10 @@ def _image_size(bag: Bag, topics: ChosenTopics) -> tuple[int, int] | None:
 
 
 def _lidar_mount(
-    bag: Bag, topics: ChosenTopics, camera_frames: Sequence[str]
+    bag: Bag,
+    topics: ChosenTopics,
+    camera_frames: Sequence[str],
+    calibration: CameraCalibration,
 ) -> tuple[Rigid, Tilt | None, tuple[str, ...]]:
     """Find camera_from_lidar by TF, the LiDAR's tilt in the vehicle's frame, and notes.
 
@@ -102,6 +115,7 @@ def _lidar_mount(
         found = find_transform(transforms.usual, camera, lidar)
         if found is not None:
             notes = describe_transforms(transforms, found, lidar, camera)
+            notes += _baseline_notes(transforms.usual, camera, calibration)
             return found, _tilt_on_vehicle(transforms.usual, lidar), notes
     if transforms.faults:
         raise ValueError(f"{bag.path}: {transforms.faults[0]}")
@@ -120,6 +134,37 @@ def _lidar_mount(
         f"'{shortened(lidar)}' (topic {shortened(topics.lidar.name)}) to "
         f"'{shortened(camera)}' (topic {shortened(topics.camera.name)}), it {known}; "
         f"{CALIBRATION_REMEDY}"
+    )
+
+
+def _baseline_notes(
+    transforms: Mapping[tuple[str, str], Rigid], camera: str, calibration: CameraCalibration
+) -> tuple[str, ...]:
+    """Warn of a stereo camera whose offset from the first one is both in P and in TF.
+
+    P of CameraInfo projects from the first camera's frame, so it has the offset, but many drivers
+    publish it with the second camera's own frame. TF may have a frame at the first camera's place.
+    """
+    matrix = calibration.region.matrix
+    offset_m = np.array((matrix[0, 3] / matrix[0, 0], 0.0, 0.0))
+    baseline_m = abs(float(offset_m[0]))
+    if baseline_m <= _MIN_BASELINE_M:
+        return ()
+    frames = dict.fromkeys(frame for pair in transforms for frame in pair)
+    poses = [find_transform(transforms, camera, frame) for frame in frames]
+    places_m = [
+        (calibration.rectified_from_camera @ pose)[:3, 3] for pose in poses if pose is not None
+    ]
+    limit_m = max(_BASELINE_TOLERANCE * baseline_m, _MIN_BASELINE_M)
+    is_named = "right" in re.split("[^a-z]+", camera.lower())
+    if not is_named and all(np.linalg.norm(at - offset_m) > limit_m for at in places_m):
+        return ()
+    shift_px = baseline_m * matrix[0, 0] / 10
+    return (
+        f"warning: P of CameraInfo has the baseline of a stereo pair, {baseline_m:.3g} m, and TF "
+        f"has {shortened(camera)}, probably the second camera's own frame: then the baseline is "
+        f"counted twice, {shift_px:.3g} px at 10 m; look whether points fit the images (sightline "
+        "show), and if not, set the fourth column of camera_matrix to 0",
     )
 
 

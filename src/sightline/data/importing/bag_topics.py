@@ -135,6 +135,18 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
     return None
 
 
+def describe_info(topics: ChosenTopics) -> tuple[str, ...]:
+    """Warn of a bag's only CameraInfo if its name begins otherwise than that of the images."""
+    camera, info = topics.camera.name, topics.info.name if topics.info else ""
+    are_apart = _num_shared_names(info, camera) == 0
+    if not are_apart or any(len(each.strip("/").split("/")) < 2 for each in (info, camera)):
+        return ()
+    return (
+        f"warning: {shortened(info)}, the only CameraInfo, is not beside {shortened(camera)}: it "
+        "may belong to another camera; name it by --info-topic if it does not",
+    )
+
+
 def _num_shared_names(first: str, second: str) -> int:
     """Number of common leading names of two topics' paths."""
     pairs = zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False)

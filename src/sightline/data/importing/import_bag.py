@@ -27,7 +27,7 @@ from sightline.data.importing.bag_messages import (
 )
 from sightline.data.importing.bag_pairs import Pairs, pair_messages
 from sightline.data.importing.bag_sectors import describe_parts_of_turns
-from sightline.data.importing.bag_topics import ChosenTopics, choose_topics
+from sightline.data.importing.bag_topics import ChosenTopics, choose_topics, describe_info
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.writer import (
     RESULTS,
@@ -94,7 +94,7 @@ def import_bag(
             given = read_recording_calibration(calibration)
         else:
             given, calibration_notes = calibration_of_bag(bag, topics, undistort=undistort)
-            notes += calibration_notes
+            notes += (*calibration_notes, *(describe_info(topics) if info_topic is None else ()))
         pairs = pair_messages(
             bag, topics, max_gap_s, clock, keep_other_frames=calibration is not None
         )
