@@ -32,6 +32,7 @@ from tests.data.recordings import (
     calibration_entries,
     usual_topics,
     write_bag,
+    write_nuscenes,
 )
 
 
@@ -155,6 +156,14 @@ def test_lens_distortion_is_refused_and_straightened_on_request(tmp_path):
     matrix = np.array(calibration_entries()["camera_matrix"])
     expected = cv2.undistort(IMAGE, matrix, np.array(lens))
     assert np.abs(straight.astype(int) - expected).mean() < 0.5
+
+
+@pytest.mark.parametrize("write", [write_bag, write_nuscenes])
+def test_straight_images_need_no_undistortion_and_that_is_told(tmp_path, write):
+    write(tmp_path / "drive")
+    for undistort in (True, False):
+        report = import_recording(tmp_path / "drive", tmp_path / "out", undistort=undistort)
+        assert ("--undistort has no effect" in str(report)) == undistort
 
 
 @pytest.mark.parametrize("model", ["equidistant", "fisheye"])

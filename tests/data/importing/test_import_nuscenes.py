@@ -540,6 +540,18 @@ def test_labels_of_a_lidar_that_looks_down_are_those_of_a_level_one(nuscenes, tm
         assert np.abs(tilted.rotation_y - level.rotation_y).max() < 0.02
 
 
+def test_rotations_of_sensors_with_w_last_are_named_beside_faulty_annotations(tmp_path):
+    write_nuscenes(tmp_path / "data", num_samples=1)
+
+    def reorder(rows):
+        for row in rows:
+            row["rotation"] = [*row["rotation"][1:], row["rotation"][0]]
+
+    edit_table(tmp_path / "data", "calibrated_sensor", reorder)
+    with pytest.raises(FileError, match=r"rotations of calibrated_sensor \(quaternions w, x, y, z"):
+        import_recording(tmp_path / "data", tmp_path / "out")
+
+
 @pytest.mark.parametrize("change", ["twice", "length first"])
 def test_faulty_annotations_are_told_by_their_table_not_by_the_image(tmp_path, change):
     write_nuscenes(tmp_path / "data", num_samples=1)

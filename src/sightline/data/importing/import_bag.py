@@ -31,6 +31,7 @@ from sightline.data.importing.bag_topics import ChosenTopics, choose_topics, des
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.writer import (
     RESULTS,
+    STRAIGHT_NOTE,
     CloudTally,
     ImportReport,
     check_not_into_source,
@@ -95,6 +96,8 @@ def import_bag(
         else:
             given, calibration_notes = calibration_of_bag(bag, topics, undistort=undistort)
             notes += (*calibration_notes, *(describe_info(topics) if info_topic is None else ()))
+        if undistort and given.lens is None:
+            notes.append(STRAIGHT_NOTE)
         pairs = pair_messages(
             bag, topics, max_gap_s, clock, keep_other_frames=calibration is not None
         )

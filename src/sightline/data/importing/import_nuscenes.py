@@ -16,6 +16,7 @@ from sightline.data.importing.nuscenes import Moment, Moments, Tables
 from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
 from sightline.data.importing.writer import (
     RESULTS,
+    STRAIGHT_NOTE,
     CloudTally,
     ImportReport,
     check_not_into_source,
@@ -132,6 +133,7 @@ def import_nuscenes(
         notes=(
             f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
             *kept,
+            *((STRAIGHT_NOTE,) if undistort and not lens else ()),
             *_scene_notes(moments),
             *_dropped_notes(key_frames, len(listed) - len(moments)),
             *_time_notes(moments),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float32
@@ -47,9 +48,11 @@ from sightline.jobs.output_dirs import check_outside_dataset
 RESULTS = (f"{IMAGES}/*", f"{POINTS}/*", f"{LABELS}/*", f"{CALIBRATIONS}*", TIMES_NAME)
 """File patterns of an import."""
 _ANNOTATIONS_REMEDY = (
-    "correct the sample's annotations (sizes are width, length, height; each object has one row), "
-    "or extract nuScenes' metadata archive again"
+    "correct the sample's annotations (sizes are width, length, height; each object has one row) "
+    "and the rotations of calibrated_sensor (quaternions w, x, y, z), or extract nuScenes' "
+    "metadata archive again"
 )
+STRAIGHT_NOTE: Final = "--undistort has no effect: by the calibration images are not distorted"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
