@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.check import check_tree
+from sightline.data.check import check_tree, summarize_tree
 from sightline.data.frame_checks import check_depth_fit
 from sightline.data.image_file import write_rgb
 from sightline.data.map_png import write_depth_png
@@ -264,16 +264,50 @@ def test_labels_in_a_folder_of_another_name_are_told_where_labels_are_used(tree,
 
 
 @pytest.mark.parametrize(
-    ("own", "other"), [("points", "Points"), ("points", "lidar"), ("images", "camera_front")]
+    ("own", "other"), [("points", "Points"), ("points", "lidar"), ("images", "image")]
 )
 def test_a_sensors_folder_of_another_name_is_called_so_in_recordings(tmp_path, own, other):
     write_recording(tmp_path, ("a",))
     (tmp_path / own).rename(tmp_path / other)
-    if other == "camera_front":  # perhaps another camera
-        assert open_dataset(tmp_path)[0].image is None
-        return
     with pytest.raises(FileError, match=f"{other}.* holds 1 files that are not read.*{own}"):
         open_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(("own", "other"), [("images", "image_front"), ("points", "LIDAR_TOP")])
+def test_a_folder_of_any_name_with_files_of_the_frames_is_told_where_the_sensor_has_none(
+    tmp_path, own, other
+):
+    write_recording(tmp_path, ("a", "b"))
+    shutil.copytree(tmp_path / own, tmp_path / other)
+    (tree,) = summarize_tree(tmp_path)
+    assert f"not read: {other}, whose files have the frames' names" in str(tree)
+    assert not list(check_tree(tmp_path))  # a second sensor is no fault
+    shutil.rmtree(tmp_path / own)
+    told = f"{other}: holds 2 files with the frames' names that are not read, and there is no "
+    (problem,) = check_tree(tmp_path)
+    assert told in str(problem)
+    assert f"rename it to {own}" in str(problem)
+    with pytest.warns(UserWarning, match=f"{told}folder {own}"):
+        open_dataset(tmp_path)
+
+
+def test_folders_of_other_frames_results_and_maps_of_16_bits_are_no_further_cameras(tree):
+    pictures = sorted((tree / "image_2").iterdir())
+    for folder in ("others", "results", "disparity"):
+        (tree / folder).mkdir()
+    (tree / "results" / "sightline.json").touch()
+    for picture in pictures:
+        shutil.copy(picture, tree / "others" / f"x{picture.name}")
+        shutil.copy(picture, tree / "results")
+        write_depth_png(tree / "disparity" / picture.name, np.ones((2, 2)))
+    shutil.copytree(tree / "velodyne", tree / "velodyne_reduced")
+    shutil.copytree(tree / "image_2", tree / "image_3")
+    (told,) = summarize_tree(tree)
+    assert told.note.endswith("not read: image_3, whose files have the frames' names")
+    assert not list(check_tree(tree))
+    shutil.rmtree(tree / "image_3")
+    shutil.rmtree(tree / "image_2")
+    assert not list(check_tree(tree))
 
 
 @pytest.mark.parametrize(("own", "other"), [("images", "Images"), ("labels", "LABELS")])

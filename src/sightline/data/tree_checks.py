@@ -75,6 +75,7 @@ from sightline.data.recording_files import (
 from sightline.data.unread_files import (
     PartFolder,
     depth_folders,
+    describe_other_sensors,
     drive_folders,
     find_name_clashes,
     find_unread,
@@ -340,8 +341,9 @@ def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:
 def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | None:
     """Add a problem for each folder with ignored files, instead of its gaps.
 
-    Files that are hidden by another one come after them.
+    Files that are hidden by another one come after them; further sensors are told in the summary.
     """
+    tree = _with_notes(tree, *describe_other_sensors(folders))
     if tree is None:
         return None
     unread = find_unread(folders)

@@ -7,8 +7,10 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
-from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.data.frame_checks import read_or_note
+from sightline.data.image_header import IMAGE_SUFFIXES, read_image_header
 from sightline.data.kitti_trees import (
     DRIVE_FOLDERS,
     PART_SUFFIXES,
@@ -33,6 +35,7 @@ from sightline.data.recording_files import (
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
+from sightline.jobs.output_dirs import MANIFEST_NAME
 
 _NOTE_SUFFIXES = frozenset(
     (".txt", ".json", ".csv", ".md", ".yaml", ".yml", ".xml", ".ini", ".db", ".html", ".log", "")
@@ -58,11 +61,12 @@ _FOLDER_ALIASES: dict[Part, tuple[str, ...]] = {
     "calibration": ("calib", "calibs", "calibration", "calibrations"),
 }
 """Other common names of a part's folder, only letters."""
-_OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03", "image")
-"""Folders of other cameras and of a depth benchmark's selection."""
+_OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03")
+"""Folders of other cameras."""
 _OTHER_DRIVE_CAMERAS = ("image_03", "image_00", "image_01")  # the other colour camera first
 _DRIVE_DATA = "data"  # folder of a drive's files in that of the sensor
-_MAX_LISTED = 4  # suffixes listed in an error
+_MAX_LISTED = 4  # suffixes or folders listed in a message
+_MAP_BITS = 16  # per pixel of depth maps and instance maps
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -177,7 +181,7 @@ def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
         for unread in (
             _find_lost(each) or _find_unread_in(each),
             _find_hidden_in(each),
-            _find_misnamed(each),
+            _find_misnamed(each) or _find_other_sensor(each, folders),
             *_find_elsewhere(each),
             _find_replacement(each),
         )
@@ -228,7 +232,7 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
     """Find a folder of the part with another name: in another case, or if there is none, usual."""
     is_missing = not place.folder.is_dir()
     aliases = _FOLDER_ALIASES.get(place.part, ()) if is_missing else ()
-    home = place.folder.parent if place.folder.name == _DRIVE_DATA else place.folder
+    home = _home(place)
     for other in sorted(home.parent.iterdir()) if home.parent.is_dir() else ():
         is_usual = re.sub("[^a-z]", "", other.name.lower()) in aliases
         if (
@@ -252,6 +256,73 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
             all_unread = is_missing and is_needed
             return UnreadFiles(problem=described, part=place.part, all_unread=all_unread)
     return None
+
+
+def describe_other_sensors(folders: Sequence[PartFolder]) -> tuple[str, ...]:
+    """Describe folders of further cameras and LiDARs beside those that are read, in a clause."""
+    found = {
+        folder.name
+        for place in folders
+        if place.folder.is_dir()
+        for folder in _other_sensors(place, folders)
+    }
+    if not found:
+        return ()
+    named = ", ".join(map(shortened, sorted(found)[:_MAX_LISTED]))
+    more = f" and {len(found) - _MAX_LISTED} more" if len(found) > _MAX_LISTED else ""
+    return (f"not read: {named}{more}, whose files have the frames' names",)
+
+
+def _find_other_sensor(place: PartFolder, folders: Sequence[PartFolder]) -> UnreadFiles | None:
+    """Find a folder, called anything, with files of the frames for a sensor that has no folder."""
+    others = {} if place.folder.is_dir() else _other_sensors(place, folders)
+    for folder, number in others.items():
+        name = _home(place).name
+        described = Problem(
+            path=folder,
+            problem=f"holds {number} files with the frames' names that are not read, and there is "
+            f"no folder {name}",
+            remedy=f"rename it to {name} if the calibration is its sensor's, or move it away",
+        )
+        return UnreadFiles(problem=described, part=place.part, all_unread=False)
+    return None
+
+
+def _other_sensors(place: PartFolder, folders: Sequence[PartFolder]) -> dict[Path, int]:
+    """Find unread folders beside a sensor's with files of its kind for most of their frames.
+
+    Results of a command, and maps of depth or objects with 16 bits, are no sensor's.
+
+    Returns:
+        The number of files of each folder.
+    """
+    home = _home(place)
+    if place.part not in ("image", "points") or place.replacements or not home.parent.is_dir():
+        return {}
+    read = [list_files(each.folder, each.suffixes) for each in folders if not each.only]
+    names = {name for files in read for name in files}
+    known = {_home(each).name.lower() for each in folders} | set(get_args(Velodyne))
+    found: dict[Path, int] = {}
+    for other in sorted(home.parent.iterdir()):
+        if other.name.lower() in known or other.name.startswith("."):
+            continue
+        inner = other / _DRIVE_DATA
+        files = list_files(inner if inner.is_dir() else other, place.suffixes)
+        if 2 * len(names & set(files)) <= len(files) or (other / MANIFEST_NAME).exists():
+            continue
+        if place.part != "image" or _is_picture(next(iter(files.values()))):
+            found[other] = len(files)
+    return found
+
+
+def _is_picture(path: Path) -> bool:
+    header = read_or_note(read_image_header, path, [])
+    return header is None or header.bits_per_channel != _MAP_BITS
+
+
+def _home(place: PartFolder) -> Path:
+    """Folder of a sensor, one above that of its files in a raw drive."""
+    return place.folder.parent if place.folder.name == _DRIVE_DATA else place.folder
 
 
 def _find_elsewhere(place: PartFolder) -> list[UnreadFiles]:
