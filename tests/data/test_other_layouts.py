@@ -29,6 +29,9 @@ def test_a_sequence_of_odometry_is_called_so_with_what_to_do(tmp_path):
     line = told(sequence)
     assert "is a sequence of KITTI odometry: one calib.txt, with P2 and Tr" in line
     assert "rename image_2 to images and velodyne to points" in line
+    assert "times.txt" not in line
+    (sequence / "times.txt").write_text("0.000000e+00\n")  # as each of KITTI's sequences has
+    assert "and begin each line of times.txt with its frame's name" in told(sequence)
     assert f"{sequence} in it looks like one; give that folder" in told(tmp_path)
 
 

@@ -168,6 +168,18 @@ def test_a_recording_whose_only_calibration_has_another_name_is_told_to_rename_i
         open_dataset(tmp_path)
 
 
+def test_two_files_of_times_are_told_by_check_and_on_opening(tmp_path):
+    write_recording(tmp_path, ("a",))
+    for name, time in (("times.txt", 0), ("Times.TXT", 9)):
+        (tmp_path / name).write_text(f"a {time}\n")
+    if (tmp_path / "times.txt").read_text() == "a 9\n":
+        pytest.skip("this disk knows no case")
+    with pytest.warns(UserWarning, match=r"Times.TXT: is not read: times.txt has the same name"):
+        open_dataset(tmp_path)
+    (problem,) = check_tree(tmp_path)
+    assert problem.path.name == "Times.TXT"
+
+
 def test_hidden_files_of_a_sensor_are_counted(tmp_path):
     write_recording(tmp_path, ("a", "b"), cloud=".npy")
     for name in (".c.npy", ".d.npy", "._a.npy", ".DS_Store"):

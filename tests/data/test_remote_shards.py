@@ -178,6 +178,25 @@ def test_a_manifest_of_too_few_shards_and_a_missing_shard_are_told(folder, addre
     assert "000002.png: cannot be read: 000001.tar is absent; copy it to the server, or" in out
 
 
+class StartPageHandler(RangeHandler):
+    """Answers with its start page for what is not there, as servers of single pages do."""
+
+    def translate_path(self, path):
+        found = super().translate_path(path)
+        return found if Path(found).is_file() else str(Path(self.directory) / "index.html")
+
+
+def test_a_start_page_in_the_place_of_what_is_absent_is_no_shard(folder, capsys):
+    (folder / "index.html").write_text("<!DOCTYPE html><html><body>Hello</body></html>\n")
+    for address in serve(folder, StartPageHandler):
+        assert len(open_dataset(f"{address}/shards/training")) == 3
+        assert len(open_dataset(f"{address}/shards/000001.tar")) == 1
+        with pytest.raises(ValueError, match="holds no shards, or cannot be reached"):
+            open_dataset(f"{address}/nothing")
+        assert main(["shard", f"{address}/nothing", str(folder / "out")]) == 2
+        assert f"{address}/nothing is no folder" in capsys.readouterr().err
+
+
 class FailingHandler(RangeHandler):
     """Answers 503 for one file at every attempt."""
 

@@ -165,6 +165,33 @@ def test_a_recording_and_a_drive_are_read_from_shards(tmp_path):
     assert torch.equal(one[1].points, other[1].points)
 
 
+def test_a_drive_without_its_days_calibration_is_not_packed(tmp_path):
+    drive = write_drive(tmp_path / "2011_09_26" / "2011_09_26_drive_0001_sync")
+    with pytest.raises(
+        ValueError, match=r"one folder up; pack the folder of its day, .*2011_09_26"
+    ):
+        write_shards(drive, tmp_path / "packed", frames_per_shard=2)
+    assert not (tmp_path / "packed").exists()
+    for path in drive.parent.glob("calib_*.txt"):
+        shutil.copy(path, drive)
+    write_shards(drive, tmp_path / "packed", frames_per_shard=2)
+    assert not list(check_tree(tmp_path / "packed"))
+
+
+def test_times_of_other_shards_are_no_fault_of_a_single_one(tmp_path, recwarn):
+    recording = write_recording(tmp_path / "recording", ("a", "b"))
+    (recording / "times.txt").write_text("a 0.0\nb 0.1\n")
+    write_shards(recording, tmp_path / "packed", frames_per_shard=1)
+    for name in ("", "000000.tar", "000001.tar"):
+        assert not list(check_tree(tmp_path / "packed" / name))
+        open_dataset(tmp_path / "packed" / name)
+    assert not recwarn
+    (recording / "times.txt").write_text("a 0.0\n")
+    write_shards(recording, tmp_path / "other", frames_per_shard=1)
+    (problem,) = check_tree(tmp_path / "other" / "000001.tar")
+    assert "has no time of any frame" in str(problem)
+
+
 def test_depth_trees_are_read_from_shards(tmp_path):
     write_selection(tmp_path / "selection")
     write_depth_drive(tmp_path / "drives", tmp_path / "drives")

@@ -8,6 +8,7 @@ import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -269,6 +270,21 @@ def test_wrong_arguments_of_a_script_are_one_line(tmp_path, monkeypatch):
             read_frame(picture, str(sweep), described)
 
 
+@pytest.mark.parametrize("factor", [0.5, 2])
+def test_an_image_of_another_resolution_than_its_calibration_is_refused_by_the_scripts(
+    tmp_path, factor
+):
+    from kitti_frame import read_frame
+
+    picture, sweep, calibration = files_of(PACKAGED_FRAMES, "000000")
+    image = cv2.imread(picture)
+    cv2.imwrite(str(tmp_path / "cropped.png"), image[90:, 20:-20])
+    read_frame(str(tmp_path / "cropped.png"), sweep, calibration)
+    cv2.imwrite(str(tmp_path / "scaled.png"), cv2.resize(image, None, fx=factor, fy=factor))
+    with pytest.raises(SystemExit, match="and P2 of such an image; give IMAGE"):
+        read_frame(str(tmp_path / "scaled.png"), sweep, calibration)
+
+
 @pytest.mark.parametrize(
     "rows",
     [
@@ -284,7 +300,7 @@ def test_a_sweep_in_another_form_is_refused_by_the_scripts(tmp_path, rows):
 
     picture, _, calibration = files_of(PACKAGED_FRAMES, "000000")
     rows.tofile(tmp_path / "odd.bin")
-    with pytest.raises(SystemExit, match=r"expected points \[m\], reflectances up to 1, and in P2"):
+    with pytest.raises(SystemExit, match=r"expected points \[m\], reflectances up to 1, and P2"):
         read_frame(picture, str(tmp_path / "odd.bin"), calibration)
 
 
@@ -295,7 +311,7 @@ def test_a_camera_without_focal_length_is_refused_by_the_scripts_and_blank_lines
     text = Path(calibration).read_text()
     odd = tmp_path / "calib.txt"
     odd.write_text(re.sub(r"^P2:.*", "P2:" + " 0" * 12, text, flags=re.MULTILINE))
-    with pytest.raises(SystemExit, match="and in P2 a focal length"):
+    with pytest.raises(SystemExit, match="and P2 of such an image"):
         read_frame(picture, sweep, str(odd))
     odd.write_text(text.replace("\n", "\n \n"))
     assert np.array_equal(

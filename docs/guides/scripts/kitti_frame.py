@@ -38,13 +38,14 @@ def read_frame(image: str, sweep: str, calibration: str) -> Frame:
     try:
         lines = [line.partition(":") for line in Path(calibration).read_text().splitlines()]
         values = {name: np.array(text.split(), np.float64) for name, _, text in lines}
-        rectification, mounting = np.eye(4), np.eye(4)
+        camera, rectification, mounting = values["P2"].reshape(3, 4), np.eye(4), np.eye(4)
         rectification[:3, :3] = values["R0_rect"].reshape(3, 3)
         mounting[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
-        camera = values["P2"].reshape(3, 4)
         points = np.frombuffer(Path(sweep).read_bytes(), np.float32).reshape(-1, 4)
-        if not ((np.abs(points) <= [1e3, 1e3, 1e3, 1]).all() and (np.diag(camera) > 0)[:2].all()):
-            raise ValueError("expected points [m], reflectances up to 1, and in P2 a focal length")
+        scale = 2 * camera[:2, 2] / bgr.shape[1::-1]  # 1: its centre is that of the image
+        is_of_image = (np.diag(camera) > 0)[:2].all() and scale.max() > 0.74 and scale.min() < 1.35
+        if not ((np.abs(points) <= [1e3, 1e3, 1e3, 1]).all() and is_of_image):
+            raise ValueError("expected points [m], reflectances up to 1, and P2 of such an image")
         return Frame(bgr[..., ::-1], points, camera, rectification @ mounting)
     except (OSError, KeyError, ValueError) as error:
         sys.exit(f"{sweep}, {calibration}: {error}; give IMAGE.png VELODYNE.bin CALIB.txt of KITTI")
@@ -90,8 +91,7 @@ def open_graph(path: str, task: str, *inputs: str) -> tuple[Any, Steps]:
     metadata = session.get_modelmeta().custom_metadata_map
     if "sightline.processing" not in metadata:
         sys.exit(f"{path} lacks the metadata sightline.processing; export the weights again")
-    found = metadata.get("sightline.task")
-    if found != task:
+    if (found := metadata.get("sightline.task")) != task:
         sys.exit(f"{path} is of the task {found!r}, expected {task}; name an export of that")
     names = {each.name for each in session.get_inputs()}
     if not names.issuperset(inputs):

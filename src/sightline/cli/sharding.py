@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sightline.cli.output import say, warn
+from sightline.files.problem import shown_place
 from sightline.jobs.output_dirs import check_outputs
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def shard(
     from sightline.data.sharding import write_shards
 
     if not data.is_dir():
-        raise ValueError(f"{data} is no folder; give the folder of a data set")
+        raise ValueError(f"{shown_place(data)} is no folder; give the folder of a data set")
     report = write_shards(
         data, out, frames_per_shard=frames_per_shard, compress=compress, workers=workers
     )

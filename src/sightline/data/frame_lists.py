@@ -9,6 +9,7 @@ from typing import Final
 
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import read_piped_text, read_text, shortened
+from sightline.files.problem import shown_place
 from sightline.files.safe_names import relative_parts
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import wrong_type
@@ -98,7 +99,7 @@ def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: s
         ValueError: There is no such folder, or frames have no file in it; contains their number.
     """
     if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder; give the folder of the {kind} files")
+        raise ValueError(f"{shown_place(folder)} is no folder; give the folder of the {kind} files")
     present = {path.name for path in folder.iterdir()}
     missing = [name for name in names if f"{name}{_SUFFIX}" not in present]
     if missing:

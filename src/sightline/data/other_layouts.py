@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sightline.data.recording_files import lacks_calibration, misnamed_files
+from sightline.data.recording_files import TIMES_NAME, lacks_calibration, misnamed_files
 from sightline.data.unread_files import (
     drive_folders,
     find_unread,
@@ -81,12 +81,14 @@ def _odometry(path: Path) -> Problem | None:
     has_sensor = any((path / name).is_dir() for name in ("image_2", "image_0", "velodyne"))
     if not has_sensor or not (path / "calib.txt").is_file() or (path / "calib").is_dir():
         return None
+    has_times = (path / TIMES_NAME).is_file()
+    times = f", and begin each line of {TIMES_NAME} with its frame's name" if has_times else ""
     return Problem(
         path=path,
         problem="is a sequence of KITTI odometry: one calib.txt, with P2 and Tr, for all frames",
         remedy="make it a recording: rename image_2 to images and velodyne to points, and write "
         "calibration.yaml with camera_matrix, the 3x4 numbers of P2, and camera_from_lidar, the "
-        "3x4 numbers of Tr (docs/recordings.md)",
+        f"3x4 numbers of Tr{times} (docs/recordings.md)",
     )
 
 

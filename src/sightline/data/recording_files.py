@@ -22,6 +22,7 @@ from sightline.data.kitti_trees import (
 from sightline.data.point_files import CLOUD_SUFFIXES
 from sightline.files.plain_text import parse_numbers, read_text, shortened
 from sightline.files.problem import FileError, Problem
+from sightline.files.shard_path import is_single_shard
 from sightline.jobs.output_dirs import MANIFEST_NAME
 
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
@@ -163,17 +164,22 @@ def misnamed_files(folder: Path) -> list[Problem]:
     has_calibration = bool(
         _common_calibration(folder) or list_files(folder / CALIBRATIONS, CALIBRATION_SUFFIXES)
     )
-    has_times = find_file(folder, TIMES_NAME) is not None
+    times = find_file(folder, TIMES_NAME)
     problems = []
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         name, suffix = path.name.lower(), path.suffix.lower()
-        if not path.is_file() or name == TIMES_NAME:
+        if not path.is_file():
+            continue
+        if name == TIMES_NAME:
+            if times is not None and not path.samefile(times):
+                problem, remedy = f"is not read: {times.name} has the same name", "keep one of them"
+                problems.append(Problem(path=path, problem=problem, remedy=remedy))
             continue
         if name.startswith(_CALIBRATION_STARTS) and path.stem != CALIBRATIONS:
             is_format, has_other = suffix in CALIBRATION_SUFFIXES, has_calibration
             expected, suffixes = "calibration.yaml", (*CALIBRATION_SUFFIXES, ".txt", ".xml")
         elif name.startswith(_TIMES_STARTS):
-            is_format, has_other, expected = suffix == ".txt", has_times, TIMES_NAME
+            is_format, has_other, expected = suffix == ".txt", times is not None, TIMES_NAME
             suffixes = (".txt", ".csv", ".tsv", ".json", ".yaml")
         else:
             continue
@@ -263,7 +269,8 @@ def check_times(path: Path, frames: Sequence[str]) -> list[Problem]:
 def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]) -> list[Problem]:
     """Find differences between times and frames, gaps, and times that do not increase.
 
-    Times between sequences, such as scene-0001-040 and scene-0002-000, may be any.
+    Times between sequences, such as scene-0001-040 and scene-0002-000, may be any. A single shard
+    has the times of all shards.
 
     Args:
         path: The file.
@@ -280,7 +287,7 @@ def times_doubts(path: Path, times: Mapping[str, Decimal], frames: Sequence[str]
         names = f"it has {describe_absent(unknown)}" if unknown else "it is empty"
         faults.append((f"has no time of any frame: {names}, {found}", "give each frame a line"))
         unknown, untimed = [], []
-    if unknown:
+    if unknown and not is_single_shard(path):
         problem = f"{len(unknown)} of {len(times)} lines name no frame ({describe_absent(unknown)})"
         remedy = "correct their names, or remove them"
         if (path.parent / MANIFEST_NAME).is_file():

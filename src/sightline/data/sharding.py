@@ -15,6 +15,7 @@ from typing import Final
 from urllib.parse import quote
 
 from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.data.kitti_trees import day_folder, list_drive
 from sightline.data.point_files import CLOUD_SUFFIXES
 from sightline.files.atomic import (
     atomic_path,
@@ -106,6 +107,7 @@ def write_shards(
     if frames_per_shard < 1:
         raise ValueError(f"frames_per_shard must be at least 1, got {frames_per_shard}")
     check_threads(workers)
+    _check_has_calibration(data)
     sources = _find_sources(data)
     count = len(sources.frames)
     if count > MAX_SHARDS * frames_per_shard:
@@ -198,6 +200,18 @@ def _attempt(job: Callable[[], bool | None]) -> bool | str | None:
         return job()
     except (ValueError, OSError) as error:
         return error_text(error)
+
+
+def _check_has_calibration(data: Path) -> None:
+    """Refuse a raw drive whose calibration is above it, and would stay behind."""
+    drive = list_drive(data)
+    if drive.frames and drive.calibration not in (None, data):
+        raise FileError(
+            data,
+            "is a raw drive without its calibration, which is one folder up",
+            f"pack the folder of its day, {day_folder(data.absolute())}, or copy calib_*.txt of "
+            "that into the drive",
+        )
 
 
 def _find_sources(data: Path) -> _Sources:

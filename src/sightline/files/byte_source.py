@@ -86,6 +86,8 @@ def read_range(path: Path, start: int, length: int) -> bytes:
 def read_small(path: Path, max_bytes: int) -> bytes | None:
     """Read a whole file of limited length; None: there is none.
 
+    A web page is none: some servers send their start page for every file that they lack.
+
     Raises:
         RefusedError: The server refuses the file.
         FileError: The file cannot be read, or is longer.
@@ -109,7 +111,8 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
     if size > max_bytes:
         problem = f"is {size} bytes long, expected up to {max_bytes}"
         raise FileError(path, problem, "get the data from a source that you trust")
-    return read_range(path, 0, size)
+    content = read_range(path, 0, size)
+    return None if url is not None and content.lstrip().startswith(b"<") else content
 
 
 def _tried(request: Callable[[], _Answer]) -> _Answer:

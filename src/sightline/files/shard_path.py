@@ -45,6 +45,11 @@ def data_path(path: Path | str) -> Path:
     return ShardPath(path)
 
 
+def is_single_shard(path: Path) -> bool:
+    """Test whether a file is read from one tar, which may be some of a data set's frames."""
+    return isinstance(path, ShardPath) and any(each.suffix == ".tar" for each in path.parents)
+
+
 _ROOT_PARTS = 2  # of an address without a path: the scheme, and the server or bucket
 _remote_trees: dict[Path, ShardTree] = {}
 

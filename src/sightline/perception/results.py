@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.files.plain_text import shortened
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, shown_place
 from sightline.files.safe_names import checked_name
 from sightline.inference.predictor import Output
 from sightline.jobs.output_dirs import MANIFEST_NAME, read_claim
@@ -68,7 +68,7 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
     opened: list[ResultFolder] = []
     for folder in folders:
         if not folder.is_dir():
-            raise ValueError(f"{folder} is no folder; give one of result files")
+            raise ValueError(f"{shown_place(folder)} is no folder; give one of result files")
         claim = read_claim(folder)
         found = _claimed_results(folder, claim) if claim else _results_by_suffix(folder)
         if not found and claim is None and (folder / MANIFEST_NAME).is_file():
