@@ -295,6 +295,12 @@ def test_a_full_disk_ends_a_run_in_one_sentence_that_names_the_place(
     assert not list(Path("runs/toy").glob("*.ckpt"))
 
 
+def test_scoring_a_folder_without_a_checkpoint_names_the_folders_option(recipes):
+    said = r"no checkpoint runs/toy/last.ckpt; name the folder of a training with --run_folder, or"
+    with pytest.raises(ValueError, match=said):
+        run_training("test", ["--config", "toy"], recipes)
+
+
 def test_checkpoints_take_no_room_in_the_folder_for_temporary_files(recipes, monkeypatch):
     def refuse(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -18,8 +18,12 @@ _LAST = "last.ckpt"
 _VALIDATION_DUE_KEY = "sightline_owed_validation"
 
 
-def check_checkpoint_file(path: Path) -> None:
+def check_checkpoint_file(path: Path, *, is_given: bool = True) -> None:
     """Refuse a path that leads to no checkpoint file, with what it leads to.
+
+    Args:
+        path: The file.
+        is_given: Whether --ckpt_path names it; else the run folder does.
 
     Raises:
         ValueError: There is no such file, or it is the folder of a run, or weights alone.
@@ -32,10 +36,10 @@ def check_checkpoint_file(path: Path) -> None:
     if (path / _LAST).is_file():
         raise ValueError(f"{path} is the folder of a run; give {path / _LAST}")
     if not path.is_file():
-        raise ValueError(
-            f"there is no checkpoint {path}; leave out --ckpt_path to start the run, or name "
-            "another one with it"
-        )
+        remedy = "leave out --ckpt_path to start the run, or name another one with it"
+        if not is_given:
+            remedy = "name the folder of a training with --run_folder, or the file with --ckpt_path"
+        raise ValueError(f"there is no checkpoint {path}; {remedy}")
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):

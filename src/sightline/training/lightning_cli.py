@@ -257,6 +257,7 @@ class _TrainingCLI(LightningCLI):
             check_name(folder)
         self._initial_weights = config["model"]["init_args"].get("initial_weights")
         given: str | None = config["ckpt_path"]
+        is_given = given is not None
         if self.subcommand == "fit":
             if (
                 getattr(rank_zero_only, "rank", 0) == 0
@@ -272,7 +273,7 @@ class _TrainingCLI(LightningCLI):
         if given is None:
             return
         path = folder / f"{given}.ckpt" if given in ("best", "last") else Path(given)
-        check_checkpoint_file(path)
+        check_checkpoint_file(path, is_given=is_given)
         read_checkpoint_weights(path)  # raises one-line errors
         config["ckpt_path"] = str(path)
         self._warn_of_other_settings(path.parent / _CONFIG_NAMES["fit"], config)
