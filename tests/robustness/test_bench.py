@@ -103,6 +103,8 @@ def test_a_method_named_as_baseline_runs_as_it_would_alone(depth_run, tmp_path):
     assert alone.record == report.baseline
     again = run(tmp_path / "adaptive", baseline=str(tmp_path / "nearest" / "robustness.json"))
     assert again.to_json() == report.to_json()
+    folder = run(tmp_path / "adaptive", baseline=str(tmp_path / "nearest"))
+    assert folder.to_json() == report.to_json()
     assert report.measured[0][1].mce < 1  # our completion against the plainest
 
 

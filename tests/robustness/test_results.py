@@ -150,7 +150,7 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
         ((task, cases, found, replace(SETTINGS, cases=("fog",))), "suite levels has no case 'fog'"),
         (
             (task, cases, found, replace(SETTINGS, baseline="weights")),
-            "must be the robustness.json of a run",
+            "must be a run's folder or its robustness.json",
         ),
         ((DEPTH, cases, found, SETTINGS), "results of other methods cannot be scored"),
     ):

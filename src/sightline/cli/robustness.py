@@ -60,8 +60,8 @@ def robustness(
         cases: Cases of the suite to run, beside the clean one. Default: all; with --results, all
             cases with results.
         seed: Seed of the random boxes, discs and noise. Default: 0.
-        baseline: Baseline of the corruption error: robustness.json of another run, or weights or a
-            method of the task, which are run as well.
+        baseline: Baseline of the corruption error: another run, its folder or its robustness.json,
+            or weights or a method of the task, which are run as well.
         healthy: Methods of one sensor each, for the gap to the best healthy sensor: camera=A.json
             lidar=B.json, of the same frames.
         results: Folder with a folder of result files for each case, by any method.

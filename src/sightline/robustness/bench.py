@@ -91,8 +91,8 @@ class BenchSettings:
     velodyne: Velodyne | None = None
     """The sweeps' folder in an object tree. None: velodyne, or else velodyne_reduced."""
     baseline: str | None = None
-    """Baseline for CE: a record (.json) of another run, or weights or a method, which run as
-    well."""
+    """Baseline for CE: another run, its folder or its record (.json), or weights or a method, which
+    run as well."""
     healthy: Mapping[Sensor, Path] | None = None
     """Records of single-sensor methods, by their sensor."""
     shown: str | None = None
@@ -257,8 +257,10 @@ def _with_earlier(cases: Sequence[Case], suite: Suite, out: Path) -> tuple[Case,
 
 def read_baseline(baseline: str | None) -> Record | None:
     """Read the baseline's record; None for weights, a method or no baseline."""
-    is_record = baseline is not None and baseline.endswith(".json")
-    return read_record(Path(baseline)) if baseline is not None and is_record else None
+    if baseline is None:
+        return None
+    is_record = baseline.endswith(".json") or (Path(baseline) / RECORD_NAME).is_file()
+    return read_record(Path(baseline)) if is_record else None
 
 
 def read_healthy(healthy: Mapping[Sensor, Path] | None) -> dict[Sensor, Record]:

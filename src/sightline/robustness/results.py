@@ -84,7 +84,7 @@ def score_results(
     baseline, healthy = read_baseline(settings.baseline), read_healthy(settings.healthy)
     if baseline is None and settings.baseline is not None:
         raise ValueError(
-            f"the baseline of results must be the robustness.json of a run, got "
+            f"the baseline of results must be a run's folder or its robustness.json, got "
             f"{shortened(settings.baseline)}; run it first"
         )
     tree = _first_tree(cases, chosen)
