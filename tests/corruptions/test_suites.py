@@ -109,6 +109,12 @@ def test_a_suite_that_contradicts_itself_is_refused():
     assert Suite(name="whole", cases=(case, other)).case_names == ("clean", "blank")
 
 
+@pytest.mark.parametrize("name", ["../evil", "a/b", "", ".", "\x1b[31m", "x" * 300])
+def test_a_case_whose_folder_would_have_another_name_is_refused(name):
+    with pytest.raises(ValueError, match=r"^suite: the name of case .* expected a plain file"):
+        Case(name=name, title="", corruption=CameraBlank())
+
+
 def test_a_suite_that_no_training_draws_from_needs_no_probabilities():
     cases = tuple(
         Case(name=name, title=name, corruption=corruption)
@@ -156,8 +162,12 @@ def test_unseen_kinds_are_never_drawn_and_a_kind_can_be_drawn_at_all_severities(
     counts = Counter(case.name for case in half.draw(rng, 2000))
     assert set(counts) == {"clean", *(f"lidar_fog-{severity}" for severity in range(1, 6))}
     assert counts["clean"] == pytest.approx(1000, abs=100)
-    with pytest.raises(ValueError, match="no case is left to draw without lidar_fog"):
-        CorruptionSampler(suite="core", probabilities={"lidar_fog": 1.0}, without=("lidar_fog",))
+    with pytest.raises(ValueError, match="no case is left to draw; set other probabilities"):
+        CorruptionSampler(suite="camera_fog+lidar_fog")
+    for name in ("lidar_fog", "lidar_fog-3"):
+        shares, without = {"clean": 0.2, name: 0.8, "sun_glare": 0}, ("sun_glare", "lidar_fog")
+        with pytest.raises(ValueError, match=f"^{name} has the probability 0.8, and `without` l"):
+            CorruptionSampler(suite="core", probabilities=shares, without=without)
     with pytest.raises(ValueError, match="no kind 'lidar_fgo'; perhaps lidar_fog"):
         CorruptionSampler(suite="core", without=("lidar_fgo",))
 

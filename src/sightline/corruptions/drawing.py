@@ -1,6 +1,6 @@
 """Random draws of a training image's case."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,7 +17,7 @@ class CorruptionSampler:
 
     Raises:
         ValueError: There is no such suite or case, or the probabilities are negative, do not sum to
-            1 or leave nothing to draw.
+            1, are of a kind that is left out, or leave nothing to draw.
     """
 
     suite: str = "dgfn7"
@@ -37,7 +37,7 @@ class CorruptionSampler:
         suite = find_suite(self.suite)
         suite.without(self.without)
         if self.probabilities is not None:
-            suite.select(self.probabilities)
+            _check_drawn(suite, self.probabilities, self.without)
             shares = self.probabilities.values()
             # NaN fails the comparison, too.
             if not (min(shares, default=0) >= 0 and abs(sum(shares) - 1) <= 1e-6):
@@ -64,6 +64,20 @@ class CorruptionSampler:
         size = 1 if self.per == "update" else num_images
         drawn = [suite.cases[index] for index in rng.choice(len(shares), size=size, p=shares)]
         return tuple(drawn * num_images if self.per == "update" else drawn)
+
+
+def _check_drawn(
+    suite: Suite, probabilities: Mapping[str, float], without: Collection[str]
+) -> None:
+    """Refuse cases that the suite does not have, or a probability of one that is never drawn."""
+    suite.select(probabilities)
+    for name, share in probabilities.items():
+        kinds = {case.kind for case in suite.select([name])}
+        if share and kinds & set(without):
+            raise ValueError(
+                f"{name} has the probability {share:g}, and `without` leaves it out; leave it out "
+                "of one of them"
+            )
 
 
 def _probabilities(

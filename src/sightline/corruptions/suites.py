@@ -14,6 +14,8 @@ from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind, find_kind, unkn
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.files.safe_names import checked_name
+from sightline.geometry.arguments import wrong_type
 from sightline.structures.sample import CameraLidarSample
 
 CLEAN: Final = "clean"
@@ -35,6 +37,19 @@ class Case:
     """Probability of a draw for training, as in the source."""
     severity: int | None = None
     """Severity from 1 to 5; None if a suite has no levels."""
+
+    def __post_init__(self) -> None:
+        """Check that the name can be that of a folder, and the corruption's type.
+
+        Raises:
+            TypeError: The corruption is none.
+            ValueError: The name is no plain file name.
+        """
+        checked_name(self.name, "suite", "the name of case", remedy="name the case otherwise")
+        corruption: object = self.corruption
+        if not isinstance(corruption, Corruption):
+            expected = "a Corruption; take find_kind(NAME).at(SEVERITY)"
+            raise wrong_type("corruption", corruption, expected)
 
     @property
     def kind(self) -> str:
@@ -60,6 +75,7 @@ class Suite:
 
     def __post_init__(self) -> None:
         """Check names and probabilities."""
+        object.__setattr__(self, "cases", tuple(self.cases))  # of a generator or list
         names = self.case_names
         if names[:1] != (CLEAN,):
             raise ValueError(

@@ -20,7 +20,12 @@ _REMEDY: Final = "get the data from a source that you trust"
 
 
 def checked_name(
-    name: object, source: Path | str, place: str, *, max_bytes: int = MAX_NAME_BYTES
+    name: object,
+    source: Path | str,
+    place: str,
+    *,
+    max_bytes: int = MAX_NAME_BYTES,
+    remedy: str = _REMEDY,
 ) -> str:
     """Check the name of a file or folder, and return it.
 
@@ -29,6 +34,7 @@ def checked_name(
         source: File with the name, for errors.
         place: Position in the file, for errors: "row 3: the name".
         max_bytes: Length limit.
+        remedy: Remedy, for errors.
 
     Raises:
         FileError: The name is no text, empty or too long, contains a separator or a control
@@ -39,7 +45,7 @@ def checked_name(
         assert isinstance(name, str), "anything else is a fault"
         return name
     printable = shortened(ascii(name) if not isinstance(name, str) else repr(name))
-    raise FileError(source, f"{place} {printable} {fault}, expected a plain file name", _REMEDY)
+    raise FileError(source, f"{place} {printable} {fault}, expected a plain file name", remedy)
 
 
 def unusable_names(folder: Path, names: Iterable[str]) -> Problem | None:
