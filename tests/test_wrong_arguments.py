@@ -70,6 +70,17 @@ _CASES = {
     'sightline.perceive(PACKAGED_FRAMES, "out", align="no")': "align is of type str, expected True",
     'sightline.perceive(PACKAGED_FRAMES, "out", around="auto")':
         "perceive: around is of type str, expected True or False or None",
+    'sightline.project_points(given.points[:, :3].T, given.calibration)':
+        "expected num_points, 3; give one row per point: points.mT",
+    'sightline.project_points(given.points, given.calibration)': "per point: points[..., :3]",
+    'sightline.sparse_depth_map(given.points[None], given.calibration, given.image_size)':
+        "expected num_points, 3 or more; give one sweep after another",
+    'suites.Case(name="a", title="", corruption="camera_blank")':
+        "corruption is of type str, expected a Corruption; take find_kind",
+    'suites.Case(name=None, title="", corruption=suites.CameraBlank())':
+        "the name of case None is no text, expected a plain file name; name the case otherwise",
+    'suites.Suite(name="a", cases=iter(suites.SUITES["dgfn7"].cases)).case_names[:2]':
+        "('clean', 'camera_blank')",
 }  # fmt: skip
 _PROGRAM = """
 import json, sys, tempfile
@@ -77,9 +88,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 import sightline
+<<<<<<< HEAD
 from sightline.corruptions.arrays import corrupt_arrays
 from sightline.data.kitti_files import write_image
 from sightline.health.monitor import HealthMonitor
+=======
+from sightline.corruptions import suites
+>>>>>>> e2c6113c (Writers of maps and sweeps, sparse_depth_map and undistort check what they are given)
 from sightline.simulation.packaged import PACKAGED_FRAMES
 given = sightline.open_dataset(PACKAGED_FRAMES)[0]
 perceiver = sightline.MultiTaskPredictor.load

@@ -3,6 +3,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -13,6 +14,7 @@ from sightline.data.map_png import (
     read_depth_png,
     read_mask_png,
     write_depth_png,
+    write_instance_png,
     write_mask_png,
 )
 from sightline.files.problem import FileError
@@ -117,3 +119,35 @@ def test_what_is_no_mask_is_refused(tmp_path):
     (tmp_path / "0.png").write_bytes(b"no picture")
     with pytest.raises(FileError):
         read_mask_png(tmp_path / "0.png")
+
+
+def test_masked_depths_have_no_value_and_tensors_are_taken(tmp_path):
+    far = np.ma.masked_greater(np.array([[3.0, 0, 20, 60]]), 50)
+    write_depth_png(tmp_path / "0.png", far)
+    assert read_depth_png(tmp_path / "0.png").tolist() == [[3, 0, 20, 0]]
+    write_depth_png(tmp_path / "0.png", np.ma.masked_less(np.array([[3.0, -1, 20]]), 0))
+    assert read_depth_png(tmp_path / "0.png").tolist() == [[3, 0, 20]]
+    write_depth_png(tmp_path / "1.png", torch.tensor([[3.0, 0, 20]]))
+    assert read_depth_png(tmp_path / "1.png").tolist() == [[3, 0, 20]]
+
+
+@pytest.mark.parametrize(
+    ("write", "given", "said"),
+    [
+        (
+            write_depth_png,
+            np.ones((1, 3, 4)),
+            r"\(1, 3, 4\), expected numbers of height, width; give",
+        ),
+        (write_depth_png, np.array([["a"]]), "expected numbers of height, width; give metres"),
+        (write_mask_png, np.array([[0, 1, 255]]), "is int64 of .*, expected bool of height, width"),
+        (write_mask_png, np.array([[0.7]]), "is float64 of shape .*, expected bool"),
+        (write_mask_png, np.ma.masked_equal([[True, False]], True), "1 of 2 values masked"),
+        (write_instance_png, np.array([[1.7]]), "expected whole numbers of height, width; convert"),
+        (write_instance_png, np.zeros((2, 2, 1), np.int32), "expected whole numbers"),
+    ],
+)
+def test_maps_of_other_shapes_and_types_are_not_written(tmp_path, write, given, said):
+    with pytest.raises(ValueError, match=rf"0\.png .*{said}"):
+        write(tmp_path / "0.png", given)
+    assert not (tmp_path / "0.png").exists()

@@ -61,6 +61,7 @@ def test_coefficients_that_a_model_does_not_take_are_refused(model, lens, said):
             CAMERA[:2],
             r"camera_matrix is of shape \(2, 3\), expected",
         ),
+        (np.zeros((4, 5, 3), np.uint8), CAMERA.T, "expected 0 0 1: it is probably transposed"),
         (np.zeros((4, 5, 3), np.uint8), CAMERA * np.nan, r"expected 3x3 finite numbers; give"),
     ],
 )

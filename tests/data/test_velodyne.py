@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -63,6 +64,27 @@ def test_non_finite_points_are_refused_with_their_number_and_the_first(tmp_path,
     with pytest.raises(ValueError, match=r"2 points hold NaN or infinite .* first is point 3"):
         write_sweep(tmp_path / "1.bin", points)
     assert not (tmp_path / "1.bin").exists()
+
+
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        (np.ones((4, 20), np.float32), r"\(4, 20\), expected numbers of shape \(N, 4\); give rows"),
+        (np.ones((20, 3)), r"float64 of shape \(20, 3\), expected numbers"),
+        (np.full((20, 4), "1"), "expected numbers"),
+        (np.ma.masked_greater(np.full((20, 4), 81.0), 80), "80 of 80 values masked"),
+    ],
+)
+def test_sweeps_of_other_shapes_and_types_are_not_written(tmp_path, points, said):
+    with pytest.raises(ValueError, match=rf"0\.bin .*{said}"):
+        write_sweep(tmp_path / "0.bin", points)
+    assert not (tmp_path / "0.bin").exists()
+
+
+def test_tensors_and_lists_are_written_as_sweeps(tmp_path):
+    for points in (torch.ones(2, 4), [[1, 1, 1, 1], [1, 1, 1, 1]]):
+        write_sweep(tmp_path / "0.bin", points)
+        assert np.array_equal(read_sweep(tmp_path / "0.bin"), np.ones((2, 4)))
 
 
 def a_cloud(num_points=200, order=1):

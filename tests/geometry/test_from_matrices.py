@@ -57,7 +57,7 @@ def with_(rows, row, column, value):
         (CAMERA, np.eye(3), "camera_from_lidar is 3x3, expected a matrix of 4x4 or 3x4"),
         (with_(CAMERA, 0, 0, np.nan), RIGID, "camera_matrix holds NaN or infinite values"),
         (CAMERA, with_(RIGID, 1, 3, np.inf), "camera_from_lidar holds NaN or infinite values"),
-        (np.transpose(CAMERA), RIGID, "third row .* expected 0 0 1; it is probably transposed"),
+        (np.transpose(CAMERA), RIGID, "third row .* expected 0 0 1: it is probably transposed"),
         (with_(CAMERA, 2, 2, 1.0005), RIGID, "third row .*1.0005.*, expected 0 0 1"),
         (with_(CAMERA, 0, 0, -5), RIGID, "focal lengths of -5 and 1101 px, expected both above 0"),
         (np.diag([0.6, 0.9, 1]), RIGID, "of 0.6 and 0.9 px, .* shares of the image; give pixels"),

@@ -109,5 +109,7 @@ def test_clouds_by_columns_and_sizes_that_no_image_has_are_refused():
         ValueError, match=r"shape \(4, 2\), expected num_points, 3 or more; give one r"
     ):
         sparse_depth_map(torch.zeros(4, 2), calibration, KITTI_SIZE)
+    with pytest.raises(ValueError, match=r"\(3, 50\), expected .*: points\.mT"):
+        sparse_depth_map(torch.ones(3, 50), calibration, KITTI_SIZE)
     with pytest.raises(ValueError, match=r"image_size is \(0, 5\), expected"):
         sparse_depth_map(torch.zeros(9, 4), calibration, (0, 5))

@@ -25,6 +25,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import REMEDY
 from sightline.files.problem import FileError
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.given_arrays import Given
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import image_remedy
 
@@ -37,9 +38,9 @@ def read_points(
     return torch.from_numpy(read_sweep(path, drop_non_finite=drop_non_finite))
 
 
-def write_points(path: Path | str, points: Float32[Tensor, "num_points 4"]) -> None:
-    """Write a sweep exactly, for `read_points`; see `write_sweep`."""
-    write_sweep(path, points.numpy(force=True))
+def write_points(path: Path | str, points: Given) -> None:
+    """Write a sweep for `read_points`; see `write_sweep`."""
+    write_sweep(path, points)
 
 
 def read_image(path: Path | str) -> UInt8[Tensor, "3 height width"]:

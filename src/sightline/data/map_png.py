@@ -4,10 +4,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32
+from jaxtyping import Bool, Float32, Int32
 
 from sightline.data.image_file import read_png16, read_rgb
 from sightline.files.atomic import atomic_write_bytes
+from sightline.geometry.given_arrays import Given, shaped_array, without_masked
 
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE
@@ -32,16 +33,24 @@ def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
     return steps.astype(np.float32) / np.float32(STEPS_PER_METRE)
 
 
-def write_depth_png(path: Path | str, depth_m: Float[np.ndarray, "height width"]) -> None:
+def write_depth_png(path: Path | str, depth_m: Given) -> None:
     """Write a depth map [m], 0 = no value, rounded half up to steps of 1/256 m.
 
     A depth above 0 that would round to 0 becomes the smallest step, as in KITTI's development kit.
     The file is written atomically.
 
+    Args:
+        path: The PNG.
+        depth_m: Numbers of height, width, an array or a tensor; masked ones have no value.
+
     Raises:
-        ValueError: A depth is negative, not finite or beyond `MAX_DEPTH_M`, or there is no pixel;
-            nothing is clipped silently.
+        ValueError: The map has another shape or type, a depth is negative, not finite or beyond
+            `MAX_DEPTH_M`, or there is no pixel; nothing is clipped silently.
     """
+    expected = "numbers of height, width; give metres, one map at a time"
+    depth_m = shaped_array(
+        f"the depth map for {path}", without_masked(depth_m, 0.0), (None, None), "fiu", expected
+    )
     if depth_m.size == 0:
         raise ValueError(f"{path} cannot be written: a depth map needs at least one pixel")
     with np.errstate(over="ignore"):  # an absurd depth becomes infinite, which is refused below
@@ -75,12 +84,15 @@ def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
     return owners.astype(np.int32)
 
 
-def write_instance_png(path: Path | str, instances: Int32[np.ndarray, "height width"]) -> None:
+def write_instance_png(path: Path | str, instances: Given) -> None:
     """Write an instance map for `read_instance_png` atomically.
 
     Raises:
-        ValueError: A number is negative or above 65535, or there is no pixel.
+        ValueError: The map is not of whole numbers of height, width, a number is negative or above
+            65535, or there is no pixel.
     """
+    expected = "whole numbers of height, width; convert it"
+    instances = shaped_array(f"the map for {path}", instances, (None, None), "iu", expected)
     if instances.size == 0 or instances.min() < 0 or instances.max() > np.iinfo(np.uint16).max:
         raise ValueError(
             f"{path} cannot be written: a map of objects needs pixels, each 0 to 65535; number the "
@@ -100,12 +112,14 @@ def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
     return mask
 
 
-def write_mask_png(path: Path | str, mask: Bool[np.ndarray, "height width"]) -> None:
+def write_mask_png(path: Path | str, mask: Given) -> None:
     """Write a mask with 8 bits, visible in any viewer: white for True, black for False; atomic.
 
     Raises:
-        ValueError: There is no pixel.
+        ValueError: The mask is not of bool and height, width, or there is no pixel.
     """
+    expected = "bool of height, width; give mask > 0, say"
+    mask = shaped_array(f"the mask for {path}", mask, (None, None), "b", expected)
     if mask.size == 0:
         raise ValueError(f"{path} cannot be written: a mask needs at least one pixel")
     _, encoded = cv2.imencode(".png", mask.astype(np.uint8) * _YES)

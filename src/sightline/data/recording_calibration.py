@@ -16,7 +16,7 @@ from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, dist
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
-from sightline.geometry.mount import focal_fault
+from sightline.geometry.mount import camera_fault
 from sightline.geometry.road_height import (
     MAX_LIDAR_HEIGHT_M,
     MAX_TILT_DEG,
@@ -173,12 +173,7 @@ def checked_matrices(
             raise ValueError(f"{name} holds NaN, infinite or absurdly large values")
     if not camera.any():
         raise ValueError("camera_matrix holds only zeros: the camera is not calibrated")
-    if np.abs(camera[2, :3] - (0, 0, 1)).max() > 1e-9:
-        hint = ": it is probably transposed" if not camera[:2, 2].any() else ""
-        raise ValueError(
-            f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
-        )
-    fault = focal_fault(camera)
+    fault = camera_fault(camera)
     if fault is not None:
         raise ValueError(f"camera_matrix {fault}")
     if np.linalg.matrix_rank(camera[:, :3]) < 3:

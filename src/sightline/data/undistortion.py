@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from sightline.geometry.given_arrays import given_array, plain_numbers
+from sightline.geometry.mount import camera_fault
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import image_remedy
 
@@ -76,6 +77,9 @@ def undistort(
             f"camera_matrix is of shape {camera.shape}, expected 3x3 finite numbers; give [[fx, 0, "
             "cx], [0, fy, cy], [0, 0, 1]] in pixels"
         )
+    fault = camera_fault(camera)
+    if fault is not None:
+        raise ValueError(f"camera_matrix {fault}")
     coefficients = tuple(plain_numbers("distortion", distortion).ravel().tolist())
     check_lens(model, coefficients)
     fault = lens_fault(model, coefficients, camera, (image.shape[0], image.shape[1]))

@@ -18,6 +18,7 @@ from sightline.geometry.cloud_checks import (
     scale_doubt,
 )
 from sightline.geometry.cloud_layouts import is_big_endian, other_layout
+from sightline.geometry.given_arrays import Given, shaped_array
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
@@ -195,12 +196,19 @@ def _check_layout(content: bytes, path: Path | str) -> None:
     )
 
 
-def write_sweep(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -> None:
-    """Write a sweep exactly and atomically, for `read_sweep`.
+def write_sweep(path: Path | str, points: Given) -> None:
+    """Write a sweep in float32, atomically, for `read_sweep`.
+
+    Args:
+        path: The `.bin` file.
+        points: Rows of x, y, z, reflectance, an array or a tensor.
 
     Raises:
-        ValueError: A value is NaN or infinite.
+        ValueError: The points have other columns or another type, are masked, or a value is NaN or
+            infinite.
     """
+    expected = "numbers of shape (N, 4); give rows of x, y, z, reflectance"
+    points = shaped_array(f"the sweep for {path}", points, (None, 4), "fiu", expected)
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
         raise ValueError(

@@ -13,13 +13,11 @@ from torch import Tensor
 from sightline.geometry.arguments import short_repr, wrong_type
 from sightline.geometry.checked import checked
 from sightline.geometry.given_arrays import plain_numbers
-from sightline.geometry.mount import focal_fault, mount_doubt, stretch_doubt
+from sightline.geometry.mount import camera_fault, mount_doubt, stretch_doubt
 from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
 
 Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
 """Rows of numbers of any type, as users have them."""
-
-_THIRD_ROW_TOLERANCE = 1e-6  # for a camera matrix computed in float32
 
 
 @checked(remedy="Calibration.from_matrices converts matrices")
@@ -112,12 +110,7 @@ class Calibration:
         _refuse_distortion(distortion)
         camera = _numbers(camera_matrix, "camera_matrix", ((3, 3), (3, 4)))
         rigid = _numbers(camera_from_lidar, "camera_from_lidar", ((4, 4), (3, 4)))
-        if np.abs(camera[2, :3] - (0, 0, 1)).max() > _THIRD_ROW_TOLERANCE:
-            hint = "; it is probably transposed" if not camera[:2, 2].any() else ""
-            raise ValueError(
-                f"camera_matrix has the third row {camera[2].tolist()}, expected 0 0 1{hint}"
-            )
-        fault = focal_fault(camera)
+        fault = camera_fault(camera)
         if fault is not None:
             raise ValueError(f"camera_matrix {fault}")
         if len(rigid) == 4 and rigid[3, :3].any() and not rigid[:3, 3].any():

@@ -55,6 +55,30 @@ def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
         ) from error
 
 
+def shaped_array(
+    name: str, given: object, shape: tuple[int | None, ...], kinds: str, expected: str
+) -> Shaped[np.ndarray, "..."]:
+    """Convert an array, a tensor or nested lists, and check shape and type.
+
+    Args:
+        name: Name in error messages.
+        given: Value of any type and shape.
+        shape: Expected lengths; None: any.
+        kinds: Letters of the expected types (`dtype.kind`), such as "fiu" for numbers.
+        expected: Description of shape and type, and the remedy, for errors.
+
+    Raises:
+        ValueError: The value has another shape or type, or none (`given_array`).
+    """
+    array = given_array(name, given)
+    is_shaped = array.ndim == len(shape) and all(
+        wanted in (None, length) for wanted, length in zip(shape, array.shape, strict=True)
+    )
+    if is_shaped and array.dtype.kind in kinds:
+        return array
+    raise ValueError(f"{name} is {array.dtype} of shape {array.shape}, expected {expected}")
+
+
 def plain_numbers(name: str, given: object) -> Float64[np.ndarray, "..."]:
     """Convert an array, a tensor or nested lists of any shape to float64.
 
@@ -83,7 +107,7 @@ def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:
             "or a GPU"
         )
     dense = tensor if tensor.layout == strided else tensor.to_dense()
-    if dense.dtype == bfloat16 and "image" not in name:  # whose levels it holds exactly
+    if dense.dtype == bfloat16 and not name.endswith("image"):  # whose levels it holds exactly
         warnings.warn(
             f"{name} are bfloat16, which rounds 60 m to steps of 0.25 m; give float32",
             stacklevel=3,

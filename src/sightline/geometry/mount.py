@@ -40,6 +40,7 @@ _CENTRAL_SHARE: Final = 0.1
 that has been cropped or extended at its top or bottom only."""
 _OTHER_RESOLUTION = 1.35  # ratio of the image's middle and the principal point, similar in x and y
 _SIMILAR_RATIO = 1.2
+_THIRD_ROW_TOLERANCE = 1e-6  # for a camera matrix computed in float32
 _LIDAR_DIRECTIONS = ("forward", "left", "up")
 _OPPOSITE = {"forward": "backward", "left": "right", "up": "down"}
 
@@ -87,6 +88,18 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
         f"tilts the camera by {_tilt_deg(rotation):.0f} degrees: its angles are probably in "
         "degrees where radians were expected, or it belongs to another pair of sensors"
     )
+
+
+def camera_fault(camera_matrix: Float64[np.ndarray, "3 columns"]) -> str | None:
+    """Find numbers that no camera matrix has, with the likely cause; None if there is no fault.
+
+    Returns:
+        The rest of a sentence that begins with the matrix's name.
+    """
+    if np.abs(camera_matrix[2, :3] - (0, 0, 1)).max() > _THIRD_ROW_TOLERANCE:
+        hint = ": it is probably transposed" if not camera_matrix[:2, 2].any() else ""
+        return f"has the third row {camera_matrix[2].tolist()}, expected 0 0 1{hint}"
+    return focal_fault(camera_matrix)
 
 
 def focal_fault(camera_matrix: Float64[np.ndarray, "3 columns"]) -> str | None:

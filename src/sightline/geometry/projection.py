@@ -16,6 +16,7 @@ from sightline.geometry.wrong_types import named_arguments
 DHI_RANGE_M = 80.0
 DHI_HEIGHT_M = 6.0
 DHI_REFLECTANCE = 0.7
+_MAX_FIELDS = 16  # of a point: a sweep of fewer rows and more columns is transposed
 
 
 class ProjectedPoints(NamedTuple):
@@ -118,11 +119,15 @@ def _check_given(
     if not isinstance(points, Tensor):
         expected = "a tensor; give torch.from_numpy(array), or sample.points"
         raise wrong_type("points", points, expected)
-    width = points.shape[-1] if points.ndim > 1 else 0
-    if width < columns or (exactly and width != columns):
+    num_rows, width = points.shape[-2:] if points.ndim > 1 else (0, 0)
+    is_transposed = num_rows < _MAX_FIELDS < width
+    is_batch = points.ndim > 2 and not exactly
+    if width < columns or (exactly and width != columns) or is_transposed or is_batch:
+        rows = "points.mT" if is_transposed else f"points[..., :{columns}]"
+        remedy = "give one sweep after another" if is_batch else f"give one row per point: {rows}"
         raise ValueError(
             f"points have shape {tuple(points.shape)}, expected num_points, {columns}"
-            f"{'' if exactly else ' or more'}; give one row per point: points[:, :{columns}]"
+            f"{'' if exactly else ' or more'}; {remedy}"
         )
 
 
