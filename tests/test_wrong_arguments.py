@@ -88,13 +88,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 import sightline
-<<<<<<< HEAD
 from sightline.corruptions.arrays import corrupt_arrays
 from sightline.data.kitti_files import write_image
 from sightline.health.monitor import HealthMonitor
-=======
 from sightline.corruptions import suites
->>>>>>> e2c6113c (Writers of maps and sweeps, sparse_depth_map and undistort check what they are given)
 from sightline.simulation.packaged import PACKAGED_FRAMES
 given = sightline.open_dataset(PACKAGED_FRAMES)[0]
 perceiver = sightline.MultiTaskPredictor.load
