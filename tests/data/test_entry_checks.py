@@ -291,7 +291,7 @@ def test_a_folder_of_any_name_with_files_of_the_frames_is_told_where_the_sensor_
         open_dataset(tmp_path)
 
 
-def test_folders_of_other_frames_results_and_maps_of_16_bits_are_no_further_cameras(tree):
+def test_folders_of_other_frames_results_masks_and_maps_of_16_bits_are_no_further_cameras(tree):
     pictures = sorted((tree / "image_2").iterdir())
     for folder in ("others", "results", "disparity"):
         (tree / folder).mkdir()
@@ -306,7 +306,11 @@ def test_folders_of_other_frames_results_and_maps_of_16_bits_are_no_further_came
     assert told.note.endswith("not read: image_3, whose files have the frames' names")
     assert not list(check_tree(tree))
     shutil.rmtree(tree / "image_3")
+    shutil.copytree(tree / "image_2", tree / "camera_mask")
+    (tree / "corruption").mkdir()  # of `sightline corrupt`, with masks
     shutil.rmtree(tree / "image_2")
+    (told,) = summarize_tree(tree)
+    assert "camera_mask" not in told.note
     assert not list(check_tree(tree))
 
 

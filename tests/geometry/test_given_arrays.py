@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.geometry.given_arrays import given_array, without_masked
+from sightline.geometry.given_arrays import given_array
+from sightline.geometry.plain_arrays import without_masked
 
 
 @pytest.mark.parametrize(

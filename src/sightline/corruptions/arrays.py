@@ -26,8 +26,9 @@ from sightline.data.frame_checks import depth_range_doubt
 from sightline.geometry.arguments import plain_size, plain_text, short_repr, wrong_type
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault
-from sightline.geometry.given_arrays import Given, given_array, without_masked
+from sightline.geometry.given_arrays import Given, given_array
 from sightline.geometry.mount import mount_doubt
+from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import (
     cloud_columns,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float32, UInt8
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from sightline.data.image_file import read_rgb, write_rgb
@@ -25,7 +26,6 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import REMEDY
 from sightline.files.problem import FileError
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.given_arrays import Given
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import image_remedy
 
@@ -38,7 +38,7 @@ def read_points(
     return torch.from_numpy(read_sweep(path, drop_non_finite=drop_non_finite))
 
 
-def write_points(path: Path | str, points: Given) -> None:
+def write_points(path: Path | str, points: ArrayLike) -> None:
     """Write a sweep for `read_points`; see `write_sweep`."""
     write_sweep(path, points)
 

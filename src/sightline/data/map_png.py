@@ -5,10 +5,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
+from numpy.typing import ArrayLike
 
 from sightline.data.image_file import read_png16, read_rgb
 from sightline.files.atomic import atomic_write_bytes
-from sightline.geometry.given_arrays import Given, shaped_array, without_masked
+from sightline.geometry.plain_arrays import shaped_array, without_masked
 
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE
@@ -33,7 +34,7 @@ def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
     return steps.astype(np.float32) / np.float32(STEPS_PER_METRE)
 
 
-def write_depth_png(path: Path | str, depth_m: Given) -> None:
+def write_depth_png(path: Path | str, depth_m: ArrayLike) -> None:
     """Write a depth map [m], 0 = no value, rounded half up to steps of 1/256 m.
 
     A depth above 0 that would round to 0 becomes the smallest step, as in KITTI's development kit.
@@ -84,7 +85,7 @@ def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
     return owners.astype(np.int32)
 
 
-def write_instance_png(path: Path | str, instances: Given) -> None:
+def write_instance_png(path: Path | str, instances: ArrayLike) -> None:
     """Write an instance map for `read_instance_png` atomically.
 
     Raises:
@@ -112,7 +113,7 @@ def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
     return mask
 
 
-def write_mask_png(path: Path | str, mask: Given) -> None:
+def write_mask_png(path: Path | str, mask: ArrayLike) -> None:
     """Write a mask with 8 bits, visible in any viewer: white for True, black for False; atomic.
 
     Raises:

@@ -12,6 +12,7 @@ from typing import get_args
 from sightline.data.frame_checks import read_or_note
 from sightline.data.image_header import IMAGE_SUFFIXES, read_image_header
 from sightline.data.kitti_trees import (
+    CORRUPTED,
     DRIVE_FOLDERS,
     PART_SUFFIXES,
     DriveSplit,
@@ -291,13 +292,14 @@ def _find_other_sensor(place: PartFolder, folders: Sequence[PartFolder]) -> Unre
 def _other_sensors(place: PartFolder, folders: Sequence[PartFolder]) -> dict[Path, int]:
     """Find unread folders beside a sensor's with files of its kind for most of their frames.
 
-    Results of a command, and maps of depth or objects with 16 bits, are no sensor's.
+    Results of a command, masks of a corrupted tree, and maps with 16 bits are no sensor's.
 
     Returns:
         The number of files of each folder.
     """
     home = _home(place)
-    if place.part not in ("image", "points") or place.replacements or not home.parent.is_dir():
+    is_sensor = place.part in ("image", "points") and not place.replacements
+    if not is_sensor or not home.parent.is_dir() or (home.parent / CORRUPTED).is_dir():
         return {}
     read = [list_files(each.folder, each.suffixes) for each in folders if not each.only]
     names = {name for files in read for name in files}

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float32
+from numpy.typing import ArrayLike
 
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_file import read_bytes
@@ -18,7 +19,7 @@ from sightline.geometry.cloud_checks import (
     scale_doubt,
 )
 from sightline.geometry.cloud_layouts import is_big_endian, other_layout
-from sightline.geometry.given_arrays import Given, shaped_array
+from sightline.geometry.plain_arrays import shaped_array
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
@@ -196,7 +197,7 @@ def _check_layout(content: bytes, path: Path | str) -> None:
     )
 
 
-def write_sweep(path: Path | str, points: Given) -> None:
+def write_sweep(path: Path | str, points: ArrayLike) -> None:
     """Write a sweep in float32, atomically, for `read_sweep`.
 
     Args:

@@ -33,7 +33,8 @@ from sightline.geometry.cloud_checks import (
     cloud_fault,
     warn_of_losses,
 )
-from sightline.geometry.given_arrays import given_array, without_masked
+from sightline.geometry.given_arrays import given_array
+from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor

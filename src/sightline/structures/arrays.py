@@ -24,7 +24,7 @@ from sightline.geometry.cloud_checks import (
     warn_of_losses,
     warn_of_scale,
 )
-from sightline.geometry.given_arrays import given_array, without_masked
+from sightline.geometry.given_arrays import given_array
 from sightline.geometry.mount import (
     MIN_SHARE_IN_IMAGE,
     mount_doubt,
@@ -32,6 +32,7 @@ from sightline.geometry.mount import (
     resolution_doubt,
 )
 from sightline.geometry.picture_checks import GREY_DOUBT
+from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import project_points
 
 _INTENSITY_FIELDS: Final = ("intensity", "reflectivity", "reflectance", "i")
