@@ -224,13 +224,18 @@ def test_joined_scores_are_fitted_once_to_the_fine_tuned_detector_and_the_shippe
     def fit(dataset, in_image, in_sweep, *, data, frames):
         fitted.append((len(dataset), data, frames))
         digests = {"detection2d": in_image.sha256, "detection3d": in_sweep.sha256}
-        return own_score_models({"sha256": digests, "weights": [in_image.name, in_sweep.name]})
+        return own_score_models(
+            {"sha256": digests, "weights": [in_image.name, in_sweep.name], "data": data}
+        )
 
     monkeypatch.setattr(adaptation, "fit_pair", fit)
     path = tmp_path / "joined.json"
     for _ in range(2):
         assert FIT_JOINED(report.weights, out / "frames", path) == path
     assert fitted == [(1, "out/frames", 40)]
+    path.write_text("damaged")
+    assert FIT_JOINED(report.weights, out / "frames", path) == path
+    assert len(fitted) == 2
     models = read_models(path)
     assert models.provenance["weights"] == ["detection2d-best", "weights"]
     assert FIT_JOINED({"depth-completion": path}, out / "frames", path) is None

@@ -32,7 +32,11 @@ def test_models_fit_only_the_weights_that_they_were_fitted_for():
     assert not own_score_models().fits(*DIGESTS.values())
 
 
-@pytest.mark.parametrize("fault", ["", "[]", "{", '{"provenance": {}}', "cut", "nan", "columns"])
+PLAIN_FAULTS = ("", "[]", "{", '{"provenance": {}}')
+FAULTS = ("cut", "nan", "columns", "other columns", "text", "too large", "no map")
+
+
+@pytest.mark.parametrize("fault", PLAIN_FAULTS + FAULTS)
 def test_a_damaged_file_is_refused_with_its_name_and_a_remedy(tmp_path, fault):
     path = tmp_path / "models.json"
     own_score_models().write(path)
@@ -41,9 +45,19 @@ def test_a_damaged_file_is_refused_with_its_name_and_a_remedy(tmp_path, fault):
         content["image"]["Car"]["bias"] = float("nan")
     if fault == "columns":
         content["sweep"]["Cyclist"]["weights"].pop()
+    if fault == "other columns":
+        content["columns"]["sweep"].reverse()
+    if fault == "text":
+        content["image"]["Car"]["weights"] = "1" * len(content["image"]["Car"]["weights"])
+    if fault == "too large":
+        content["image"]["Car"]["bias"] = 1e308
+    if fault == "no map":
+        content["calibrators"]["image"]["Car"] = {}
     text = json.dumps(content)
-    path.write_text({"cut": text[:-40], "nan": text, "columns": text}.get(fault, fault))
-    with pytest.raises(FileError, match=r"models.json: holds no models of this version.*; fit the"):
+    path.write_text({"cut": text[:-40]}.get(fault, fault if fault in PLAIN_FAULTS else text))
+    with pytest.raises(
+        FileError, match=r"models.json: holds no models of this version.*; name a file"
+    ):
         read_models(path)
 
 

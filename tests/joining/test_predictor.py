@@ -177,6 +177,18 @@ def test_perceive_joins_by_models_for_weights_of_one_s_own(tmp_path):
     assert len((tmp_path / "joined" / "000000.txt").read_text().splitlines()) == 2
 
 
+def test_models_fitted_anew_do_not_mix_with_earlier_ones(tmp_path):
+    own = perceiver(["a", "b"])
+    models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})
+    perceive(PACKAGED_FRAMES, tmp_path, perceiver=MultiTaskPredictor(own.predictors, None, models))
+    car = dataclasses.replace(models.sweep["Car"], bias=1.0)
+    others = dataclasses.replace(models, sweep={**models.sweep, "Car": car})
+    with pytest.raises(ValueError, match="joined"):
+        perceive(
+            PACKAGED_FRAMES, tmp_path, perceiver=MultiTaskPredictor(own.predictors, None, others)
+        )
+
+
 def test_models_of_other_weights_and_for_one_detector_are_refused():
     own = perceiver(["a", "c"])
     models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})

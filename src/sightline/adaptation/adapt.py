@@ -4,6 +4,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -234,13 +235,14 @@ def _fit_joined(weights: Mapping[str, Path], frames: Path, out: Path) -> Path | 
         str(weights.get(name, find_task(name).default_weights)) for name in _DETECTORS
     )
     in_image, in_sweep = DetectionPredictor.load(of_image), Detection3DPredictor.load(of_sweep)
-    if out.exists() and read_models(out).fits(in_image.sha256, in_sweep.sha256):
-        return out
+    data = data_name(frames)
+    with suppress(FileError):  # damaged or absent models are fitted
+        kept = read_models(out)
+        if kept.fits(in_image.sha256, in_sweep.sha256) and kept.provenance.get("data") == data:
+            return out
     dataset = open_dataset(frames, sample_list="val", parts=("image", "points", "objects"))
     try:
-        models = fit_pair(
-            dataset, in_image, in_sweep, data=data_name(frames), frames=_JOINED_FRAMES
-        )
+        models = fit_pair(dataset, in_image, in_sweep, data=data, frames=_JOINED_FRAMES)
     except ValueError as error:
         warnings.warn(f"objects of these detectors cannot be joined: {error}", stacklevel=3)
         return None

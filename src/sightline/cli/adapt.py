@@ -124,6 +124,8 @@ def fit_joined(
     """
     given = [named_file(each) for each in (detection2d, detection3d, sample_list)]
     check_places({"OUT": out}, data=[data, *given])
+    if out.suffix.lower() != ".json":
+        raise ValueError(f"a file of models ends in .json, got {out}; rename it")
     from sightline.data.open import dataset_title, open_dataset
     from sightline.detection2d.predictor import DetectionPredictor
     from sightline.detection3d.predictor import Detection3DPredictor

@@ -21,7 +21,7 @@ from sightline.joining.fitting import (
     label_masks,
 )
 from sightline.joining.join import join_detections
-from sightline.joining.models import CALIBRATED, CLASSES, JoinModels, ScoreMap
+from sightline.joining.models import CLASSES, JoinModels, ScoreMap
 from sightline.joining.refining import Refine
 from sightline.joining.scene import make_scene
 from sightline.ops.rotated_iou import pairwise_iou_3d
@@ -43,7 +43,10 @@ class _Rows(NamedTuple):
 
 
 def calibrate_models(
-    models: JoinModels, frames: Iterable[FitFrame], refine: Refine | None = None
+    models: JoinModels,
+    frames: Iterable[FitFrame],
+    refine: Refine | None = None,
+    fallback: JoinModels | None = None,
 ) -> JoinModels:
     """Fit the calibrators to joined objects of labelled frames.
 
@@ -54,16 +57,17 @@ def calibrate_models(
         models: The models of scores.
         frames: Labelled frames with their detections.
         refine: Second stage of the sweep detector; see `join_detections`.
+        fallback: Models with the calibrators for classes and kinds of which no object fits a label.
     """
     rows: dict[tuple[str, str], list[_Rows]] = {}
     for frame in frames:
         for key, each in _rows_of(frame, models, refine).items():
             rows.setdefault(key, []).append(each)
-    maps = {
-        kind: {name: fit_map(*map(np.concatenate, zip(*rows[kind, name], strict=True)))
-               if (kind, name) in rows else ScoreMap() for name in CLASSES}
-        for kind in CALIBRATED
-    }  # fmt: skip
+    maps = {kind: dict(of_kind) for kind, of_kind in (fallback or models).calibrators.items()}
+    for (kind, name), parts in rows.items():
+        scores, target = map(np.concatenate, zip(*parts, strict=True))
+        if fallback is None or target.any():
+            maps[kind][name] = fit_map(scores, target)
     return replace(models, calibrators=maps)
 
 

@@ -1,6 +1,6 @@
 """Fit of the joined scores to two detectors, on labelled frames with sound and faulty sensors."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Final
@@ -13,7 +13,7 @@ from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.jobs.progress import track
 from sightline.joining.calibrating import calibrate_models
 from sightline.joining.fitting import FitFrame, fit_models
-from sightline.joining.models import JoinModels
+from sightline.joining.models import JoinModels, read_models
 from sightline.joining.refining import refiner_of
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
@@ -92,7 +92,7 @@ FIT_CASES: Final[Mapping[str, Change]] = {
 
 
 def fit_pair(
-    dataset: SampleDataset,
+    dataset: Sequence[CameraLidarSample] | SampleDataset,
     detector2d: DetectionPredictor,
     detector3d: Detection3DPredictor,
     *,
@@ -101,7 +101,8 @@ def fit_pair(
 ) -> JoinModels:
     """Fit the models of joined scores for two detectors, and calibrate them; deterministic.
 
-    Both detectors run on each frame in all `FIT_CASES`.
+    Both detectors run on each frame in all `FIT_CASES`. Classes and kinds of boxes of which none
+    fits a label keep the shipped models, with a warning.
 
     Args:
         dataset: Frames with labels, which the detectors were not trained on; simulated ones do.
@@ -111,8 +112,7 @@ def fit_pair(
         frames: Largest number of frames to use, evenly spread over the data.
 
     Raises:
-        ValueError: A frame has no labels or no sweep, the rings of a sweep are unknown, or there
-            are no boxes of a class; more frames help.
+        ValueError: A frame has no labels or no sweep, or no box fits a label.
     """
     if frames < 1:
         raise ValueError(f"frames must be at least 1, got {frames}")
@@ -144,6 +144,6 @@ def fit_pair(
         "engine": detector3d.engine,
         "sightline": version("sightline"),
     }
-    return calibrate_models(
-        fit_models(fit_frames(), provenance), fit_frames(), refiner_of(detector3d)
-    )
+    shipped = read_models()
+    models = fit_models(fit_frames(), provenance, shipped)
+    return calibrate_models(models, fit_frames(), refiner_of(detector3d), shipped)

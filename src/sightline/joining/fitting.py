@@ -1,5 +1,6 @@
 """Fit of the models that score joined objects, on labelled frames with sound and faulty sensors."""
 
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -66,7 +67,11 @@ class _Rows(NamedTuple):
     target: Float64[np.ndarray, " num_boxes"]
 
 
-def fit_models(frames: Iterable[FitFrame], provenance: Mapping[str, Any]) -> JoinModels:
+def fit_models(
+    frames: Iterable[FitFrame],
+    provenance: Mapping[str, Any],
+    fallback: JoinModels | None = None,
+) -> JoinModels:
     """Fit the models of all kinds of boxes and all classes, their scores not yet calibrated.
 
     The target of a box is its share of fit: 0 below one IoU with every label of its class, 1 above
@@ -74,27 +79,48 @@ def fit_models(frames: Iterable[FitFrame], provenance: Mapping[str, Any]) -> Joi
     drawn evenly between both, so a score is a probability. Boxes on look-alikes or in DontCare
     areas are left out. Deterministic: the loss is convex and starts from zero.
 
+    Args:
+        frames: Labelled frames with their detections.
+        provenance: Origin of the models.
+        fallback: Models for classes and kinds of which no box fits a label, with a warning.
+
     Raises:
-        ValueError: A frame has no labels, or there is no box of a class and kind.
+        ValueError: A frame has no labels, no box fits a label, or without a fallback none of a
+            class and kind.
     """
     rows: dict[tuple[str, str], list[_Rows]] = {}
     for frame in frames:
         for key, each in _rows_of(frame).items():
             rows.setdefault(key, []).append(each)
-    models: dict[str, dict[str, LogisticModel]] = {}
-    for kind in COLUMNS:
-        models[kind] = {}
-        for name in CLASSES:
-            parts = rows.get((kind, name), [])
-            if sum(len(part.target) for part in parts) == 0:
-                raise ValueError(
-                    f"no box of class {name} of kind {kind} was found, so its scores cannot be "
-                    "fitted; give more frames"
-                )
-            models[kind][name] = fit_logistic(
-                np.concatenate([part.evidence for part in parts]),
-                np.concatenate([part.target for part in parts]),
-            )
+    fitted = {
+        (kind, name): fit_logistic(
+            np.concatenate([part.evidence for part in parts]),
+            np.concatenate([part.target for part in parts]),
+        )
+        for (kind, name), parts in rows.items()
+        if any(part.target.any() if fallback else part.target.size for part in parts)
+    }
+    unfitted = {
+        name: kinds
+        for name in CLASSES
+        if (kinds := [kind for kind in COLUMNS if (kind, name) not in fitted])
+    }
+    if unfitted:
+        names = ", ".join(
+            name if len(kinds) == len(COLUMNS) else f"{name} ({', '.join(kinds)})"
+            for name, kinds in unfitted.items()
+        )
+        remedy = "give more frames, with 3D labels of these objects"
+        if fallback is None or not fitted:
+            raise ValueError(f"no box of {names} fits a label, so no scores are fitted; {remedy}")
+        warnings.warn(
+            f"no box of {names} fits a label, so scores stay those of the shipped models; {remedy}",
+            stacklevel=3,
+        )
+    models = {
+        kind: {name: fitted.get((kind, name)) or getattr(fallback, kind)[name] for name in CLASSES}
+        for kind in COLUMNS
+    }
     return JoinModels(**models, calibrators=identity_maps(), provenance=provenance)
 
 

@@ -1,5 +1,6 @@
 """Logistic models that turn evidence into scores, maps that calibrate these, and their file."""
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -36,8 +37,9 @@ CALIBRATED: Final = ("image", "alone", "image_3d", "alone_3d")
 """Calibrated scores: of objects beside a sweep and without a LiDAR, and of their 3D boxes."""
 
 _LEAST: Final = 1e-9  # of a score's distance to 0 and 1, so that its logarithms are finite
+_LARGEST: Final = 1e6  # number of a model
 _MAX_BYTES: Final = 2**20
-_REMEDY: Final = "fit the models again by `sightline fit-joined`"
+_REMEDY: Final = "name a file from `sightline fit-joined` or adapt"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -106,6 +108,12 @@ class JoinModels:
     provenance: Mapping[str, Any]
     """Origin of the models: weights of both detectors with their SHA-256, frames, seed."""
 
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Origin of the models, and a checksum of their numbers."""
+        numbers = json.dumps(self._plain(), sort_keys=True)
+        return {**self.provenance, "numbers_sha256": hashlib.sha256(numbers.encode()).hexdigest()}
+
     def fits(self, sha256_2d: str, sha256_3d: str) -> bool:
         """Whether the models were fitted with these weights of the two detectors."""
         digests: object = self.provenance.get("sha256")
@@ -133,6 +141,11 @@ class JoinModels:
 
     def write(self, path: Path) -> None:
         """Write the models as JSON, atomically."""
+        content = {"provenance": dict(self.provenance), "columns": COLUMNS, **self._plain()}
+        atomic_write_text(path, json.dumps(content, indent=1) + "\n")
+
+    def _plain(self) -> dict[str, Any]:
+        """Convert the numbers to JSON."""
         models = {
             kind: {name: asdict(each) for name, each in getattr(self, kind).items()}
             for kind in COLUMNS
@@ -141,13 +154,7 @@ class JoinModels:
             kind: {name: asdict(each) for name, each in maps.items()}
             for kind, maps in self.calibrators.items()
         }
-        content = {
-            "provenance": dict(self.provenance),
-            "columns": COLUMNS,
-            **models,
-            "calibrators": calibrators,
-        }
-        atomic_write_text(path, json.dumps(content, indent=1) + "\n")
+        return {**models, "calibrators": calibrators}
 
 
 def read_models(path: Path = SHIPPED) -> JoinModels:
@@ -159,6 +166,8 @@ def read_models(path: Path = SHIPPED) -> JoinModels:
     data = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
     try:
         content = json.loads(data)
+        if content["columns"] != {kind: list(columns) for kind, columns in COLUMNS.items()}:
+            raise ValueError("other columns")
         kinds = {
             kind: {name: _model(content[kind][name], len(columns)) for name in CLASSES}
             for kind, columns in COLUMNS.items()
@@ -188,20 +197,23 @@ def fitted_models(sha256_2d: str, sha256_3d: str) -> JoinModels | None:
 
 
 def _model(plain: Mapping[str, Any], num_columns: int) -> LogisticModel:
-    model = LogisticModel(
-        weights=tuple(float(each) for each in plain["weights"]), bias=float(plain["bias"])
-    )
-    numbers = (*model.weights, model.bias)
-    if len(numbers) != num_columns + 1 or not all(map(math.isfinite, numbers)):
+    weights = tuple(map(_number, plain["weights"]))
+    if len(weights) != num_columns:
         raise ValueError("other columns")
-    return model
+    return LogisticModel(weights=weights, bias=_number(plain["bias"]))
 
 
 def _score_map(plain: Mapping[str, Any]) -> ScoreMap:
-    given = ScoreMap(**{name: float(each) for name, each in plain.items()})
-    if not all(map(math.isfinite, (given.low, given.high, given.bias))):
-        raise ValueError("no finite numbers")
-    return given
+    return ScoreMap(
+        low=_number(plain["low"]), high=_number(plain["high"]), bias=_number(plain["bias"])
+    )
+
+
+def _number(value: object) -> float:
+    """Check a number of a model: finite, and small enough for sums of products."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:
+        raise ValueError("no number of a model")
+    return float(value)
 
 
 def identity_maps() -> dict[str, dict[str, ScoreMap]]:

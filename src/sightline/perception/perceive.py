@@ -414,7 +414,7 @@ def _claims(
         claims += [
             Claim(
                 folder=out / folder,
-                settings={**joined, "models": dict(models.provenance), **aligned},
+                settings={**joined, "models": models.identity, **aligned},
                 results=("*.txt",),
             )
             for folder in JOINED_FOLDERS
