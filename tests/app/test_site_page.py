@@ -162,6 +162,9 @@ def test_a_file_that_is_missing_is_told_and_the_page_goes_on_when_it_is_there(
     shown.page.get_by_role("button", name="Next frame").click()
     shown.page.wait_for_selector("#notice:not([hidden])")
     assert "cannot be loaded; the page goes on" in shown.page.locator("#notice").inner_text()
+    place.write_bytes(content[: len(content) // 2])  # as while it is copied
+    shown.page.wait_for_timeout(3000)
+    assert "cannot be loaded; the page goes on" in shown.page.locator("#notice").inner_text()
     place.write_bytes(content)
     shown.page.wait_for_selector("#notice[hidden]", state="attached")
     shown.settle()

@@ -20,12 +20,12 @@ export async function setup() {
 
 export async function scene(query, signal) {
   const { scene: content, files } = await answerOf(query);
-  const [image, points] = await Promise.all([
-    got(files.image).then((each) => each.blob()).then((each) => createImageBitmap(each)),
-    got(files.points).then((each) => each.arrayBuffer()).then(unzipped),
+  const [image, cloud] = await Promise.all([
+    got(files.image, (each) => each.blob().then((bytes) => createImageBitmap(bytes))),
+    got(files.points, (each) => each.arrayBuffer().then(unzipped).then(unpack)),
   ]);
   signal.throwIfAborted();
-  return { ...content, image, cloud: unpack(points) };
+  return { ...content, image, cloud };
 }
 
 export async function answers(query, name, signal, hear) {
@@ -69,14 +69,15 @@ async function answerOf(query) {
   return answer;
 }
 
-async function json(path) {
-  return (await got(path)).json();
+function json(path) {
+  return got(path, (response) => response.json());
 }
 
-async function got(path) {
+// A file that is half there, as while it is copied to the server, is as good as none.
+async function got(path, convert) {
   const response = await fetch(path).catch(() => null);
   if (!response?.ok) throw new GoneError(path);
-  return response;
+  return convert(response).catch(() => { throw new GoneError(path); });
 }
 
 // Some servers unpack files on the way, so that the first bytes tell.
