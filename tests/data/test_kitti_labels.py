@@ -101,6 +101,13 @@ def test_columns_cannot_be_written_to():
             b"P0: 7.2e+02 0 6.1e+02 0 0 7.2e+02 1.7e+02 0 0 0 1 0",
             "line 1 begins with 'P0:' and numbers, as calibrations do; give the folder of label or",
         ),
+        (
+            b'[{"type":"Car"}]',
+            "line 1 is JSON, expected an object of KITTI's: 15 fields .*; convert",
+        ),
+        (b'{\n  "objects": [7]\n}', "line 1 is JSON, expected"),
+        (b"<annotation>", "line 1 is XML, expected an object of KITTI's"),
+        (LABEL.replace(b"Car", b"[") + b"\nCar", "line 2 has 1 fields"),
         ("Car 0".encode("utf-16"), "is text in UTF-16, expected UTF-8; save it as plain text in U"),
         ("Car 0".encode("utf-16-le"), "holds a NUL byte at position 1: .* UTF-16"),
         (RESULT + b" 7", "line 1 has 17 fields, but a label has 15; remove the fields after rotat"),

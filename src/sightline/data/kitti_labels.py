@@ -52,6 +52,7 @@ _MAX_NAME_LENGTH = 64  # characters of a class
 _MAX_MAGNITUDE = 1e12  # as of calibrations; squares of larger numbers are soon infinite
 _TOO_LARGE = (f"beyond {_MAX_MAGNITUDE:g}", "write metres, radians and pixels")
 _LABEL_FIELDS = 15
+_LANGUAGES = {b"{": "JSON", b"[": "JSON", b"<": "XML"}  # by their first character
 _RESULT_FIELDS = 16
 _OCCLUSION = 1  # columns of the numbers of a line
 _LOCATION = slice(10, 13)
@@ -276,8 +277,14 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
 
 
 def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
-    """Problem and remedy for a line of a calibration, of KITTI tracking or of YOLO; else None."""
+    """Problem and remedy for a line of JSON, XML, calibrations, KITTI tracking or YOLO; or None."""
     is_number = [_is_number(field) for field in fields]
+    is_object = len(fields) >= _LABEL_FIELDS and all(is_number[1:])
+    if (language := _LANGUAGES.get(fields[0][:1])) and not is_object:
+        return (
+            f"is {language}, expected an object of KITTI's: {_LABEL_FIELDS} fields between spaces",
+            f"convert the file: a line for each object, {', '.join(FIELDS[:3])} and so on",
+        )
     if b":" in fields[0] and len(fields) < _LABEL_FIELDS and all(is_number[1:]):
         name = shortened(fields[0].decode(errors="replace"), 24)
         return (
