@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from sightline.data.importing.bag_files import (
+    CONVERSION_REMEDY,
     METADATA_NAME,
     decompressed_zstd,
     files_without_metadata,
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
-    from sightline.data.importing.bag_files import Reader
+    from sightline.data.importing.bag_files import Counts, Reader
 
 IMAGE: Final = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE: Final = "sensor_msgs/msg/CompressedImage"
@@ -42,6 +43,9 @@ _KINDS: Final = {
 """Supported kinds of messages, by package and name in lower case."""
 _MAX_NODES: Final = 5  # in a sentence
 _TIME_LIMIT_NS: Final = 2**62
+_ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"  # no message in CDR begins so
+_CDR: Final = "cdr"
+_NO_CDR: Final = f", expected {_CDR}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,8 +90,10 @@ class Bag:
     _readers: "list[Reader]"
     _types: "Typestore"
     _is_ros1: bool
-    _are_messages_compressed: bool
+    _counts: "Counts"
     topics: tuple[Topic, ...] = field(init=False)
+    num_read: dict[str, int] = field(default_factory=dict)
+    """Numbers of messages, by topic, of the topics that were read to their end."""
     undecodable: dict[tuple[str, int], str] = field(default_factory=dict)
     """Reasons why messages read so far cannot be decoded, by topic and number."""
 
@@ -125,7 +131,8 @@ class Bag:
         kinds = {topic.name: topic.kind for topic in self.topics if topic.name in topics}
         numbers = dict.fromkeys(kinds, 0)
         try:
-            for name, received_ns, raw in self._raw_messages(kinds):
+            for connection, received_ns, raw in self._raw_messages(kinds):
+                name = connection.topic
                 number = numbers[name]
                 numbers[name] += 1
                 if selected is not None and (name, number) not in selected:
@@ -133,9 +140,10 @@ class Bag:
                 if abs(received_ns) >= _TIME_LIMIT_NS:
                     reason = f"its time of receipt, {received_ns} ns, is implausible"
                     self.undecodable[name, number] = reason
-                content = self._content(raw, kinds[name], (name, number))
+                content = self._content(raw, connection, (name, number))
                 if content is not None:
                     yield Message(name, number, received_ns, content)
+            self.num_read |= numbers
         except Exception as error:
             raise ValueError(
                 f"{self.path} is damaged after {sum(numbers.values())} messages "
@@ -194,19 +202,53 @@ class Bag:
                 )
         return tuple(notes)
 
+    def count_notes(self, topics: Collection[str]) -> tuple[str, ...]:
+        """Return a warning for each topic with fewer messages than the bag itself counts.
+
+        Topics that were not read to their end are left out.
+        """
+        notes = []
+        for topic in self.topics:
+            number = self.num_read.get(topic.name)
+            if number is None or topic.name not in topics:
+                continue
+            listed = sum(
+                count
+                for (name, kind), count in self._counts.items()
+                if (name, kind_of(kind)) == (topic.name, topic.kind)
+            )
+            if number < topic.count:
+                notes.append(
+                    f"warning: only {number} of the {topic.count} messages of "
+                    f"{shortened(topic.name)} that the bag's statistics count are in its index; "
+                    "write the bag anew by `mcap recover`, and import that"
+                )
+            elif number < listed:
+                notes.append(
+                    f"warning: the bag holds {number} of the {listed} messages of "
+                    f"{shortened(topic.name)} that {METADATA_NAME} counts: the others were lost "
+                    "with a file or in recording; import an intact copy, or correct the counts by "
+                    "`ros2 bag reindex`"
+                )
+        return tuple(notes)
+
     def unreadable_topic_error(self, topic: str) -> ValueError:
         """Return the error for a topic without a decodable message."""
         notes = self.undecodable_notes([topic])
+        if not notes and (counts := self.count_notes([topic])):
+            return ValueError(f"{self.path}: {counts[0].removeprefix('warning: ')}")
         reason = f": {notes[0].removeprefix('warning: ')}" if notes else ""
+        is_in_cdr = not reason.endswith(_NO_CDR)
+        remedy = "import an intact bag" if is_in_cdr else CONVERSION_REMEDY
         return ValueError(
-            f"{self.path} has no readable message of {shortened(topic)}{reason}; import an intact "
-            "bag, or choose another topic"
+            f"{self.path} has no readable message of {shortened(topic)}{reason}; {remedy}, or "
+            "choose another topic"
         )
 
-    def _raw_messages(self, kinds: dict[str, str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yield topic, time [ns] and bytes of the messages of the given kinds, by time."""
+    def _raw_messages(self, kinds: dict[str, str]) -> "Iterator[tuple[Connection, int, bytes]]":
+        """Yield connection, time [ns] and bytes of the messages of the given kinds, by time."""
 
-        def from_reader(reader: "Reader") -> Iterator[tuple[str, int, bytes]]:
+        def from_reader(reader: "Reader") -> "Iterator[tuple[Connection, int, bytes]]":
             chosen: list[Any] = [
                 each
                 for each in reader.connections
@@ -214,22 +256,29 @@ class Bag:
             ]
             if chosen:  # for an empty list ROS 1's reader yields all
                 for connection, received_ns, raw in reader.messages(chosen):
-                    yield connection.topic, received_ns, bytes(raw)
+                    yield connection, received_ns, bytes(raw)
 
         return heapq.merge(*map(from_reader, self._readers), key=lambda each: each[1])
 
-    def _content(self, raw: bytes, kind: str, key: tuple[str, int]) -> Any:  # noqa: ANN401
+    def _content(self, raw: bytes, connection: "Connection", key: tuple[str, int]) -> Any:  # noqa: ANN401
         """Decode a message; None if it cannot be decoded."""
         if key in self.undecodable:
             return None
+        kind = kind_of(connection.msgtype)
         try:
-            if self._are_messages_compressed:
-                raw = decompressed_zstd(raw)
             if self._is_ros1:
                 return self._types.deserialize_ros1(raw, kind)
+            if raw.startswith(_ZSTD_MAGIC):
+                raw = decompressed_zstd(raw)
             return self._types.deserialize_cdr(raw, kind)
         except Exception as error:  # noqa: BLE001 - arbitrary bytes may raise any error
-            self.undecodable[key] = one_line(error)
+            encoding = getattr(connection.ext, "serialization_format", "") or _CDR
+            is_foreign = encoding != _CDR
+            self.undecodable[key] = (
+                f"they are encoded as {shortened(encoding, 20)}{_NO_CDR}"
+                if is_foreign
+                else one_line(error)
+            )
             return None
 
     def _connections(self) -> "Iterator[Connection]":
@@ -272,7 +321,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
         ) from error
     with ExitStack() as stack:
         try:
-            readers, are_messages_compressed = stack.enter_context(open_files(path))
+            readers, counts = stack.enter_context(open_files(path))
         except ValueError:
             raise
         except Exception as error:
@@ -283,7 +332,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
         is_ros1 = any(isinstance(reader, Ros1Reader) for reader in readers)
         if is_ros1 and not all(isinstance(reader, Ros1Reader) for reader in readers):
             raise ValueError(f"{path} holds bags of ROS 1 and of ROS 2; import one of them")
-        yield Bag(path, readers, _types(is_ros1=is_ros1), is_ros1, are_messages_compressed)
+        yield Bag(path, readers, _types(is_ros1=is_ros1), is_ros1, counts)
 
 
 def is_bag(path: Path) -> bool:

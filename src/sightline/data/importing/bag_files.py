@@ -4,6 +4,7 @@ import bz2
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from io import BufferedIOBase, BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,7 +37,12 @@ _MAX_COMPRESSION_RATIO: Final = 1000
 _MAX_BLOB_BYTES: Final = 2**28
 _STEP_BYTES: Final = 2**22
 _REMEDY: Final = "import an intact bag (`ros2 bag reindex` rewrites its metadata.yaml)"
+CONVERSION_REMEDY: Final = "convert it to a ROS 2 bag with messages in CDR"
+_CHUNK_COMPRESSIONS: Final = ("", "lz4", "zstd")  # of MCAP
 
+
+Counts = dict[tuple[str, str], int]
+"""Numbers of messages that metadata.yaml counts, by topic and type."""
 
 _Read = Callable[[Any, int], bytes]
 
@@ -115,7 +121,7 @@ def describe_unread_files(bag: Path) -> tuple[str, ...]:
     if not bag.is_dir():
         return ()
     has_metadata = (bag / METADATA_NAME).is_file()
-    read = _listed_files(bag)[0] if has_metadata else files_without_metadata(bag)
+    read = _listed_files(bag).paths if has_metadata else files_without_metadata(bag)
     known = {name for each in read for name in (each.name, _unpacked_name(each))}
     others = [
         each.name
@@ -161,15 +167,15 @@ def _visible_files(folder: Path) -> list[Path]:
 
 def size_of_bag(path: Path) -> int:
     """Total size of a bag's files, as they are on the disk [bytes]."""
-    return sum(each.stat().st_size for each in _files_of(path)[0])
+    return sum(each.stat().st_size for each in _files_of(path).paths)
 
 
 @contextmanager
-def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
+def open_files(path: Path) -> Iterator[tuple[list["Reader"], Counts]]:
     """Open the files of a bag, with limits on their decompressed size.
 
     Yields:
-        Their readers, and whether single messages are compressed (zstd).
+        Their readers, and the numbers of messages by metadata.yaml; empty: there is none.
 
     Raises:
         ValueError: A file cannot be read; the error names it.
@@ -181,8 +187,9 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
     kinds: dict[str, Any] = {".mcap": McapReader, ".db3": Sqlite3Reader, ".bag": Ros1Reader}
     with ExitStack() as stack:
         stack.enter_context(_bounded_library())
-        paths, compression = _files_of(path)
-        if compression == "file":
+        files = _files_of(path)
+        paths = files.paths
+        if files.are_packed:
             folder = stack.enter_context(_temporary_folder(path))
             paths = [_decompressed_file(each, folder) for each in paths]
         readers: list[Reader] = []
@@ -192,18 +199,21 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], bool]]:
             reader = kinds[each.suffix.lower()](each)
             try:
                 reader.open()
+                stack.callback(reader.close)
+                for chunk in reader.chunks if isinstance(reader, McapReader) else ():
+                    if chunk.compression not in _CHUNK_COMPRESSIONS:
+                        raise ValueError(f"unsupported chunk compression {chunk.compression!r}")
             except Exception as error:
                 raise ValueError(
                     f"{each} cannot be read as a ROS bag: {one_line(error).rstrip('.')}; "
                     f"{_remedy(one_line(error))}"
                 ) from error
-            stack.callback(reader.close)
             if isinstance(reader, Sqlite3Reader) and reader.dbconn is not None:
                 import apsw
 
                 reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, _MAX_BLOB_BYTES)
             readers.append(reader)
-        yield readers, compression == "message"
+        yield readers, files.counts
 
 
 def _remedy(reason: str) -> str:
@@ -216,7 +226,9 @@ def _remedy(reason: str) -> str:
             ".recover | sqlite3 NEW.db3`"
         )
     if "rofile" in reason:
-        return "only MCAP files of ROS 2 with messages in CDR are read: convert it to a ROS 2 bag"
+        return f"only MCAP files of ROS 2 are read: {CONVERSION_REMEDY}"
+    if "ompression '" in reason:
+        return "write it anew with chunks that are compressed by zstd, by lz4 or not at all"
     if "empty" in reason or "missing tables" in reason:
         return "nothing was recorded, or this is no bag: import another"
     return "give a folder with metadata.yaml, or an intact .mcap, .db3 or .bag file"
@@ -232,16 +244,26 @@ def one_line(error: Exception) -> str:
     return shortened(text, 200)
 
 
-def _files_of(bag: Path) -> tuple[list[Path], str]:
-    """List the files of a bag, and its kind of compression ("", "message", "file")."""
+@dataclass(frozen=True, slots=True)
+class _BagFiles:
+    """Files of a bag, as its folder or metadata.yaml lists them."""
+
+    paths: list[Path]
+    are_packed: bool = False
+    """Whether the files are compressed (zstd)."""
+    counts: Counts = field(default_factory=dict)
+
+
+def _files_of(bag: Path) -> _BagFiles:
+    """List the files of a bag."""
     if not bag.is_dir():
-        return [bag], ""
+        return _BagFiles([bag])
     files = files_without_metadata(bag)
-    return (files, "") if files else _listed_files(bag)
+    return _BagFiles(files) if files else _listed_files(bag)
 
 
-def _listed_files(folder: Path) -> tuple[list[Path], str]:
-    """Read a bag's files and kind of compression ("", "message", "file") from metadata.yaml."""
+def _listed_files(folder: Path) -> _BagFiles:
+    """Read a bag's files from metadata.yaml."""
     path = folder / METADATA_NAME
     content = read_yaml(path, _REMEDY, max_bytes=_MAX_METADATA_BYTES)
     match content:
@@ -261,13 +283,27 @@ def _listed_files(folder: Path) -> tuple[list[Path], str]:
     mode = str(about.get("compression_mode") or "").lower()
     kind = str(about.get("compression_format") or "")
     if mode in ("", "none"):
-        return paths, ""
+        return _BagFiles(paths, counts=_counts(about))
     if mode not in ("file", "message") or kind != "zstd":
         problem = (
             f"declares compression {shortened(mode, 20)} by {shortened(kind, 20)!r}, expected zstd"
         )
         raise FileError(path, problem, "convert the bag (`ros2 bag convert`)")
-    return paths, mode
+    return _BagFiles(paths, mode == "file", _counts(about))
+
+
+def _counts(about: dict[str, Any]) -> Counts:
+    """Read the numbers of messages; entries of another form are left out."""
+    counts: Counts = {}
+    topics = about.get("topics_with_message_count")
+    for each in topics if isinstance(topics, list) else ():
+        match each:
+            case {
+                "topic_metadata": {"name": str(name), "type": str(kind)},
+                "message_count": int(count),
+            }:
+                counts[name, kind] = counts.get((name, kind), 0) + count
+    return counts
 
 
 @contextmanager
