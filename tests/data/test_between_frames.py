@@ -1,5 +1,6 @@
 """Frames of one tree against each other: equal files, no point anywhere, sizes of one camera."""
 
+import math
 import shutil
 import warnings
 
@@ -216,3 +217,38 @@ def test_labels_of_which_none_counts_are_told(tree, hidden):
         box = f"{100 + number} 120 200 180 1.50 1.60 3.90 0.50 1.60"
         path.write_text("".join(f"Car {hidden} -1.57 {box} {z}.00 -1.53\n" for z in (12, 24)))
     assert is_told()
+
+
+@pytest.mark.parametrize(
+    ("alpha", "rotation_y", "said"),
+    [
+        (lambda *_: 0.0, 0.6, "alpha of all 9 labels is 0;"),
+        (lambda *_: -10.0, 0.6, "alpha of all 9 labels is -10, KITTI's number for"),
+        (
+            lambda rotation, bearing: bearing - rotation,
+            0.6,
+            "alpha of 9 of 9 labels is probably ne",
+        ),
+        (
+            lambda rotation, bearing: rotation - bearing + 3.14,
+            -2.5,
+            "probably half a turn off, or r",
+        ),
+        (lambda rotation, bearing: rotation - bearing, 0.6, None),
+        (lambda rotation, bearing: -10.0 if bearing > 0.2 else rotation - bearing, 0.6, None),
+    ],
+)
+def test_alphas_that_contradict_the_3d_boxes_are_told_once_for_all_labels(
+    tree, alpha, rotation_y, said
+):
+    for number, path in enumerate(sorted((tree / "label_2").iterdir())):
+        lines = []
+        for x, z in ((-3, 12 + number), (0.5, 18), (4, 14)):
+            angle = alpha(rotation_y, math.atan2(x, z))
+            sizes = "100 120 200 180 1.50 1.60 3.90"
+            lines.append(f"Car 0 0 {angle:.2f} {sizes} {x} 1.60 {z} {rotation_y}\n")
+        path.write_text("".join(lines))
+    told = [each for each in check_tree(tree.parent) if "orientation" in each.problem]
+    assert [each.path for each in told] == ([tree / "label_2"] if said else [])
+    assert all(said in f"{each.problem}; {each.remedy}" for each in told)
+    assert not any("an angle outside" in problem for _, problem in problems(tree.parent))

@@ -133,6 +133,31 @@ def test_boxes_that_face_another_way_than_labels_are_told(tmp_path, ry, expected
     assert "WARNING" not in sound
 
 
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda line: replace(line, alpha=0.0), "alpha of all 50 labels is 0: scores of orien"),
+        (lambda line: replace(line, alpha=-10.0), "alpha of all 50 labels is -10, KITTI's number"),
+        (lambda line: replace(line, alpha=-line.alpha), "50 labels is probably negated: scores"),
+        (lambda line: replace(line, ry=line.ry - math.pi), "of 50 labels is probably half a turn"),
+        (lambda line: replace(line, ry=-line.ry), "50 labels is probably that of a negated rot"),
+    ],
+)
+def test_alphas_of_labels_that_contradict_their_boxes_are_told_of_labels(
+    tmp_path, change, expected
+):
+    labels = [change(line) for line in TURNED]
+    notes = notes_of(tmp_path, labels, [replace(line, score=line.x1) for line in TURNED])
+    assert expected in notes
+    assert notes.count("WARNING") == 1
+
+
+def test_alphas_of_labels_matter_only_where_orientation_is_scored(tmp_path):
+    labels = [replace(line, alpha=0.0) for line in TURNED]
+    found = [replace(line, alpha=-10.0, score=line.x1) for line in TURNED]
+    assert "WARNING" not in notes_of(tmp_path, labels, found)
+
+
 @pytest.mark.parametrize(("sign", "is_told"), [(1, False), (-1, True)])
 def test_scores_that_rank_false_results_first_are_told(tmp_path, sign, is_told):
     true = [replace(line, score=sign * (1 + 1e-3 * line.x1)) for line in SPACED]

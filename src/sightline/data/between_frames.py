@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from sightline.data.alpha_checks import ALPHA_REMEDY, doubt_about_labels
 from sightline.data.frame_checks import is_blank, read_or_note
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size, read_orientation
@@ -29,6 +30,7 @@ from sightline.data.label_fit import visible_objects
 from sightline.data.point_files import holds_no_point, read_cloud
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.data.recording_files import CALIBRATION_SUFFIXES
+from sightline.data.result_boxes import join_boxes, scored_boxes
 from sightline.data.velodyne import read_sweep
 from sightline.files.problem import Problem
 
@@ -96,6 +98,7 @@ def _check_labels(frames: Sequence[ObjectFrame]) -> list[Problem]:
             "check how they were written, or remove the folder if nothing was labelled",
         ),
         *_check_counted(labels),
+        *_check_alphas(labels),
     ]
 
 
@@ -118,6 +121,20 @@ def _check_counted(paths: Sequence[Path]) -> Iterator[Problem]:
             problem=f"holds {total} objects, all with an occlusion above {MAX_OCCLUSION} (3 is "
             f"unknown) or a truncation above {MAX_TRUNCATION}: none counts in KITTI's scores",
             remedy="write 0 where the occlusion is not known, and the truncation from 0 to 1",
+        )
+
+
+def _check_alphas(paths: Sequence[Path]) -> Iterator[Problem]:
+    """Yield a problem if the alphas of labels with 3D boxes contradict rotation_y and place."""
+    read = (read_or_note(read_labels, path, []) for path in paths)
+    frames = [scored_boxes(objects) for objects in read if objects is not None]
+    labels = join_boxes(frames) if frames else None
+    doubt = None if labels is None else doubt_about_labels(labels.select(labels.has_3d))
+    if doubt is not None:
+        yield Problem(
+            path=paths[0].parent,
+            problem=f"holds labels by which no orientation can be scored: {doubt}",
+            remedy=f"{ALPHA_REMEDY} for alpha, once rotation_y is right",
         )
 
 

@@ -332,7 +332,8 @@ def _likely_orders(
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
     is_misread = _misread_boxes2d(objects, size) is not None  # reported once for all
     has_box3d = _has_box3d(objects)
-    rotations = np.stack((objects.rotation_y, objects.alpha), axis=1)
+    alphas = np.where(objects.alpha == NO_ALPHA, 0.0, objects.alpha)
+    rotations = np.stack((objects.rotation_y, alphas), axis=1)
     faults = {
         "has a 2D box with its maximum below its minimum": _is_inside_out(objects.boxes2d)
         & (not is_misread),

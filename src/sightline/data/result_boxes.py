@@ -44,6 +44,11 @@ class ScoredBoxes:
         """Mask of the boxes with a 3D part."""
         return np.asarray(np.isfinite(self.locations).all(axis=1))
 
+    def select(self, kept: Bool[np.ndarray, " num_boxes"]) -> "ScoredBoxes":
+        """Select boxes by a mask."""
+        columns = {field.name: getattr(self, field.name)[kept] for field in fields(self)}
+        return ScoredBoxes(**columns)
+
     def num_repeated(self) -> int:
         """Count the boxes equal to an earlier one, if they are of one frame."""
         rows = np.column_stack((self.scores, self.boxes2d, self.locations))

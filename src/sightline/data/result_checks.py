@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.data.alpha_checks import remarks_on_alphas
 from sightline.data.kitti_boxes import box_corners, project_box
-from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, NO_ROTATION, KittiObjects
+from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.label_checks import (
     MIN_LARGEST_M,
     in_degrees,
@@ -22,7 +23,6 @@ from sightline.data.result_boxes import (
     SCORED_CLASSES,
     Boxes,
     ScoredBoxes,
-    angle_between,
     image_ious,
     is_clearly_better,
     join_boxes,
@@ -55,10 +55,6 @@ _MIN_FRAMES_FOR_HEIGHT: Final = 30
 _MIN_MEDIAN_Y_M: Final = 1.2
 """Minimum median of y; a few frames may be of a rising road. Of 3,000 draws of KITTI's labels in
 30 frames, bottoms are at 1.48 m or more below the camera, and centres at 1.09 m or less."""
-_EQUAL_ANGLES_RAD: Final = 0.05
-"""Largest difference of equal angles; KITTI's files have two digits."""
-_CONTRADICTION_RAD: Final = 0.5
-"""Difference of alpha from its formula from which they contradict each other."""
 _MAX_AWAY_M: Final = 600.0
 """Distance along an axis at which no camera shows a road user."""
 _MAX_SIZE_M: Final = 60.0
@@ -202,46 +198,6 @@ def remarks_on_scores(frames: Sequence[ScoredBoxes]) -> Iterator[str]:
             f"scores of results reach {high:g} and are probably percent: KITTI's evaluation "
             "ranks by any scale that all frames share, Sightline's own scores are 0 to 1"
             + (f"; in {narrow:,} of {len(frames):,} frames none is above 1." if narrow else ".")
-        )
-
-
-def remarks_on_alphas(boxes: ScoredBoxes) -> Iterator[str]:
-    """Yield a sentence on alphas that are not rotation_y minus the bearing of the location."""
-    has_alpha = boxes.alphas != NO_ALPHA
-    alphas = boxes.alphas[has_alpha]
-    if len(alphas) < MIN_RESULTS:
-        return
-    has_3d = has_alpha & boxes.has_3d & (boxes.rotations_y != NO_ROTATION)
-    rotations, (x, _, z) = boxes.rotations_y[has_3d], boxes.locations[has_3d].T
-    bearing = np.arctan2(x, z)
-    error = angle_between(boxes.alphas[has_3d], rotations - bearing)
-    if not alphas.any():
-        if not len(error) or np.median(error) > _EQUAL_ANGLES_RAD:
-            yield (
-                f"alpha of all {len(alphas):,} results is 0: orientation similarity is scored by "
-                "it; write rotation_y - atan2(x, z), or -10 where it is unknown."
-            )
-        return
-    alphas = boxes.alphas[has_3d]
-    others = {
-        "rotation_y itself": rotations,
-        "that of a negated rotation_y, or rotation_y is negated": -rotations - bearing,
-        "negated": bearing - rotations,
-        "rotation_y plus the bearing": rotations + bearing,
-    }
-    ending = "KITTI's alpha is rotation_y - atan2(x, z), and only alpha is scored as orientation."
-    for name, expected in others.items():
-        other = angle_between(alphas, expected)
-        better = int(((other < _EQUAL_ANGLES_RAD) & (error > 2 * _EQUAL_ANGLES_RAD)).sum())
-        worse = int(((error < _EQUAL_ANGLES_RAD) & (other > 2 * _EQUAL_ANGLES_RAD)).sum())
-        if is_clearly_better(better, worse, len(alphas)):
-            yield f"alpha of {better:,} of {len(alphas):,} results is probably {name}: {ending}"
-            return
-    contradicting = int((error > _CONTRADICTION_RAD).sum())
-    if len(alphas) >= MIN_RESULTS and contradicting > len(alphas) / 2:
-        yield (
-            f"alpha of {contradicting:,} of {len(alphas):,} results contradicts rotation_y and the "
-            f"location by more than {_CONTRADICTION_RAD:g} rad: {ending}"
         )
 
 

@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from sightline.data.kitti_labels import KittiObjects
+from sightline.data.alpha_checks import ALPHA_REMEDY, doubt_about_labels, remarks_on_alphas
+from sightline.data.kitti_labels import NO_ALPHA, KittiObjects
 from sightline.data.label_checks import scale_of_sizes
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
@@ -30,7 +31,6 @@ from sightline.data.result_boxes import (
 from sightline.data.result_checks import (
     count_impossible,
     remark_on_scale,
-    remarks_on_alphas,
     remarks_on_boxes2d,
     remarks_on_depths,
     remarks_on_far_boxes2d,
@@ -84,8 +84,12 @@ class ResultConventions:
     counts_repeats: bool = True
     """Whether a remark counts the results that occur twice in their frame."""
 
+    has_headings: bool = True
+    """Whether all results have an alpha, so that orientation is scored."""
+
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""
+        self.has_headings &= bool((results.alpha != NO_ALPHA).all())
         self.results.append(scored_boxes(results))
         self.impossible.append(count_impossible(results))
         self.labels.append(scored_boxes(labels))
@@ -112,6 +116,11 @@ class ResultConventions:
         yield from in_space
         if not self.in_degrees:
             rotations = () if in_space else (*compared.remarks_on_rotations(),)
+            doubt = doubt_about_labels(labels)
+            if doubt is not None and (self.has_headings or rotations):
+                yield f"{doubt}: scores of orientation compare it with results'; {ALPHA_REMEDY}."
+                if np.ptp(labels.alphas):  # they tell that rotation_y of labels may be at fault
+                    rotations = ()
             yield from rotations or (() if in_space else remarks_on_alphas(results))
         if not in_image and not in_space and compared.frames:
             yield from compared.remarks_on_parts()
