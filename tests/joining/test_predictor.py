@@ -189,6 +189,18 @@ def test_models_fitted_anew_do_not_mix_with_earlier_ones(tmp_path):
         )
 
 
+@pytest.mark.filterwarnings("ignore:objects are not joined")
+@pytest.mark.parametrize("is_first_joined", [True, False])
+def test_runs_with_and_without_models_do_not_mix(tmp_path, is_first_joined):
+    own = perceiver(["a", "b"])
+    models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})
+    both = [MultiTaskPredictor(own.predictors, join_models=models), own]
+    first, second = both if is_first_joined else both[::-1]
+    perceive(PACKAGED_FRAMES, tmp_path, perceiver=first)
+    with pytest.raises(ValueError, match=r"joined .*which would mix with this job; name another"):
+        perceive(PACKAGED_FRAMES, tmp_path, perceiver=second)
+
+
 def test_models_of_other_weights_and_for_one_detector_are_refused():
     own = perceiver(["a", "c"])
     models = own_score_models({"sha256": {"detection2d": "a", "detection3d": "b"}})

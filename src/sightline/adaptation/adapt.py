@@ -168,10 +168,9 @@ def adapt(
     """Adapt the shipped networks of some tasks to a recording's rig.
 
     OUT gets the rig (rig.yaml), simulated frames of it, a run folder for each task with its
-    weights.safetensors, scores before and after, models that join the detectors' boxes
-    (joined.json), and adapt.json. Steps that are finished are
-    skipped, so a stopped adaptation goes on where it was; tasks of an earlier run stay in the
-    report.
+    weights.safetensors, scores before and after, models that join the boxes of both detectors
+    (joined.json), and adapt.json. Steps that are finished are skipped, so a stopped adaptation goes
+    on where it was; tasks of an earlier run stay in the report.
 
     Args:
         data: Data set with sweeps, by whose first frames the rig is measured.

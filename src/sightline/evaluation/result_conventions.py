@@ -85,7 +85,7 @@ class ResultConventions:
     """Whether a remark counts the results that occur twice in their frame."""
 
     has_headings: bool = True
-    """Whether all results have an alpha, so that orientation is scored."""
+    """True while every result has an alpha; only then is orientation scored."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""

@@ -9,7 +9,7 @@ import types
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache, partial, wraps
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
@@ -101,7 +101,9 @@ def _checks_of(function: Callable[..., object]) -> Mapping[str, Callable[[str, o
 
 def _check_whole(name: str, value: object) -> None:
     """Refuse a fraction for a whole number."""
-    if isinstance(value, Real) and value != value // 1:
+    if isinstance(value, Integral) or not isinstance(value, Real):
+        return
+    if not float(value).is_integer():
         raise ValueError(f"{name} must be a whole number, got {value}")
 
 

@@ -117,29 +117,26 @@ def fit_pair(
     if frames < 1:
         raise ValueError(f"frames must be at least 1, got {frames}")
     count = min(frames, len(dataset))
-    samples = [dataset[place * len(dataset) // count] for place in range(count)]
-    pieces = [(case, place) for case in FIT_CASES for place in range(count)]
-    found: dict[tuple[str, int], _Found] = {}
-    for case, place in track(pieces, description="detecting", total=len(pieces)):
-        changed = FIT_CASES[case](samples[place], place)
-        in_image: Detections2D = detector2d(changed).detections
-        in_sweep: Detections3D | None = None
-        if case != "clean" and changed.points is samples[place].points:
-            in_sweep = found["clean", place][1]
-        elif changed.points is not None:
-            in_sweep = detector3d(changed)
-        found[case, place] = in_image, in_sweep
+    chosen = [place * len(dataset) // count for place in range(count)]
+    found: list[dict[str, _Found]] = []
+    names = []
+    for place, index in enumerate(track(chosen, description="detecting", total=count)):
+        sample = dataset[index]
+        found.append(_detect(sample, place, detector2d, detector3d))
+        names.append(sample.sample_id)
 
     def fit_frames() -> Iterator[FitFrame]:
-        for (case, place), (in_image, in_sweep) in found.items():
-            changed = FIT_CASES[case](samples[place], place)
-            yield FitFrame(sample=changed, found2d=in_image, found3d=in_sweep)
+        for case, change in FIT_CASES.items():
+            for place, index in enumerate(chosen):  # read again: all would fill the memory
+                in_image, in_sweep = found[place][case]
+                sample = change(dataset[index], place)
+                yield FitFrame(sample=sample, found2d=in_image, found3d=in_sweep)
 
     provenance = {
         "weights": {"detection2d": detector2d.name, "detection3d": detector3d.name},
         "sha256": {"detection2d": detector2d.sha256, "detection3d": detector3d.sha256},
         "data": data,
-        "frames": ",".join(sample.sample_id for sample in samples),
+        "frames": ",".join(names),
         "states": list(FIT_CASES),
         "engine": detector3d.engine,
         "sightline": version("sightline"),
@@ -147,3 +144,22 @@ def fit_pair(
     shipped = read_models()
     models = fit_models(fit_frames(), provenance, shipped)
     return calibrate_models(models, fit_frames(), refiner_of(detector3d), shipped)
+
+
+def _detect(
+    sample: CameraLidarSample,
+    place: int,
+    detector2d: DetectionPredictor,
+    detector3d: Detection3DPredictor,
+) -> dict[str, _Found]:
+    """Run both detectors on a sample in each state, on an unchanged sweep once."""
+    found: dict[str, _Found] = {}
+    for case, change in FIT_CASES.items():
+        changed = change(sample, place)
+        in_sweep: Detections3D | None = None
+        if found and changed.points is sample.points:
+            in_sweep = found["clean"][1]
+        elif changed.points is not None:
+            in_sweep = detector3d(changed)
+        found[case] = detector2d(changed).detections, in_sweep
+    return found

@@ -403,6 +403,7 @@ def _claims(
         **around_entry(around=around),
         **aligned,
         **made_by,
+        **perceiver.models_entry,
     }
     claims = [Claim(folder=out, settings=settings, results=(f"{LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():

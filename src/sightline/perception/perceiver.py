@@ -197,6 +197,14 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         return len(self._detector_weights) == len(_JOINED_TASKS) and self.join_models is None
 
     @property
+    def models_entry(self) -> dict[str, str]:
+        """Entry of a manifest with the checksum of models of joined scores that are not shipped."""
+        shipped = _models_for(self._detector_weights, None)
+        if self.join_models in (None, shipped):
+            return {}
+        return {"joined": self.join_models.identity["numbers_sha256"]}
+
+    @property
     def _detector_weights(self) -> list[tuple[str, str]]:
         """Name and SHA-256 of each detector's weights; none for one that is no network."""
         detectors = [self.predictors[name] for name in _JOINED_TASKS if name in self.predictors]

@@ -250,7 +250,7 @@ class _BagFiles:
 
     paths: list[Path]
     are_packed: bool = False
-    """Whether the files are compressed (zstd)."""
+    """The files are compressed as a whole, by zstd."""
     counts: Counts = field(default_factory=dict)
 
 
