@@ -63,9 +63,9 @@ def test_the_report_agrees_with_a_calculation_pixel_by_pixel(tmp_path_factory, s
 
 
 def test_each_image_counts_alike_however_many_pixels_it_has(tmp_path):
-    for name, prediction, pixels in (("one", 11, 1), ("many", 13, 99)):
+    for name, prediction, pixels in (("one", 21, 1), ("many", 23, 99)):
         truth = np.zeros((10, 10), np.float32)
-        truth.flat[:pixels] = 10
+        truth.flat[:pixels] = 20
         write_depth_png(tmp_path / "truth" / f"{name}.png", truth)
         write_depth_png(
             tmp_path / "predictions" / f"{name}.png", np.full((10, 10), prediction, np.float32)
@@ -102,7 +102,7 @@ def test_predictions_that_are_the_ground_truth_are_refused_and_copies_are_doubte
     with pytest.raises(ValueError, match=r"named both as the results and as the ground truth"):
         evaluate_depth(tmp_path / "link" / name, truth / name)
     shutil.copytree(truth, tmp_path / "copies")
-    with pytest.warns(UserWarning, match=r"so every error is 0: they are copies"):
+    with pytest.warns(UserWarning, match=r"every depth is exactly that of .*: they are copies"):
         evaluate_depth(tmp_path / "copies" / name, truth / name)
 
 
@@ -132,15 +132,73 @@ def test_depths_in_another_unit_are_doubted_and_sound_ones_are_not(tmp_path, kin
         evaluate_depth(*paths)
 
 
-@pytest.mark.parametrize("factor", [256, 10, 1 / 10, 1 / 1000])
-def test_depths_by_any_other_large_factor_are_doubted(tmp_path, factor):
+@pytest.mark.parametrize(
+    ("factor", "doubt"),
+    [
+        (256, r"over 4 times those of .* or less than 1/4: write"),
+        (10, r"are 7\.19 times those of .* of 35\.5% only"),
+        (1 / 10, r"are 0\.1 times those of .* of 0\.1% only"),
+        (1 / 1000, r"are 0\.000993 times those of .* of 7\.4% only"),
+    ],
+)
+def test_depths_by_any_other_large_factor_are_doubted(tmp_path, factor, doubt):
     paths = tmp_path / "found.png", tmp_path / "true.png"
     true_m = np.random.default_rng(0).uniform(5, 60, (20, 30)).astype(np.float32)
     write_depth_png(paths[1], true_m)
     steps = np.rint(256 * factor * true_m).clip(1, 65535)  # saturates
     cv2.imwrite(str(paths[0]), steps.astype(np.uint16))
-    with pytest.warns(UserWarning, match=r"over 4 times those of .* or less than 1/4: write"):
+    with pytest.warns(UserWarning, match=doubt):
         evaluate_depth(*paths)
+
+
+def street(rng, size=(40, 60)):
+    """Depths of a road below a wall on the left side and an open right side, 0.1 % of noise."""
+    rows, columns = np.mgrid[: size[0], : size[1]]
+    depth_m = np.minimum(200 / (rows + 1), np.where(columns < 20, 8.0, 60.0))
+    return (depth_m * rng.uniform(0.999, 1.001, size)).astype(np.float32)
+
+
+def write_street(folder, change):
+    """Write two maps of a street, and predictions of them after a change."""
+    for name in ("a", "b"):
+        rng = np.random.default_rng(ord(name))
+        truth_m = street(rng) * (rng.random((40, 60)) < 0.3)
+        write_depth_png(folder / "truth" / f"{name}.png", truth_m)
+        write_depth_png(folder / "found" / f"{name}.png", change(street(rng), rng))
+    return folder / "found", folder / "truth"
+
+
+@pytest.mark.parametrize(
+    ("change", "doubt"),
+    [
+        (lambda depth_m: depth_m[:, ::-1], "better mirrored from left to right: .* as written"),
+        (lambda depth_m: depth_m[::-1], "better upside down: "),
+        (lambda depth_m: depth_m[::-1, ::-1], "better rotated by 180 degrees: "),
+        (lambda depth_m: 40 / depth_m, r"correlation of their logarithms -\d.*inverse depths or"),
+        (lambda depth_m: 1.4 * depth_m, r"are 1\.4 times those of .*, with a spread of .* only"),
+        (lambda depth_m: depth_m / 7, r"are 0\.143 times those of .*, with a spread of .* only"),
+    ],
+)
+def test_depths_in_another_orientation_inverse_or_of_another_scale_are_doubted(
+    tmp_path, change, doubt
+):
+    with pytest.warns(UserWarning, match=doubt) as told:
+        evaluate_depth(*write_street(tmp_path, lambda depth_m, _: change(depth_m)))
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda depth_m, _: 1.2 * depth_m,
+        lambda depth_m, rng: depth_m * rng.lognormal(0.3, 0.3, depth_m.shape),
+        lambda depth_m, _: np.full_like(depth_m, 20),
+        lambda depth_m, rng: depth_m * (rng.random(depth_m.shape) < 0.05),
+        lambda depth_m, rng: rng.uniform(10, 40, depth_m.shape),
+    ],
+)
+def test_sound_and_bad_depths_alike_are_not_doubted_for_their_errors(tmp_path, change):
+    evaluate_depth(*write_street(tmp_path, change))  # warnings are errors here
 
 
 @pytest.mark.parametrize("which", ["predictions", "truth"])

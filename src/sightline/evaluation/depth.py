@@ -17,16 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import Int64
 
 from sightline.data.kitti_trees import describe_absent
-from sightline.data.map_png import (
-    MAX_DEPTH_M,
-    MIN_HIGHEST_PX,
-    MIN_HIGHEST_SHARE,
-    NO_VALUE_REMEDY,
-    read_depth_png,
-)
+from sightline.data.map_png import read_depth_png
 from sightline.evaluation.depth_breakdown import (
     DepthBand,
     ErrorSums,
@@ -38,6 +31,11 @@ from sightline.evaluation.depth_breakdown import (
     lost_returns,
     paired_difference,
     to_json,
+)
+from sightline.evaluation.depth_conventions import (
+    ComparedDepths,
+    compare_depths,
+    doubts_about_depths,
 )
 from sightline.evaluation.depth_scores import (
     DepthScores,
@@ -67,15 +65,6 @@ _ROWS = (
     "coverage",
 )
 _TRUTH_FOLDER = "groundtruth_depth"  # of the depth benchmark's selection
-_UNITS = {"metres": 1, "centimetres": 100, "millimetres": 1000}
-_STEPS_PER_M = 256  # of KITTI's files
-_WRONG_RATIOS = {
-    **{steps / _STEPS_PER_M: ("predictions", unit) for unit, steps in _UNITS.items()},
-    **{_STEPS_PER_M / steps: ("ground truth", unit) for unit, steps in _UNITS.items()},
-}
-_RATIO_TOLERANCE = 0.1
-_FAR_RATIO = 4.0  # of depths that no unit above explains
-_MIN_RATIOS = 100  # pixels; fewer agree with a wrong ratio by chance
 
 
 class _Pair(NamedTuple):
@@ -99,13 +88,8 @@ class ImageReport:
     """Number of pixels with ground truth."""
     sums: ErrorSums = field(compare=False)
     """Sums by band and place, from which the set's are computed."""
-    wrong_ratios: Int64[np.ndarray, " ratios"] = field(compare=False)
-    """Number of predicted pixels with about each ratio of depths that a wrong unit gives, then of
-    those with a ratio beyond `_FAR_RATIO` either way."""
-    highest: tuple[int, int] = field(compare=False)
-    """Number of compared pixels at which the prediction, or the ground truth, is 65535."""
-    compared: int = field(compare=False)
-    """Number of pixels with both ground truth and prediction."""
+    depths: ComparedDepths = field(compare=False)
+    """Numbers from which depths in another convention are recognised."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -233,10 +217,9 @@ def evaluate_depth(
     images, unused = score(
         predictions, sparse=None if sparse is None else data_path(sparse), ends=ends
     )
-    if not _warn_of_highest(images, predictions, truth):
-        _warn_of_units(images, predictions, truth)
     _warn_of_empty(images, predictions)
-    _warn_of_copies(images, predictions, truth)
+    for doubt in doubts_about_depths((each.depths for each in images), predictions, truth):
+        warnings.warn(doubt, stacklevel=2)
     report = DepthReport(
         images=images,
         unused_predictions=unused,
@@ -276,62 +259,14 @@ def _score_files(
     return tuple(images), unused
 
 
-def _warn_of_highest(images: Sequence[ImageReport], predictions: Path, truth: Path) -> bool:
-    """Warn of pixels with the largest number, which other programs write for no value.
-
-    Depths in a wrong unit may end there, too, but most others are then wrong as well.
-    """
-    compared = sum(image.compared for image in images)
-    num_far = sum(int(image.wrong_ratios[-1]) for image in images)
-    counts = np.sum([image.highest for image in images], axis=0)
-    if 2 * (num_far - counts.sum()) >= compared - counts.sum():
-        return False
-    warned = False
-    for folder, count in zip((predictions, truth), counts, strict=True):
-        if count >= max(MIN_HIGHEST_PX, MIN_HIGHEST_SHARE * compared):
-            warned = True
-            warnings.warn(
-                f"{folder}: {count:,} of {compared:,} compared pixels hold 65535, probably for no "
-                f"value, and were taken for {MAX_DEPTH_M:.0f} m: {NO_VALUE_REMEDY}",
-                stacklevel=3,
-            )
-    return warned
-
-
-def _warn_of_units(images: Sequence[ImageReport], predictions: Path, truth: Path) -> None:
-    """Warn if most depths differ by the factor of a wrong unit."""
-    compared = sum(image.compared for image in images)
-    counts = np.sum([image.wrong_ratios for image in images], axis=0)
-    if compared < _MIN_RATIOS or counts.max() <= compared / 2:
-        return
-    text = f"{predictions}: most depths are over {_FAR_RATIO:g} times those of {truth}, or less "
-    text += f"than 1/{_FAR_RATIO:g}"
-    for (ratio, (kind, unit)), count in zip(_WRONG_RATIOS.items(), counts[:-1], strict=True):
-        if count > compared / 2:
-            text = f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
-            text += f"probably because of {kind} in {unit}"
-    warnings.warn(f"{text}: write metres times {_STEPS_PER_M}, as KITTI does", stacklevel=3)
-
-
 def _warn_of_empty(images: Sequence[ImageReport], predictions: Path) -> None:
     """Warn of images without a predicted pixel, which only one of both means includes."""
-    empty = [image.name for image in images if not image.compared]
+    empty = [image.name for image in images if not image.depths.pixels]
     if empty:
         warnings.warn(
             f"{predictions}: {len(empty):,} of {len(images):,} images have no predicted depth at a "
             f"pixel with ground truth ({describe_absent(empty)}): over all pixels they are wholly "
             "wrong, 'predicted pixels only' leaves them out; predict them, or score the others",
-            stacklevel=3,
-        )
-
-
-def _warn_of_copies(images: Sequence[ImageReport], predictions: Path, truth: Path) -> None:
-    """Warn if predictions are the ground truth, which no method finds exactly."""
-    is_enough = sum(image.compared for image in images) >= _MIN_RATIOS
-    if is_enough and not any(image.scores.rmse_mm for image in images):
-        warnings.warn(
-            f"{predictions}: every depth is that of {truth}, so every error is 0: they are copies; "
-            "name the predictions of a method",
             stacklevel=3,
         )
 
@@ -417,8 +352,6 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
         raise ValueError(f"{sparse} is not of the size of {truth}: give the maps of these images")
     try:
         scores = score_depth(prediction_m, truth_m)
-        has_both = (prediction_m > 0) & (truth_m > 0)
-        ratios = prediction_m[has_both] / truth_m[has_both]
         filled_m = prediction_m if scores.coverage == 1 else fill_gaps(prediction_m)
         return ImageReport(
             name=name,
@@ -426,17 +359,7 @@ def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
             predicted_pixels_only=score_predicted_pixels(prediction_m, truth_m),
             pixels=int((truth_m > 0).sum()),
             sums=error_sums(filled_m, truth_m, band_ends_m=band_ends_m, sparse_m=sparse_m),
-            wrong_ratios=np.array(
-                [
-                    *((abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS),
-                    (np.abs(np.log(ratios)) > np.log(_FAR_RATIO)).sum(),
-                ]
-            ),
-            highest=(
-                int((prediction_m[has_both] == MAX_DEPTH_M).sum()),
-                int((truth_m[has_both] == MAX_DEPTH_M).sum()),
-            ),
-            compared=len(ratios),
+            depths=compare_depths(prediction_m, truth_m),
         )
     except ValueError as error:
         raise ValueError(f"{prediction} against {truth}: {error}") from error

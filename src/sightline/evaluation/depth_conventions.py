@@ -1,0 +1,206 @@
+"""Doubts about predicted depth maps, compared with ground truth: units, scales and orientations.
+
+`compare_depths` keeps a few numbers of an image, `doubts_about_depths` judges those of a set.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int64
+
+from sightline.data.map_png import (
+    MAX_DEPTH_M,
+    MIN_HIGHEST_PX,
+    MIN_HIGHEST_SHARE,
+    NO_VALUE_REMEDY,
+)
+
+_UNITS: Final = {"metres": 1, "centimetres": 100, "millimetres": 1000}
+_STEPS_PER_M: Final = 256  # of KITTI's files
+_WRONG_RATIOS: Final = {
+    **{steps / _STEPS_PER_M: ("predictions", unit) for unit, steps in _UNITS.items()},
+    **{_STEPS_PER_M / steps: ("ground truth", unit) for unit, steps in _UNITS.items()},
+}
+"""Ratios of predicted to true depth that a wrong unit gives, with whose unit it is."""
+_RATIO_TOLERANCE: Final = 0.1
+_FAR_RATIO: Final = 4.0
+"""Ratio of most depths, or its inverse, that no error of a method explains."""
+_SCALE_RATIO: Final = 1.25
+"""Smallest common ratio, or its inverse, that is doubted where the others spread little."""
+_MAX_SPREAD: Final = 0.25
+"""Largest spread of the logarithms of the ratios about a common one, as a share of its own."""
+_INVERSE_CORRELATION: Final = -0.5
+"""Correlation of the logarithms of predicted and true depths below which they are inverse."""
+_BETTER: Final = 0.5
+"""Largest error of turned predictions, as a share of that as written, for a doubt."""
+_MIN_PIXELS: Final = 100
+"""Minimum number of compared pixels for a doubt; fewer agree by chance."""
+_CONSTANT: Final = 1e-9
+"""Largest product of standard deviations that is rounding."""
+_ORIENTATIONS: Final = {
+    "mirrored from left to right": np.s_[:, ::-1],
+    "upside down": np.s_[::-1],
+    "rotated by 180 degrees": np.s_[::-1, ::-1],
+}
+_AS_KITTI: Final = f"write metres times {_STEPS_PER_M}, as KITTI does"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ComparedDepths:
+    """Numbers of one image, or the sums of several, from which wrong conventions are recognised."""
+
+    pixels: int
+    """Number of pixels with both ground truth and prediction."""
+    wrong_ratios: Int64[np.ndarray, " ratios"]
+    """Number of these pixels with about each ratio of `_WRONG_RATIOS`."""
+    far: int
+    """Number of these pixels with a ratio beyond `_FAR_RATIO` either way."""
+    highest: Int64[np.ndarray, "2"]
+    """Number of these pixels at which the prediction, or the ground truth, is 65535."""
+    log_sums: Float64[np.ndarray, "5"]
+    """Sums over these pixels of p, t, p p, t t and p t, the logarithms of predicted and true
+    depth."""
+    errors: Float64[np.ndarray, "orientations 2"]
+    """Number of pixels with both, and sum of the absolute differences of their logarithms, for
+    predictions as written, then in each of `_ORIENTATIONS`."""
+
+    def __add__(self, other: "ComparedDepths") -> "ComparedDepths":
+        """Sum the numbers of two sets of images."""
+        return ComparedDepths(
+            **{name: getattr(self, name) + getattr(other, name) for name in self.__slots__}
+        )
+
+
+def compare_depths(
+    prediction_m: Float32[np.ndarray, "height width"],
+    truth_m: Float32[np.ndarray, "height width"],
+) -> ComparedDepths:
+    """Compare an image's predicted depths with the true ones [m], 0 = none."""
+    has_both = (prediction_m > 0) & (truth_m > 0)
+    predicted_m, true_m = prediction_m[has_both], truth_m[has_both]
+    ratios = predicted_m / true_m
+    logs = np.log(np.stack([predicted_m, true_m]).astype(np.float64))
+    return ComparedDepths(
+        pixels=len(ratios),
+        wrong_ratios=np.array(
+            [(abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
+        ),
+        far=int((abs(logs[0] - logs[1]) > np.log(_FAR_RATIO)).sum()),
+        highest=np.array([(each_m == MAX_DEPTH_M).sum() for each_m in (predicted_m, true_m)]),
+        log_sums=np.array([*logs.sum(axis=1), *(logs**2).sum(axis=1), logs.prod(axis=0).sum()]),
+        errors=np.array(
+            [
+                _log_error(prediction_m, truth_m),
+                *(_log_error(prediction_m[turn], truth_m) for turn in _ORIENTATIONS.values()),
+            ]
+        ),
+    )
+
+
+def doubts_about_depths(
+    images: Iterable[ComparedDepths], predictions: Path, truth: Path
+) -> Iterator[str]:
+    """Say which convention the depths of a set probably follow in place of KITTI's.
+
+    Args:
+        images: Numbers of each image, at least one.
+        predictions: Prediction file or folder, for the messages.
+        truth: Ground-truth file or folder.
+
+    Yields:
+        One line each, with a remedy.
+    """
+    summed = reduce(add, images)
+    if summed.pixels < _MIN_PIXELS:
+        return
+    if not summed.errors[0, 1]:
+        yield (
+            f"{predictions}: every depth is exactly that of {truth}: they are copies; name the "
+            "predictions of a method"
+        )
+    doubts = list(_doubts_about_highest(summed, predictions, truth))
+    yield from doubts or _doubts_about_values(summed, predictions, truth)
+
+
+def _doubts_about_highest(summed: ComparedDepths, predictions: Path, truth: Path) -> Iterator[str]:
+    """Doubt pixels with the largest number, which other programs write for no value.
+
+    Depths in a wrong unit may end there, too, but most others are then wrong as well.
+    """
+    num_highest = summed.highest.sum()
+    if 2 * (summed.far - num_highest) >= summed.pixels - num_highest:
+        return
+    for folder, count in zip((predictions, truth), summed.highest, strict=True):
+        if count >= max(MIN_HIGHEST_PX, MIN_HIGHEST_SHARE * summed.pixels):
+            yield (
+                f"{folder}: {count:,} of {summed.pixels:,} compared pixels hold 65535, probably "
+                f"for no value, and were taken for {MAX_DEPTH_M:.0f} m: {NO_VALUE_REMEDY}"
+            )
+
+
+def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path) -> Iterator[str]:
+    """Name the first of several wrong conventions that explains the depths."""
+    half = summed.pixels / 2
+    for (ratio, (kind, unit)), count in zip(
+        _WRONG_RATIOS.items(), summed.wrong_ratios, strict=True
+    ):
+        if count > half:
+            yield (
+                f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
+                f"probably because of {kind} in {unit}: {_AS_KITTI}"
+            )
+            return
+    means = summed.errors[:, 1] / np.maximum(summed.errors[:, 0], 1)
+    enough = summed.errors[1:, 0] >= _MIN_PIXELS
+    for name, mean in zip(_ORIENTATIONS, np.where(enough, means[1:], np.inf), strict=True):
+        if mean == means.min() < _BETTER * means[0]:
+            yield (
+                f"{predictions}: depths fit those of {truth} better {name}: mean absolute "
+                f"difference of their logarithms {mean:.3g}, as written {means[0]:.3g}: "
+                "write rows from top to bottom and columns from left to right"
+            )
+            return
+    bias, spread, correlation = _log_moments(summed)
+    if correlation < _INVERSE_CORRELATION:
+        yield (
+            f"{predictions}: depths fall where those of {truth} rise (correlation of their "
+            f"logarithms {correlation:.2f}), probably because of inverse depths or disparities: "
+            f"convert them to depths; {_AS_KITTI}"
+        )
+    elif abs(bias) > np.log(_SCALE_RATIO) and spread < _MAX_SPREAD * abs(bias):
+        yield (
+            f"{predictions}: depths are {np.exp(bias):.3g} times those of {truth}, with a spread "
+            f"of {np.expm1(spread):.1%} only, probably because of a scale of their own: {_AS_KITTI}"
+        )
+    elif summed.far > half:
+        yield (
+            f"{predictions}: most depths are over {_FAR_RATIO:g} times those of {truth}, or less "
+            f"than 1/{_FAR_RATIO:g}: {_AS_KITTI}"
+        )
+
+
+def _log_error(
+    prediction_m: Float32[np.ndarray, "height width"], truth_m: Float32[np.ndarray, "height width"]
+) -> tuple[int, float]:
+    """Count the pixels with both, and sum the absolute differences of their logarithms."""
+    has_both = (prediction_m > 0) & (truth_m > 0)
+    ratios = prediction_m[has_both] / truth_m[has_both]
+    return len(ratios), float(abs(np.log(ratios)).sum())
+
+
+def _log_moments(summed: ComparedDepths) -> tuple[float, float, float]:
+    """Compute mean and standard deviation of the logarithms of ratios, and the correlation.
+
+    The correlation is that of the logarithms of predicted and true depths; 0 if either is constant.
+    """
+    predicted, true, predicted_2, true_2, product = summed.log_sums / summed.pixels
+    variances = max(predicted_2 - predicted**2, 0.0), max(true_2 - true**2, 0.0)
+    covariance = product - predicted * true
+    spread = np.sqrt(max(variances[0] + variances[1] - 2 * covariance, 0.0))
+    scale = np.sqrt(variances[0] * variances[1])
+    return predicted - true, spread, covariance / scale if scale > _CONSTANT else 0.0
