@@ -262,6 +262,17 @@ def test_invalid_settings_are_refused_before_anything_is_done(tmp_path, settings
     assert not (tmp_path / "out").exists()
 
 
+def test_a_method_of_another_sensor_is_not_taken_for_one_sensors(depth_run, tmp_path):
+    lidar = depth_run[1] / "robustness.json"
+    with pytest.raises(
+        ValueError, match=r"in case lidar_\S+, which leaves the camera sound, so it"
+    ):
+        run(tmp_path / "out", healthy={"camera": lidar})
+    assert not (tmp_path / "out").exists()
+    report = run(tmp_path / "out", method="nearest", cases=("clean",), healthy={"lidar": lidar})
+    assert list(report.healthy) == ["lidar"]
+
+
 def test_records_that_do_not_compare_are_refused_before_anything_is_done(
     depth_run, oracle_run, tmp_path
 ):

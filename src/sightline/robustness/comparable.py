@@ -11,6 +11,9 @@ from sightline.robustness.record import CaseInfo, Record, Setting
 _MAX_VALUE = 24  # characters of a setting in an error message
 _MAX_PARAMETERS = 200  # characters of a case's parameters in an error message
 
+_SAME: Final = 0.01
+"""Largest difference from the clean score, as a share of it, of a sensor's method where that sensor
+is sound; above 0, as methods of others may draw random numbers."""
 _FILES: Final = "files_digest"
 
 
@@ -45,15 +48,28 @@ def check_baseline(
 
 
 def check_healthy(sensor: str, healthy: Record, setting: Setting) -> None:
-    """Refuse a single-sensor method with clean scores of another setting.
+    """Refuse a single-sensor method with clean scores of another setting, or of more sensors.
+
+    Where the record has cases that break the other sensor alone, their scores must be the clean
+    ones.
 
     Raises:
-        ValueError: The clean scores do not match, or there are none.
+        ValueError: The clean scores do not match, or there are none; or another sensor's fault
+            changes a score.
     """
     title = f"the healthy {sensor}'s {shortened(healthy.method)}"
     _check(title, healthy.setting.clean_settings(), setting.clean_settings())
     if CLEAN not in healthy.scores:
         raise ValueError(f"{title} has no scores of case {CLEAN}; run it again with that case")
+    for name, case in healthy.cases.items():
+        for metric in () if sensor in case.sensors else healthy.setting.metrics:
+            clean, score = healthy.score(CLEAN, metric), healthy.score(name, metric)
+            if score is not None and clean is not None and abs(score - clean) > _SAME * abs(clean):
+                raise ValueError(
+                    f"{title} has {score:.4g} instead of {clean:.4g} ({metric.title}) in case "
+                    f"{name}, which leaves the {sensor} sound, so it uses another sensor, too; "
+                    f"give a run of a method by the {sensor} alone"
+                )
 
 
 def warn_of_files(records: Mapping[str, Record]) -> tuple[str, ...]:
