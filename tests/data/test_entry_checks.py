@@ -1,3 +1,4 @@
+import re
 import shutil
 import warnings
 
@@ -351,6 +352,17 @@ def test_frames_that_some_disks_take_for_one_are_told(tmp_path, name, other):
     assert {problem.path.parent.name for problem in check_tree(tmp_path)} == {"images", "points"}
 
 
+def test_an_image_and_a_cloud_whose_names_differ_in_case_are_told(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    (tmp_path / "points" / "b.pcd").rename(tmp_path / "points" / "B.pcd")
+    if (tmp_path / "points" / "b.pcd").exists():
+        pytest.skip("this disk takes both names for one")
+    said = "B.pcd: differs from b only in case or in the encoding of accents; rename one: a frame's"
+    assert any(said in str(problem) for problem in check_tree(tmp_path))
+    with pytest.warns(UserWarning, match=re.escape(said)):
+        open_dataset(tmp_path)
+
+
 def test_names_that_no_screen_shows_are_told_by_check_as_on_opening(tmp_path):
     write_recording(tmp_path, ("a\nb", "c"))
     with pytest.raises(FileError, match=r"has 1 frames with names") as raised:
@@ -391,3 +403,5 @@ def test_grey_images_are_told_as_where_arrays_are_given(tree):
         cv2.imwrite(str(path), grey)
     with pytest.warns(UserWarning, match=r"training: checked images are grey: .* on colour"):
         open_dataset(tree)
+    assert not list(check_tree(tree))
+    assert "; images are grey: their level is used" in str(summarize_tree(tree)[0])

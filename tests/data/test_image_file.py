@@ -5,6 +5,7 @@ from itertools import product
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from sightline.data.image_file import read_rgb, write_rgb
 from sightline.data.image_header import (
@@ -324,6 +325,18 @@ def test_the_exif_orientation_is_read_and_pixels_are_as_stored(tmp_path, order, 
     assert np.array_equal(read_rgb(path), stored)
     turned = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
     assert np.array_equal(turned, stored) == (read_orientation(path) == 1)
+
+
+def test_the_exif_orientation_of_a_png_is_read_too(tmp_path):
+    path = tmp_path / "0.png"
+    tags = Image.Exif()
+    tags[0x0112] = 6
+    Image.fromarray(picture()).save(path, exif=tags)
+    assert read_orientation(path) == 6
+    assert np.array_equal(read_rgb(path), picture())
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"eXIf") + 12])
+    assert read_orientation(path) in (1, 6)
 
 
 def test_files_without_an_orientation_or_cut_short_are_upright(tmp_path):

@@ -1,13 +1,13 @@
 """Check of a few frames by the rules of `check` when a data set is opened."""
 
 import warnings
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeVar
 
 from sightline.data.between_frames import check_orientations, check_repeats
-from sightline.data.frame_checks import Findings
+from sightline.data.frame_checks import Findings, examine_image
 from sightline.data.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame, Part
 from sightline.data.unread_files import PartFolder, find_name_clashes, find_unread
 from sightline.files.problem import FileError, Problem
@@ -38,11 +38,10 @@ def warn_of_unread_files(folders: Sequence[PartFolder], parts: Collection[Part])
             problem = unread.problem
             raise FileError(problem.path, problem.problem, problem.remedy)
         warnings.warn(str(unread.problem), stacklevel=_STACK_LEVEL)
-    for place in folders:
-        clashes = find_name_clashes(place) if place.part in parts else []
-        if clashes:
-            more = f" ({len(clashes)} like it)" if len(clashes) > 1 else ""
-            warnings.warn(f"{clashes[0]}{more}", stacklevel=_STACK_LEVEL)
+    clashes = find_name_clashes(place for place in folders if place.part in parts)
+    if clashes:
+        more = f" ({len(clashes)} like it)" if len(clashes) > 1 else ""
+        warnings.warn(f"{clashes[0]}{more}", stacklevel=_STACK_LEVEL)
 
 
 def check_sample_frames(
@@ -94,6 +93,16 @@ def _warn_of_doubts(doubts: Sequence[Problem], num_checked: int) -> None:
     for problem, count in _grouped(doubts):
         more = f" ({count} like it in {num_checked} checked frames)" if count > 1 else ""
         warnings.warn(f"{problem}{more}; see all by: sightline check", stacklevel=_STACK_LEVEL + 1)
+
+
+def describe_grey(images: Iterable[Path | None]) -> tuple[str, ...]:
+    """Note that images are grey, if the first and a few others all are."""
+    greys = []
+    for image in select_spread([each for each in images if each is not None]):
+        found = Findings()
+        examine_image(image, found)
+        greys += [] if found.unreadable else [found.has_grey_image]
+    return (GREY_DOUBT,) if greys and all(greys) else ()
 
 
 def select_spread(items: Sequence[Item]) -> list[Item]:

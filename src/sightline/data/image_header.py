@@ -89,45 +89,60 @@ def read_image_size(path: Path | str) -> tuple[int, int]:
 
 
 def read_orientation(path: Path | str) -> int:
-    """EXIF orientation of a JPEG file: 2 to 8 where viewers turn or mirror it, else 1.
+    """EXIF orientation of a picture file: 2 to 8 where viewers turn or mirror it, else 1.
 
     Readers use pixels as stored; OpenCV's own functions and viewers follow the tag.
 
     Raises:
         FileError: The file cannot be read, or is no regular file.
     """
-    mark = read_start(path, len(_JPEG_START), max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
-    if mark != _JPEG_START:
-        return 1
+    start = read_start(path, _MAX_HEADER_BYTES, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     try:
-        return _orientation(
-            read_start(path, _MAX_HEADER_BYTES, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
-        )
+        if start.startswith(_PNG_SIGNATURE):
+            return _orientation(_png_exif(start))
+        return _orientation(_jpeg_exif(start)) if start.startswith(_JPEG_START) else 1
     except (struct.error, IndexError):
         return 1  # damage is reported where pixels are read
 
 
-def _orientation(content: bytes) -> int:
-    """Orientation in the first EXIF segment of a JPEG, 1 to 8; 1 if there is none.
+def _orientation(tiff: bytes) -> int:
+    """Orientation in EXIF data, 1 to 8; 1 if there is none.
 
-    The segment holds a TIFF file: byte order, place of a table, and entries of tag, type and value.
+    They are a TIFF file: byte order, place of a table, and entries of tag, type and value.
     """
+    if not tiff:
+        return 1
+    order = ">" if tiff.startswith(b"MM") else "<"
+    (table,) = struct.unpack_from(f"{order}I", tiff, 4)
+    (num_entries,) = struct.unpack_from(f"{order}H", tiff, table)
+    for entry in range(table + 2, table + 2 + 12 * num_entries, 12):
+        tag, _, _, value = struct.unpack_from(f"{order}HHIH", tiff, entry)
+        if tag == _ORIENTATION_TAG:
+            return value if 1 <= value <= 8 else 1
+    return 1
+
+
+def _png_exif(content: bytes) -> bytes:
+    """EXIF data of a PNG ahead of its pixels; empty if there are none."""
+    position = len(_PNG_SIGNATURE)
+    while position + 12 <= len(content):
+        length, kind = struct.unpack_from(">I4s", content, position)
+        if kind in (b"eXIf", b"IDAT"):
+            return content[position + 8 : position + 8 + length] if kind == b"eXIf" else b""
+        position += 12 + length
+    return b""
+
+
+def _jpeg_exif(content: bytes) -> bytes:
+    """EXIF data in the first such segment of a JPEG; empty if there are none."""
     position = len(_JPEG_START)
     while content[position] == 0xFF and content[position + 1] in _JPEG_TABLES:
         (length,) = struct.unpack_from(">H", content, position + 2)
         body = content[position + 4 : position + 2 + length]
         if content[position + 1] == _EXIF_MARKER and body.startswith(_EXIF_START):
-            tiff = body[len(_EXIF_START) :]
-            order = ">" if tiff.startswith(b"MM") else "<"
-            (table,) = struct.unpack_from(f"{order}I", tiff, 4)
-            (num_entries,) = struct.unpack_from(f"{order}H", tiff, table)
-            for entry in range(table + 2, table + 2 + 12 * num_entries, 12):
-                tag, _, _, value = struct.unpack_from(f"{order}HHIH", tiff, entry)
-                if tag == _ORIENTATION_TAG:
-                    return value if 1 <= value <= 8 else 1
-            return 1
+            return body[len(_EXIF_START) :]
         position += 2 + max(length, 2)
-    return 1
+    return b""
 
 
 def parse_image_header(

@@ -15,6 +15,7 @@ from sightline.data.between_frames import (
 from sightline.data.drive_calibration import drive_matrices_doubts, unread_calibration
 from sightline.data.drive_poses import check_oxts
 from sightline.data.drive_times import check_drive_times
+from sightline.data.entry_checks import describe_grey
 from sightline.data.frame_checks import (
     Findings,
     examine_depth_frame,
@@ -349,7 +350,7 @@ def _with_unread(tree: Tree | None, folders: Sequence[PartFolder]) -> Tree | Non
     unread = find_unread(folders)
     unread_folders = {each.problem.path for each in unread if each.all_unread}
     gaps = [gap for gap in tree.gaps if not {gap.path, gap.path.parent} & unread_folders]
-    clashes = [clash for place in folders for clash in find_name_clashes(place)]
+    clashes = find_name_clashes(folders)
     return replace(tree, gaps=(*(each.problem for each in unread), *gaps, *clashes))
 
 
@@ -441,7 +442,13 @@ def _tree(
                 for sample_id in absent
             ]
     return Tree(
-        summary=TreeSummary(folder=folder, kind=kind, num_frames=len(frames), parts=tuple(parts)),
+        summary=TreeSummary(
+            folder=folder,
+            kind=kind,
+            num_frames=len(frames),
+            parts=tuple(parts),
+            note="; ".join(describe_grey(frame.image for frame in frames)),
+        ),
         gaps=tuple(gaps),
         checks=tuple(checks),
     )

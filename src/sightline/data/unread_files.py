@@ -4,7 +4,7 @@ import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -190,29 +190,35 @@ def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
     return [each for each in found if each is not None]
 
 
-def find_name_clashes(place: PartFolder) -> list[Problem]:
+def find_name_clashes(places: Iterable[PartFolder]) -> list[Problem]:
     """Find files that hide each other, here or on a case-insensitive file system."""
-    read = list_files(place.folder, place.suffixes)
-    problems = [
-        Problem(
-            path=path,
-            problem=f"is not read, because {read[path.stem].name} has the same name",
-            remedy="keep one of them, or rename one",
-        )
-        for path in (sorted(place.folder.iterdir()) if read else ())
-        if read.get(path.stem, path) != path
-        and path.suffix.lower() in place.suffixes
-        and not path.name.startswith(".")
-        and place.only in ("", path.stem)
-    ]
+    problems: list[Problem] = []
     first: dict[str, str] = {}
-    for stem, path in read.items():
-        plain = unicodedata.normalize("NFC", stem).casefold()
-        other = first.setdefault(plain, stem)
-        if other != stem and not place.only:
-            problem = f"differs from {shortened(other)} only in case or in the encoding of accents"
-            remedy = "rename it: on some disks, results of one overwrite those of the other"
-            problems.append(Problem(path=path, problem=problem, remedy=remedy))
+    for place in places:
+        read = list_files(place.folder, place.suffixes)
+        problems += [
+            Problem(
+                path=path,
+                problem=f"is not read, because {read[path.stem].name} has the same name",
+                remedy="keep one of them, or rename one",
+            )
+            for path in (sorted(place.folder.iterdir()) if read else ())
+            if read.get(path.stem, path) != path
+            and path.suffix.lower() in place.suffixes
+            and not path.name.startswith(".")
+            and place.only in ("", path.stem)
+        ]
+        for stem, path in read.items() if not place.only else ():
+            plain = unicodedata.normalize("NFC", stem).casefold()
+            other = first.setdefault(plain, stem)
+            if other != stem:
+                problem = f"differs from {shortened(other)} only in case or in the encoding of "
+                problem += "accents"
+                remedy = (
+                    "rename one: a frame's files have one name, and on some disks results of one "
+                    "frame overwrite those of the other"
+                )
+                problems.append(Problem(path=path, problem=problem, remedy=remedy))
     return problems
 
 

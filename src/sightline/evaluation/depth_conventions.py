@@ -42,9 +42,9 @@ _MIN_PIXELS: Final = 100
 """Minimum number of compared pixels for a doubt; fewer agree by chance."""
 _CONSTANT: Final = 1e-9
 """Largest product of standard deviations that is rounding."""
-_ORIENTATIONS: Final = {
+_ORIENTATIONS: Final[dict[str, tuple[slice, slice]]] = {
     "mirrored from left to right": np.s_[:, ::-1],
-    "upside down": np.s_[::-1],
+    "upside down": np.s_[::-1, :],
     "rotated by 180 degrees": np.s_[::-1, ::-1],
 }
 _AS_KITTI: Final = f"write metres times {_STEPS_PER_M}, as KITTI does"

@@ -1,3 +1,4 @@
+import re
 import shutil
 
 import cv2
@@ -142,6 +143,32 @@ def test_compressed_pictures_keep_their_bytes_and_come_before_raw_ones(tmp_path)
         bag.cloud("/points", 10**9)
     import_recording(tmp_path / "drive", tmp_path / "out")
     assert (tmp_path / "out" / "images" / "000000.jpg").read_bytes() == encoded.tobytes()
+
+
+@pytest.mark.parametrize("transport", ["compressedDepth", "zstd", "theora", "ffmpeg"])
+def test_further_copies_of_an_image_topic_are_no_second_camera(tmp_path, transport):
+    _, encoded = cv2.imencode(".jpg", IMAGE)
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.jpeg("/front/image_raw/compressed", 10**9, encoded.tobytes())
+        bag.jpeg(f"/front/image_raw/{transport}", 10**9, encoded.tobytes())
+        bag.cloud("/points", 10**9)
+    import_recording(tmp_path / "drive", tmp_path / "out")
+    assert (tmp_path / "out" / "images" / "000000.jpg").read_bytes() == encoded.tobytes()
+
+
+def test_topics_that_are_counted_are_those_that_are_listed(tmp_path):
+    _, encoded = cv2.imencode(".jpg", IMAGE)
+    with BagMaker(tmp_path / "drive") as bag:
+        for name in ("/left", "/right"):
+            bag.image(f"{name}/image_raw", 10**9)
+            bag.jpeg(f"{name}/image_raw/compressed", 10**9, encoded.tobytes())
+    listed = "/left/image_raw/compressed (CompressedImage, 1), /right/image_raw/compressed"
+    with pytest.raises(ValueError, match=re.escape("CompressedImage): " + listed)) as refused:
+        import_recording(tmp_path / "drive", tmp_path / "out")
+    assert "has 2 topics of images" in str(refused.value)
 
 
 def test_lens_distortion_is_refused_and_straightened_on_request(tmp_path):

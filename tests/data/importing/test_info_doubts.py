@@ -71,10 +71,20 @@ def test_a_baseline_that_is_in_p_or_in_tf_alone_is_no_doubt(tmp_path, offset_px,
     assert "stereo" not in report_of(tmp_path, offset_px=offset_px, **frames)
 
 
-def test_a_lone_camera_info_of_another_camera_s_folder_is_told_unless_it_is_named(tmp_path):
-    report = report_of(tmp_path / "1", info="/rear/camera_info")
-    assert "warning: /rear/camera_info, the only CameraInfo, is not beside /front/image" in report
-    report = report_of(tmp_path / "2", info="/rear/camera_info", info_topic="/rear/camera_info")
+@pytest.mark.parametrize(
+    ("image", "info"),
+    [
+        ("/front/image_rect", "/rear/camera_info"),
+        ("/sensing/camera/camera0/image_rect", "/sensing/camera/camera1/camera_info"),
+    ],
+)
+def test_a_camera_info_of_another_camera_s_folder_is_told(tmp_path, image, info):
+    report = report_of(tmp_path, image=image, info=info)
+    assert f"warning: {info} is not beside {image}: it may belong to another camera" in report
+
+
+def test_a_camera_info_of_another_camera_s_folder_is_taken_where_it_is_named(tmp_path):
+    report = report_of(tmp_path, info="/rear/camera_info", info_topic="/rear/camera_info")
     assert "not beside" not in report
 
 
@@ -85,6 +95,7 @@ def test_a_lone_camera_info_of_another_camera_s_folder_is_told_unless_it_is_name
         ("/image_rect", "/front/camera_info"),
         ("/front/rgb/image_rect", "/front/camera_info"),
         ("/front/image_rect", "/front/rectified/camera_info"),
+        ("/sensors/image_rect/front", "/sensors/camera_info/front"),
     ],
 )
 def test_a_camera_info_that_may_be_beside_the_images_is_no_doubt(tmp_path, image, info):

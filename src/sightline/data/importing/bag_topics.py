@@ -1,6 +1,7 @@
 """Choice of a bag's topics of camera, LiDAR and the camera's calibration."""
 
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Final
@@ -18,6 +19,8 @@ _DRIVERS_OWN: Final = {
 }
 """Messages of drivers in place of ROS's own."""
 _COMPRESSED: Final = ("/compressed", "_compressed", "/jpeg", "/image_compressed")
+_OTHER_TRANSPORTS: Final = ("compressedDepth", "ffmpeg", "theora", "zstd")
+"""Last names of further copies of an image topic, by ROS's image_transport."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -81,16 +84,24 @@ def _choose(
     for topic in candidates:
         if topic.kind == COMPRESSED_IMAGE:
             num_compressed[_raw_topic_name(topic.name)] += topic.count
+    raw_names = {_raw_topic_name(topic.name) for topic in candidates}
     kept = [
         topic
         for topic in candidates
-        if topic.kind != IMAGE or topic.count > 2 * num_compressed[_raw_topic_name(topic.name)]
+        if not _is_further_copy(topic.name, raw_names)
+        and (topic.kind != IMAGE or topic.count > 2 * num_compressed[_raw_topic_name(topic.name)])
     ]
     if len(kept) > 1:
+        listed = ", ".join(map(str, kept))
         raise ValueError(
             f"{bag.path} has {len(kept)} topics of {content}: {listed}; choose one by {option}"
         )
     return kept[0]
+
+
+def _is_further_copy(name: str, raw_names: Collection[str]) -> bool:
+    raw, _, transport = name.rpartition("/")
+    return transport in _OTHER_TRANSPORTS and raw in raw_names
 
 
 def _absent_remedy(bag: Bag, content: str) -> str:
@@ -136,13 +147,16 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
 
 
 def describe_info(topics: ChosenTopics) -> tuple[str, ...]:
-    """Warn of a bag's only CameraInfo if its name begins otherwise than that of the images."""
-    camera, info = topics.camera.name, topics.info.name if topics.info else ""
-    are_apart = _num_shared_names(info, camera) == 0
-    if not are_apart or any(len(each.strip("/").split("/")) < 2 for each in (info, camera)):
+    """Warn of a CameraInfo in a folder that is not the images', nor above or below it."""
+    if topics.info is None:
+        return ()
+    names = topics.info.name, _raw_topic_name(topics.camera.name)
+    num_shared = _num_shared_names(*names)
+    own, images = (set(name.strip("/").split("/")[num_shared:]) for name in names)
+    if own & images or min(len(own), len(images)) < 2:
         return ()
     return (
-        f"warning: {shortened(info)}, the only CameraInfo, is not beside {shortened(camera)}: it "
+        f"warning: {shortened(topics.info.name)} is not beside {shortened(topics.camera.name)}: it "
         "may belong to another camera; name it by --info-topic if it does not",
     )
 

@@ -119,9 +119,11 @@ def import_nuscenes(
         )
     acquire_output_dir(out, settings, results=RESULTS)
     kept = write_or_keep_times(out, {moment.name: moment.time_s for moment in moments})
-    present = names_present(out, CALIBRATIONS, IMAGES, LABELS, POINTS)
+    is_labelled = any(moment.annotations for moment in moments)
+    folders = (CALIBRATIONS, IMAGES, POINTS, *((LABELS,) if is_labelled else ()))
+    present = names_present(out, *folders)
     pending = [moment for moment in moments if moment.name not in present]
-    work = _Frames(out, max_intensity)
+    work = _Frames(out, max_intensity, is_labelled=is_labelled)
     tally, clouds = LabelTally(), CloudTally()
     for moment in track(pending, description="importing"):
         labels, cloud = work.write(moment)
@@ -214,6 +216,8 @@ class _Frames:
 
     out: Path
     max_intensity: float
+    is_labelled: bool = True
+    """Whether to write labels."""
 
     def write(self, moment: Moment) -> tuple[LabelTally, CloudTally]:
         new_from_old, _ = turn_ahead(moment.mount)
@@ -235,7 +239,7 @@ class _Frames:
         calibrations = (f"{moment.name}{suffix}" for suffix in CALIBRATION_SUFFIXES)
         if not any((self.out / CALIBRATIONS / name).exists() for name in calibrations):
             write_calibration(self.out, calibration, moment.name)  # else perhaps corrected
-        if not labels.exists():
+        if self.is_labelled and not labels.exists():
             write_objects(labels, objects)
         suffix = moment.image.suffix
         if suffix.lower() not in IMAGE_SUFFIXES:  # else no command reads it

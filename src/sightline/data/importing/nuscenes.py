@@ -17,6 +17,8 @@ from sightline.files.safe_names import checked_name, path_below
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import Tilt
 
+_DATA_FOLDERS: Final = ("samples", "sweeps")
+"""Folders beside those of tables."""
 _MODALITIES: Final = ("camera", "lidar", "radar")
 _VISIBILITY: Final = "visibility"
 """Table that some data sets lack."""
@@ -139,11 +141,15 @@ class Tables:
 def find_tables(source: Path) -> Tables | None:
     """Find the tables in a folder or its subfolder, such as v1.0-mini.
 
+    Tables may be a link in the folder of the data, or a folder of the data may be linked.
+
     Raises:
         ValueError: There are several versions.
     """
     if (source / "sample.json").is_file():
-        return Tables(source.resolve().parent, source)
+        beside = source.absolute().parent
+        is_beside = any((beside / name).is_dir() for name in _DATA_FOLDERS)
+        return Tables(beside if is_beside else source.resolve().parent, source)
     found = sorted(path.parent for path in source.glob("*/sample.json"))
     if len(found) > 1:
         names = ", ".join(path.name for path in found)

@@ -113,7 +113,7 @@ class LabelTally:
     def lines(self) -> tuple[str, ...]:
         """Return the counts for the user, and a warning if no label is left."""
         if not self.annotations:
-            return ("warning: the tables hold no annotation of these frames: labels are empty",)
+            return ("warning: the tables hold no annotation of these frames: no labels",)
         labels = sum(self.classes.values()) - self.classes[_DONT_CARE]
         lines = [
             f"labels: {self.annotations} annotations became {labels} labels "

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
+from sightline.data.entry_checks import describe_grey
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
 from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
@@ -331,4 +332,5 @@ def describe_view(out: Path) -> tuple[str, ...]:
         doubts += check_times(files.times, [frame.sample_id for frame in frames])
     described = describe_recording(frames)
     doubts += described.doubts
-    return (*described.clauses, *(f"warning: {doubt}" for doubt in doubts))
+    remarks = (*doubts, *describe_grey(frame.image for frame in frames))
+    return (*described.clauses, *(f"warning: {remark}" for remark in remarks))
