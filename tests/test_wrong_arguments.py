@@ -49,6 +49,10 @@ _CASES = {
     'sightline.evaluate_realism(PACKAGED_FRAMES, None, max_frames=0)': "must be at least 1, got",
     "sightline.evaluate_held_out([given], lambda _: 0)":
         "the method's prediction is of type int, expected DepthMap",
+    'sightline.evaluate_held_out(sightline.open_dataset(PACKAGED_FRAMES), predictor, beams=16)':
+        "evaluate_held_out: beams is of type int, expected Sequence[int] or None",
+    'sightline.evaluate_held_out([given], predictor, truth="depth")':
+        "no depth map to be scored on; open the data set with its depth maps (parts)",
     'sightline.evaluate_held_out([given], predictor, crop_size=(1216, 352))':
         "crop_size is (1216, 352), taller than wide: give height, width, such as (352, 1216)",
     'sightline.evaluate_held_out([given], predictor, crop_size=(0, 352))':

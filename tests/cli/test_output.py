@@ -53,6 +53,20 @@ def test_warnings_of_a_command_are_gathered_by_kind_with_their_number(capsys):
     ]
 
 
+def test_warnings_of_two_sensors_are_two_kinds(capsys):
+    with gathered_warnings():
+        for data in ("images", "sweeps"):
+            text = f"2 of 2 {data} are bad; if so, its scores are meaningless: fit limits"
+            warnings.warn(text, stacklevel=1)
+        for name in ("a b/c.npy", "d e/f.npy", "sample 000001"):
+            warnings.warn(f"{name}: 7 points are left out", stacklevel=1)
+    assert lines_of(capsys.readouterr().err) == [
+        "sightline: warning: 2 of 2 images are bad; if so, its scores are meaningless: fit limits",
+        "sightline: warning: 2 of 2 sweeps are bad; if so, its scores are meaningless: fit limits",
+        "sightline: warning: a b/c.npy: 7 points are left out (3 like it)",
+    ]
+
+
 def test_the_first_warning_of_a_kind_is_printed_at_once_and_the_others_are_counted(capsys):
     with first_of_each_kind():
         warnings.simplefilter("always")

@@ -1,4 +1,5 @@
 import os
+import re
 import threading
 
 import pytest
@@ -8,9 +9,12 @@ from sightline.data.frame_lists import (
     read_sample_list,
     require_frame_files,
 )
+from sightline.data.open import open_dataset
 from sightline.evaluation.kitti_object import frame_names
 from sightline.files import plain_file, plain_text
 from sightline.files.problem import FileError
+from tests.data.recordings import write_recording
+from tests.data.trees import write_object_tree
 
 
 def test_the_published_lists_part_the_7481_training_frames(tmp_path):
@@ -46,6 +50,28 @@ def test_an_empty_list_and_a_frame_named_twice_are_refused_by_name(tmp_path):
     path.write_text("0\n1\n2\n1\n")
     with pytest.raises(ValueError, match=r"mine\.txt names frame '1' twice"):
         read_sample_list(path, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("# val", "'# val' in the list is a comment, which lists cannot hold; remove it"),
+        ("000000.png", "'000000.png' in the list has the ending of a file; write 000000"),
+        (
+            "000000 000001",
+            "'000000 000001' in the list is no single name; write one frame per line",
+        ),
+    ],
+)
+def test_a_line_that_is_no_name_is_told_where_its_frame_is_missing(tmp_path, line, said):
+    tree = write_object_tree(tmp_path / "tree", "000000", "000001")
+    write_recording(tmp_path / "recording", ("000000", "000001"))
+    for names in ([line], ["000000", line]):
+        for data in (tree, tmp_path / "recording"):
+            with pytest.raises(ValueError, match=re.escape(said)):
+                open_dataset(data, sample_list=names)
+        with pytest.raises(ValueError, match=re.escape(said)):
+            require_frame_files(tree / "training" / "label_2", names, "label", "extract again")
 
 
 def test_a_list_may_come_through_a_pipe():

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sightline.data.check import check_tree
+from sightline.data.check import check_tree, summarize_tree
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.map_png import write_depth_png
-from sightline.data.open import open_dataset
+from sightline.data.open import describe_sparse_maps, open_dataset, warn_of_missing_sensors
 from sightline.files.problem import FileError
-from tests.data.trees import IMAGE_SIZE, write_drive
+from tests.data.trees import IMAGE_SIZE, write_depth_drive, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree
 from tests.inference.trees import write_object_tree
 
@@ -29,6 +29,23 @@ def write_selection(folder, *, with_truth):
     name = f"{DRIVE}_image_0000000005_image_02" if with_truth else "0000000005"
     (folder / "intrinsics").mkdir()
     (folder / "intrinsics" / f"{name}.txt").write_text(INTRINSICS)
+
+
+def test_raw_drives_beside_a_depth_tree_are_told(tmp_path):
+    write_depth_drive(tmp_path, tmp_path)
+    dataset = open_dataset(tmp_path)
+    assert isinstance(dataset, KittiDepthDataset)
+    parts = ("image", "points")
+    warn_of_missing_sensors(dataset, tmp_path, parts, stacklevel=1)  # warnings are errors
+    assert describe_sparse_maps(dataset, tmp_path) == (
+        f"{tmp_path} is a depth completion tree, whose sparse depth maps are used as sweeps"
+    )
+    drive = write_drive(tmp_path / "2011_09_26" / "2011_09_26_drive_0003_sync")
+    said = f"for whole sweeps give one of its raw drives (1), such as {drive}"
+    with pytest.warns(UserWarning, match=re.escape(said)):
+        warn_of_missing_sensors(dataset, tmp_path, parts, stacklevel=1)
+    assert said in str(summarize_tree(tmp_path)[0])
+    assert describe_sparse_maps(open_dataset(drive), drive) is None
 
 
 def test_an_object_tree_is_known_by_its_root_and_by_its_split(tmp_path):

@@ -1,5 +1,6 @@
 import io
 import json
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -42,6 +43,9 @@ def telling(files):
             lines.append(" ".join([*line.split()[:-1], repr(score)]) + "\n")
         written.append((labels, "".join(lines)))
     return written
+
+
+SAME_FRAMES = pytest.mark.filterwarnings("ignore:calibrators are fitted on 60 of the 60")
 
 
 @pytest.fixture
@@ -148,6 +152,20 @@ def test_calibrated_results_have_less_error_and_the_same_order(street, tmp_path)
     ] == [each.ap_r40 for each in evaluate_objects(street.results_dir, street.labels_dir).entries]
 
 
+@pytest.mark.parametrize(("measured", "shared"), [(slice(60), 30), (slice(30, 60), 0)])
+def test_calibrators_fitted_on_measured_frames_are_told(street, measured, shared):
+    names = sorted(path.stem for path in street.labels_dir.iterdir())
+    fit_on = replace(street, sample_list=names[:30])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        chosen = replace(street, sample_list=names[measured])
+        evaluate_calibration(chosen, fit_on=fit_on, calibrators=("temperature",))
+    said = [str(each.message) for each in told]
+    assert len(said) == (shared > 0)
+    assert all("fitted on 30 of the 60 measured frames (000000" in each for each in said)
+
+
+@SAME_FRAMES
 def test_fitted_to_overlaps_the_error_of_overlaps_is_less(street):
     settings = CalibrationSettings(target="overlap", metric="3d")
     report = evaluate_calibration(
@@ -158,6 +176,7 @@ def test_fitted_to_overlaps_the_error_of_overlaps_is_less(street):
         assert entry.calibrated["isotonic"].precision.error > 0.02
 
 
+@SAME_FRAMES
 def test_the_report_is_json_and_a_table_of_80_columns(street):
     report = evaluate_calibration(street, fit_on=street, calibrators=("temperature",))
     written = json.loads(json.dumps(report.to_json(), allow_nan=False))
@@ -213,6 +232,7 @@ def test_calibrators_without_results_to_fit_on_are_refused(street):
         evaluate_calibration(street, fit_on=street)
 
 
+@SAME_FRAMES
 def test_results_are_not_overwritten_and_only_fitted_calibrators_are_applied(street, tmp_path):
     report = evaluate_calibration(street, fit_on=street, calibrators=("platt",))
     with pytest.raises(ValueError, match="results to be calibrated: name another folder"):

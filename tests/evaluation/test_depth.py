@@ -345,6 +345,23 @@ def test_scoring_depth_needs_no_torch():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.parametrize("place", ["training/depth", "depth"])
+def test_a_data_set_in_place_of_its_depth_maps_is_told(tmp_path, place):
+    predictions, truth, _ = write_set(tmp_path, names=["a"])
+    shutil.copytree(truth, tmp_path / "data" / place)
+    cv2.imwrite(str(tmp_path / "data" / "a.png"), np.ones((3, 4, 3), np.uint8))
+    with pytest.raises(ValueError, match=f"or score against {tmp_path / 'data' / place}$"):
+        evaluate_depth(predictions, tmp_path / "data")
+
+
+def test_results_in_place_of_the_ground_truth_are_told(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a"])
+    (predictions / "sightline.json").write_text("{}")
+    evaluate_depth(predictions, truth)
+    with pytest.warns(UserWarning, match=r"predictions: a command wrote it .*: name the results"):
+        evaluate_depth(truth, predictions)
+
+
 def test_the_folder_of_the_ground_truth_in_the_given_one_is_named(tmp_path):
     _, truth, _ = write_set(tmp_path / "data", names=["a"])
     truth.rename(tmp_path / "data" / "groundtruth_depth")

@@ -71,6 +71,14 @@ def test_a_sensor_that_most_frames_are_bad_by_makes_its_scores_doubtful():
         assert doubts(frames) == ()
 
 
+def test_sparse_depth_maps_in_place_of_sweeps_are_not_judged():
+    bad = replace(FRAME.health, lidar=Health(score=0.1, worst_check="faded"))
+    bad = replace(bad, camera=Health(score=0.1, worst_check="muddy"))
+    frames = (replace(FRAME, health=bad),) * 3
+    assert ["images" in each for each in doubts(frames)] == [True, False]
+    assert ["images" in each for each in doubts(frames, has_sweeps=False)] == [True]
+
+
 def test_limits_and_warnings_are_in_the_file():
     report = HealthReport(frames=(FRAME,), limits={"camera": "of mine"}, warnings=("short",))
     content = report.to_json()

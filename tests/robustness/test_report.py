@@ -31,6 +31,12 @@ def report_of(**other):
     return RobustnessReport(record=record, baseline=baseline, **other)
 
 
+def test_a_run_that_is_its_own_baseline_is_told():
+    report = report_of()
+    assert not any("baseline" in note for note in report.notes())
+    assert replace(report, baseline=report.record).notes()[0].startswith("WARNING: the baseline is")
+
+
 def text(report):
     console = Console(width=200)
     with console.capture() as captured:
@@ -263,9 +269,9 @@ def test_other_files_under_the_same_name_cause_a_warning_in_comparisons(tmp_path
     assert compare_runs([paths[0], paths[2]]).notes() == ()  # a record of before does not know
     again = compare_runs([paths[0], paths[1], paths[0]]).notes()
     assert sum("toy (3) is the run of toy (1), with the same scores" in note for note in again) == 1
-    one = RobustnessReport(
-        record=record("0123"), baseline=record("0123"), healthy={"lidar": record("89")}
-    )
+    baseline = replace(record("0123"), method="other")
+    healthy = {"lidar": record("89")}
+    one = RobustnessReport(record=record("0123"), baseline=baseline, healthy=healthy)
     assert "for the healthy lidar than for this run" in " ".join(one.notes())
     assert replace(one, healthy={}).notes() == ()
 

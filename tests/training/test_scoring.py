@@ -39,6 +39,22 @@ def test_weights_files_can_be_tested_without_a_run(recipes):
     assert reports[0] == reports[1]
 
 
+def test_faulty_training_sources_are_told_before_the_first_weights_are_scored(recipes, capsys):
+    run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
+    capsys.readouterr()
+    config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]
+    with pytest.raises(ValueError, match="there are no sources of training samples"):
+        run_training("fit", [*config, "--data.init_args.training", "[]"], recipes)
+    assert "validation/" not in capsys.readouterr().out
+
+
+def test_a_device_that_is_not_there_is_named_by_its_option(recipes):
+    if torch.cuda.is_available():
+        pytest.skip("this machine has one")
+    with pytest.raises(ValueError, match=r"^--trainer\.accelerator names a device .* give cpu$"):
+        run_training("fit", ["--config", "toy", "--trainer.accelerator", "gpu"], recipes)
+
+
 @pytest.mark.parametrize("remaining", ["best", "last"])
 def test_a_run_that_started_from_weights_is_scored_itself_even_when_they_are_gone(
     recipes, capsys, remaining

@@ -53,7 +53,7 @@ def health(
     only_read = [data, limits, named_file(sample_list)]
     check_places({"--json": json, "--picture": picture}, data=only_read)
     from sightline.data.image_file import write_rgb
-    from sightline.data.open import open_dataset
+    from sightline.data.open import describe_sparse_maps, open_dataset
     from sightline.health.monitor import HealthMonitor
     from sightline.health.report import HealthReport, doubts
     from sightline.health.sequence import DriveMonitor
@@ -83,10 +83,16 @@ def health(
     frames = tuple(monitor(sample) for sample in tracked)
     own_limits = limits is not None or fit_first is not None
     size = None if own_limits or not len(dataset) else dataset[0].image_size
+    sparse_maps = describe_sparse_maps(dataset, data)
+    doubtful = () if limits else doubts(frames, size, has_sweeps=sparse_maps is None)
     report = HealthReport(
         frames=frames,
         limits={"camera": chosen.camera, "lidar": chosen.lidar},
-        warnings=(*chosen.warnings, *(doubts(frames, size) if limits is None else ())),
+        warnings=(
+            *chosen.warnings,
+            *(() if sparse_maps is None else (f"{sparse_maps}; the LiDAR's scores mean nothing",)),
+            *doubtful,
+        ),
     )
     if picture is not None:
         write_rgb(picture, draw_health(report.frames, report.notes))

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -39,9 +40,10 @@ def warn_of_unread_files(folders: Sequence[PartFolder], parts: Collection[Part])
             raise FileError(problem.path, problem.problem, problem.remedy)
         warnings.warn(str(unread.problem), stacklevel=_STACK_LEVEL)
     clashes = find_name_clashes(place for place in folders if place.part in parts)
-    if clashes:
-        more = f" ({len(clashes)} like it)" if len(clashes) > 1 else ""
-        warnings.warn(f"{clashes[0]}{more}", stacklevel=_STACK_LEVEL)
+    for _, group in groupby(clashes, key=lambda clash: clash.path.parent):
+        first, *others = group
+        more = f" ({len(others) + 1} like it)" if others else ""
+        warnings.warn(f"{first}{more}", stacklevel=_STACK_LEVEL)
 
 
 def check_sample_frames(

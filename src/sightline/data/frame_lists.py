@@ -19,6 +19,7 @@ _MAX_BYTES, _REMEDY = 2**24, "give result files of KITTI's"
 _MAX_SEARCHED = 50  # largest number of searched folders and frames
 _SUFFIX = ".txt"
 _RECORD_SUFFIX = ".json"
+_FILE_SUFFIXES = (_SUFFIX, ".bin", ".jpg", ".npy", ".pcd", ".png")  # of frames' files
 _MAX_LISTED = 4  # suffixes in a description
 
 
@@ -86,6 +87,19 @@ def _find(sample_list: str | Path, root: Path) -> Path:
     )
 
 
+def doubt_about_names(missing: Iterable[str]) -> str | None:
+    """Say which line of a list is no frame's name, if that explains a missing frame; else None."""
+    for name in missing:
+        line = f"'{shortened(name)}' in the list"
+        if name.startswith("#"):
+            return f"{line} is a comment, which lists cannot hold; remove it"
+        if len(name.split()) > 1:
+            return f"{line} is no single name; write one frame per line"
+        if name.endswith(_FILE_SUFFIXES):
+            return f"{line} has the ending of a file; write {shortened(Path(name).stem)}"
+    return None
+
+
 def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
     """Check that every frame has its file, before any is read.
 
@@ -104,7 +118,7 @@ def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: s
     missing = [name for name in names if f"{name}{_SUFFIX}" not in present]
     if missing:
         elsewhere = locate_frame_files(folder, names) if len(missing) == len(names) else None
-        elsewhere = capital_suffixes(present, missing) or elsewhere
+        elsewhere = doubt_about_names(missing) or capital_suffixes(present, missing) or elsewhere
         raise ValueError(
             f"{folder} has no {kind} file for {len(missing):,} of {len(names):,} frames, the first "
             f"is {shortened(missing[0])}{_SUFFIX}: {elsewhere or remedy}"

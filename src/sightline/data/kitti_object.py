@@ -10,7 +10,7 @@ from torch.utils.data import Dataset
 from sightline.data.calibration_judge import CalibrationJudge
 from sightline.data.entry_checks import select_spread
 from sightline.data.frame_checks import read_or_note
-from sightline.data.frame_lists import read_sample_list
+from sightline.data.frame_lists import doubt_about_names, read_sample_list
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import (
     check_matrices,
@@ -27,7 +27,7 @@ from sightline.data.kitti_trees import (
     describe_absent,
     list_object_frames,
     part_folder,
-    suggest_frames,
+    remedy_for_absent,
 )
 from sightline.data.lidar_mount import pose_of_tree, stated_mount_doubts, warn_of_mount
 from sightline.files.problem import FileError
@@ -200,7 +200,7 @@ def _check_complete(
     if len(absent) == len(requested):
         raise ValueError(
             f"{folder} has no frame {describe_absent(absent)}: "
-            f"{suggest_frames(absent[0], tuple(found))}; name others or another folder"
+            f"{remedy_for_absent(absent, tuple(found))}"
         )
     gaps = [("every part", absent)] if absent else []
     for part in needed:
@@ -216,7 +216,5 @@ def _check_complete(
             f"{part} of {len(frame_ids)} of {len(requested)} frames ({describe_absent(frame_ids)})"
             for part, frame_ids in gaps
         )
-        raise ValueError(
-            f"{folder} lacks {described}; extract the missing archives or give a list of the "
-            "complete frames"
-        )
+        remedy = "extract the missing archives or give a list of the complete frames"
+        raise ValueError(f"{folder} lacks {described}; {doubt_about_names(absent) or remedy}")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
+from sightline.data.frame_lists import doubt_about_names
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.files.plain_text import shortened
 
@@ -153,6 +154,12 @@ def suggest_frames(frame_id: str, known: Sequence[str]) -> str:
     suggestion = f"perhaps {' or '.join(map(shortened, close))} is meant; " if close else ""
     first, last = shortened(known[0]), shortened(known[-1])
     return f"{suggestion}there are {len(known):,}, from {first} to {last}"
+
+
+def remedy_for_absent(absent: Sequence[str], known: Sequence[str]) -> str:
+    """Remedy for frames of a list that a data set lacks: the faulty line, or similar names."""
+    others = f"{suggest_frames(absent[0], known)}; name others or another folder"
+    return doubt_about_names(absent) or others
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -316,6 +323,14 @@ def list_drive(folder: Path) -> DriveFiles:
         image_timestamps=None if image_times == timestamps else image_times,
         oxts=_oxts_folder(folder),
     )
+
+
+def describe_raw_drives(root: Path) -> tuple[str, ...]:
+    """Clause on the raw drives in a folder that is read as another data set; empty: none."""
+    drives = sorted(path.parent for path in root.glob("*/*_sync/velodyne_points"))
+    if not drives:
+        return ()
+    return (f"for whole sweeps give one of its raw drives ({len(drives):,}), such as {drives[0]}",)
 
 
 def _oxts_folder(folder: Path) -> Path | None:

@@ -33,12 +33,13 @@ from sightline.data.kitti_trees import (
     SelectedSplit,
     Velodyne,
     describe_absent,
+    describe_raw_drives,
     find_velodyne,
     list_drive,
     list_drive_frames,
     list_object_frames,
     list_selected_frames,
-    suggest_frames,
+    remedy_for_absent,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
 from sightline.data.point_files import holds_no_point
@@ -103,7 +104,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
         if absent:
             raise ValueError(
                 f"the data lacks {len(absent)} of the requested frames, {describe_absent(absent)}: "
-                f"{suggest_frames(absent[0], dataset.sample_ids)}; name others or another folder"
+                f"{remedy_for_absent(absent, dataset.sample_ids)}"
             )
         self.dataset = dataset
         self.sample_ids = tuple(sample_ids)
@@ -318,7 +319,7 @@ def warn_of_missing_sensors(
     """Warn of frames without data of a sensor that predictions use: the other one decides there.
 
     These are frames without its file, or whose point cloud holds no point (unless `sightline
-    corrupt` made it).
+    corrupt` made it). Sparse depth maps in place of whole sweeps that are there are told, too.
 
     Args:
         dataset: Data set of `open_dataset`.
@@ -326,6 +327,9 @@ def warn_of_missing_sensors(
         parts: Used parts.
         stacklevel: See `warnings.warn`.
     """
+    sparse_maps = describe_sparse_maps(dataset, path) if "points" in parts else None
+    if sparse_maps is not None and describe_raw_drives(path):
+        warnings.warn(sparse_maps, stacklevel=stacklevel)
     effect, total = "there predictions go by the other sensor alone", f"{len(dataset):,} frames"
     for part in [each for each in _SENSOR_NOUNS if each in parts]:
         files = [_listed_file(dataset, index, part) for index in range(len(dataset))]
@@ -346,6 +350,15 @@ def warn_of_missing_sensors(
             first = f"the first is {dataset.sample_ids[empty[0]]}"
             remedy = "check whether the LiDAR delivered points"
             warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+
+
+def describe_sparse_maps(dataset: SampleDataset, path: Path) -> str | None:
+    """Say that sparse depth maps are used as sweeps, and which raw drives have those; else None."""
+    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    if not isinstance(whole, KittiDepthDataset):
+        return None
+    said = f"{path} is a depth completion tree, whose sparse depth maps are used as sweeps"
+    return "; ".join((said, *describe_raw_drives(path)))
 
 
 def label_file(dataset: SampleDataset, index: int) -> Path | None:

@@ -22,7 +22,7 @@ from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth
 from sightline.data.kitti_labels import read_labels
-from sightline.data.kitti_trees import ObjectFrame, Part, describe_absent, suggest_frames
+from sightline.data.kitti_trees import ObjectFrame, Part, describe_absent, remedy_for_absent
 from sightline.data.lidar_mount import has_points, mount_doubts_of_recording, pose_of_recording
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import (
@@ -107,7 +107,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         if absent:
             raise ValueError(
                 f"{self.folder} has no frame {describe_absent(absent)}: "
-                f"{suggest_frames(absent[0], tuple(known))}; name others or another folder"
+                f"{remedy_for_absent(absent, tuple(known))}"
             )
         self._all_frames = files.frames
         self.frames = tuple(known[name] for name in selected)

@@ -37,6 +37,7 @@ from sightline.data.kitti_trees import (
     ObjectFrame,
     Part,
     SelectedSplit,
+    describe_raw_drives,
     find_velodyne,
     list_drive,
     list_drive_frames,
@@ -243,6 +244,7 @@ def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
     checks = _frame_checks(examine_depth_frame, frames)
     checks.append(_between_frames(partial(check_depth_frames, frames)))
     tree = _tree(root / split, "depth frames", frames, expected, checks)
+    tree = _with_notes(tree, *describe_raw_drives(root))
     return _with_unread(tree, depth_folders(root, split))
 
 

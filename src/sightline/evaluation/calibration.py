@@ -3,6 +3,7 @@
 KITTI's own matching (`kitti_object`) decides which detections are true, false or ignored.
 """
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.kitti_labels import KittiObjects, read_results, write_objects
+from sightline.data.kitti_trees import describe_absent
 from sightline.evaluation.calibration_errors import (
     Outcomes,
     find_outcomes,
@@ -130,6 +132,7 @@ def evaluate_calibration(
     ]
     fitted: dict[ClassName, dict[CalibratorName, Calibrator]] = {}
     if fit_on is not None:
+        _warn_of_shared_frames(data, fit_on)
         fit_data = _read(fit_on, settings, progress=progress)
         for code in codes:
             outcomes = find_outcomes(fit_data.task(code), settings.min_score)
@@ -145,6 +148,21 @@ def evaluate_calibration(
         num_results=measured.num_results,
         remarks=measured.remarks,
     )
+
+
+def _warn_of_shared_frames(measured: ScoredFrames, fitted: ScoredFrames) -> None:
+    """Warn of measured frames on which calibrators are fitted."""
+    if measured.labels_dir.resolve() != fitted.labels_dir.resolve():
+        return
+    names = frame_names(measured.labels_dir, measured.sample_list)
+    shared = sorted({*names} & {*frame_names(fitted.labels_dir, fitted.sample_list)})
+    if shared:
+        warnings.warn(
+            f"calibrators are fitted on {len(shared):,} of the {len(names):,} measured frames "
+            f"({describe_absent(shared)}), so calibrated scores look too good; fit on other frames "
+            "(--fit-list)",
+            stacklevel=3,
+        )
 
 
 @named_arguments

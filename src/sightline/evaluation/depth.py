@@ -47,6 +47,7 @@ from sightline.evaluation.depth_scores import (
 from sightline.evaluation.inputs import check_apart
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
+from sightline.jobs.output_dirs import MANIFEST_NAME
 from sightline.jobs.progress import track
 from sightline.jobs.read_ahead import map_ahead
 
@@ -65,6 +66,7 @@ _ROWS = (
     "coverage",
 )
 _TRUTH_FOLDER = "groundtruth_depth"  # of the depth benchmark's selection
+_DEPTH_PLACES = ("training/depth", "depth")  # of simulated trees and recordings
 
 
 class _Pair(NamedTuple):
@@ -218,6 +220,12 @@ def evaluate_depth(
         predictions, sparse=None if sparse is None else data_path(sparse), ends=ends
     )
     _warn_of_empty(images, predictions)
+    if (truth / MANIFEST_NAME).is_file():
+        warnings.warn(
+            f"{truth}: a command wrote it ({MANIFEST_NAME}), so it probably holds results, not "
+            "ground truth: name the results first",
+            stacklevel=2,
+        )
     for doubt in doubts_about_depths((each.depths for each in images), predictions, truth):
         warnings.warn(doubt, stacklevel=2)
     report = DepthReport(
@@ -301,14 +309,21 @@ def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_P
     for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
         missing = sorted(true.keys() - files.keys())
         if folder is not None and missing:
-            maps = next(truth.rglob(_TRUTH_FOLDER), None) if truth.name != _TRUTH_FOLDER else None
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true)} images with "
                 f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
-                f"score against {maps or 'a folder with the ground truth of fewer images'}"
+                f"score against {_find_maps(truth) or 'a folder with the truth of fewer images'}"
             )
     pairs = [_Pair(name, predicted[name], true[name], given.get(name)) for name in sorted(true)]
     return pairs, len(predicted) - len(true)
+
+
+def _find_maps(folder: Path) -> Path | None:
+    """Find the folder of true depth maps within a data set."""
+    places = (folder / place for place in _DEPTH_PLACES)
+    found = next((place for place in places if place.is_dir()), None)
+    is_truth = folder.name == _TRUTH_FOLDER
+    return found or (None if is_truth else next(folder.rglob(_TRUTH_FOLDER), None))
 
 
 def _depth_files(folder: Path) -> dict[str, Path]:

@@ -213,8 +213,8 @@ def _without_hidden(
 def _dense_truth(sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
     if sample.depth is None:
         raise ValueError(
-            f"sample {sample.sample_id} has no depth map to be scored on; take simulated frames, "
-            "or held-out rings for truth"
+            f"sample {sample.sample_id} has no depth map to be scored on; open the data set with "
+            "its depth maps (parts), take simulated frames, or take held-out rings for truth"
         )
     return torch.where(sample.depth <= _FARTHEST_DENSE_M, sample.depth, 0.0)
 

@@ -13,6 +13,8 @@ _ADDRESS: Final = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+):/+(.+)", re.DOTALL)
 """Address as pathlib keeps it, which joins its slashes."""
 GIVE_ACCESS: Final = "give this user access to it and its folder"
 """Remedy for a file or folder without permission, whose contents are unknown."""
+_MAX_SUBJECT_WORDS: Final = 2
+"""Largest number of words of a file or frame without folders, such as "sample 000042"."""
 
 
 def escaped(text: str) -> str:
@@ -51,8 +53,10 @@ def markdown_text(text: str) -> str:
 
 
 def kind_of_message(text: str) -> str:
-    """Remove the file, the part before ": ", and all digits: messages of one kind become equal."""
-    return re.sub(r"\d+", "", text.partition(": ")[2] or text)
+    """Remove the file or frame before ": ", and all digits: messages of one kind become equal."""
+    subject, _, rest = text.partition(": ")
+    is_name = "/" in subject or len(subject.split()) <= _MAX_SUBJECT_WORDS
+    return re.sub(r"\d+", "", rest if rest and is_name else text)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

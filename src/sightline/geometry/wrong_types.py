@@ -6,7 +6,7 @@ Without PyTorch, for commands that start at once.
 import inspect
 import re
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache, partial, wraps
 from numbers import Integral, Real
@@ -147,6 +147,8 @@ def _matches_hint(value: object, hint: Any) -> bool:  # noqa: ANN401 - a type hi
     try:
         if is_bearable(value, hint):
             return True
+        if get_origin(hint) is Iterable and hasattr(value, "__getitem__"):
+            return True  # iter() takes those, such as data sets, too
         is_number = isinstance(value, Real) and not isinstance(value, bool)
         return is_number and (is_bearable(1.0, hint) or is_bearable(1, hint))
     except Exception:  # noqa: BLE001 - a hint that cannot be checked names no fault

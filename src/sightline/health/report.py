@@ -57,7 +57,10 @@ _EXPECTED_BAD_SHARE: Final = 0.05  # of sound frames of the fitted size, with ro
 
 
 def doubts(
-    frames: Sequence[FrameHealth], image_size: tuple[int, int] | None = None
+    frames: Sequence[FrameHealth],
+    image_size: tuple[int, int] | None = None,
+    *,
+    has_sweeps: bool = True,
 ) -> tuple[str, ...]:
     """List reasons why the included limits may be for other sensors.
 
@@ -68,10 +71,12 @@ def doubts(
     Args:
         frames: Judged frames.
         image_size: Height, width [px] of the images. None: not known.
+        has_sweeps: Whether the LiDAR's data are sweeps, not sparse depth maps.
     """
+    sensors = [("camera", "images"), *[("lidar", "sweeps")] * has_sweeps]
     doubtful = []
     is_camera_doubtful = False
-    for name, data_name in (("camera", "images"), ("lidar", "sweeps")):
+    for name, data_name in sensors:
         judged: list[Health] = [getattr(frame.health, name) for frame in frames]
         delivered = [each for each in judged if each.worst_check != "absent" and each.score > 0]
         worst = Counter(each.worst_check for each in delivered if each.is_alarm)

@@ -100,6 +100,8 @@ class RobustnessReport:
         if self.baseline is not None:
             others["the baseline"] = self.baseline
         notes = (*warn_of_files({"this run": self.record, **others}), *self.record.notes)
+        if self.baseline == self.record:
+            notes = ("WARNING: the baseline is this run itself: name another run.", *notes)
         if self.no_cases:
             count = len(self.no_cases)
             notes = (

@@ -315,7 +315,12 @@ class CameraLidarData(lightning.LightningDataModule):
         batches = ScoringBatches(len(samples), self.validation_batch_size, rank=rank, world=world)
         return BatchLoader(samples, batches, workers=self.workers, seed=self.seed)
 
-    def _open(self, name: str, *, training: bool) -> PreparedSamples:
+    def open_sources(self, name: str) -> list[tuple[SampleDataset, SourceConfig]]:
+        """Open the sources of training, validation or test samples.
+
+        Raises:
+            ValueError: There are none, or one cannot be opened.
+        """
         sources = self.sources[name]
         if not sources:
             raise ValueError(f"there are no sources of {name} samples; set --data.init_args.{name}")
@@ -334,11 +339,18 @@ class CameraLidarData(lightning.LightningDataModule):
             except ValueError as error:
                 flags = f"--data.init_args.root and --data.init_args.{name}"
                 raise ValueError(f"{error} (the {name} samples: {flags})") from error
-            datasets.append((dataset, source.repeat if training else 1))
+            datasets.append((dataset, source))
+        return datasets
+
+    def _open(self, name: str, *, training: bool) -> PreparedSamples:
+        opened = self.open_sources(name)
+        for dataset, source in opened:
+            tree = data_tree(source, self.root)
             if training:
                 self._training_frames.setdefault(tree, set()).update(dataset.sample_ids)
             else:
                 self._print_num_trained(name, dataset.sample_ids, tree)
+        datasets = [(dataset, source.repeat if training else 1) for dataset, source in opened]
         preparation = self.preparation
         if training:
             self._print_absent_classes([dataset for dataset, _ in datasets])

@@ -49,6 +49,7 @@ from sightline.training.resumed_settings import resumed_settings_note
 from sightline.training.run_folder import check_name, claimed
 
 _TENSORBOARD = (None, True)
+_NO_ACCELERATOR = re.compile(r"No supported \w+ backend found|can ?not run on your system")
 """Values of `trainer.logger` that stand for TensorBoard's."""
 _CONFIG_NAMES = {
     "fit": "config.yaml",
@@ -77,7 +78,13 @@ def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: 
             message = _named_by_flag(shorten_parser_error(str(error)), arguments)
             raise ValueError(f"{message}; see sightline {subcommand} --help") from error
         except (MisconfigurationException, ValueError) as error:
-            raise ValueError(shorten_parser_error(str(error))) from error
+            message = shorten_parser_error(str(error))
+            if _NO_ACCELERATOR.search(message):
+                message = (
+                    "--trainer.accelerator names a device that PyTorch does not find here; leave "
+                    "it out or give cpu"
+                )
+            raise ValueError(message) from error
         except OSError as error:  # from writing best.ckpt and the events, in other libraries
             fault = disk_fault(error, run.folder)
             if fault is None:
@@ -320,6 +327,7 @@ class _TrainingCLI(LightningCLI):
         self.model.is_resumed = self.config[self.subcommand]["ckpt_path"] is not None
         is_scored = self._initial_weights is not None and not self.model.is_resumed
         if is_scored and self.datamodule.sources["validation"]:
+            self.datamodule.open_sources("training")  # else their faults are told late
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
     def after_fit(self) -> None:

@@ -51,6 +51,7 @@ _COLUMN_PX = 1242  # KITTI's pictures at their own size
 _SIDE_PX = 616
 _GAP_PX = 14
 _TITLE_PX = 36
+_MIN_LETTER_PX = 7  # height of letters of titles; narrow panels have smaller ones
 _HEAD_PX = 46
 _MIN_TABLE_PX = 130
 _FARTHEST_M = 90.0  # no point of KITTI's LiDAR lies farther away
@@ -351,7 +352,8 @@ def _side_column(frame: _Frame, height: int) -> UInt8[np.ndarray, "height width 
 def _titled(panel: _Panel, width_px: int) -> UInt8[np.ndarray, "height width 3"]:
     """Draw the picture below its title and legend, padded to the panel's width."""
     line = _blank(_TITLE_PX, width_px)
-    put_text(line, panel.title, 0, _TITLE_PX - 12, height_px=11, color=TITLE)
+    height_px = max(_MIN_LETTER_PX, min(11, 11 * width_px // max(text_width(panel.title, 11), 1)))
+    put_text(line, panel.title, 0, _TITLE_PX - 12, height_px=height_px, color=TITLE)
     if panel.scale is not None and text_width(panel.title, 11) + 430 < width_px:
         put_legend(line, panel.scale, right=width_px - 24, top=8, hole=panel.hole)
     height, width = panel.picture.shape[:2]
