@@ -81,24 +81,25 @@ def compare_depths(
     truth_m: Float32[np.ndarray, "height width"],
 ) -> ComparedDepths:
     """Compare an image's predicted depths with the true ones [m], 0 = none."""
-    has_both = (prediction_m > 0) & (truth_m > 0)
-    predicted_m, true_m = prediction_m[has_both], truth_m[has_both]
-    ratios = predicted_m / true_m
-    logs = np.log(np.stack([predicted_m, true_m]).astype(np.float64))
+    rows, columns = np.nonzero(truth_m > 0)
+    true_m = truth_m[rows, columns]
+    true_logs = np.log(true_m)
+    predicted_m = prediction_m[rows, columns]
+    has_both = predicted_m > 0
+    ratios = predicted_m[has_both] / true_m[has_both]
+    logs = np.stack([np.log(predicted_m[has_both]), true_logs[has_both]]).astype(np.float64)
+    turned = (prediction_m[turn][rows, columns] for turn in _ORIENTATIONS.values())
     return ComparedDepths(
         pixels=len(ratios),
         wrong_ratios=np.array(
             [(abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
         ),
         far=int((abs(logs[0] - logs[1]) > np.log(_FAR_RATIO)).sum()),
-        highest=np.array([(each_m == MAX_DEPTH_M).sum() for each_m in (predicted_m, true_m)]),
-        log_sums=np.array([*logs.sum(axis=1), *(logs**2).sum(axis=1), logs.prod(axis=0).sum()]),
-        errors=np.array(
-            [
-                _log_error(prediction_m, truth_m),
-                *(_log_error(prediction_m[turn], truth_m) for turn in _ORIENTATIONS.values()),
-            ]
+        highest=np.array(
+            [(each_m[has_both] == MAX_DEPTH_M).sum() for each_m in (predicted_m, true_m)]
         ),
+        log_sums=np.array([*logs.sum(axis=1), *(logs**2).sum(axis=1), logs.prod(axis=0).sum()]),
+        errors=np.array([_log_error(each_m, true_logs) for each_m in (predicted_m, *turned)]),
     )
 
 
@@ -185,12 +186,13 @@ def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path)
 
 
 def _log_error(
-    prediction_m: Float32[np.ndarray, "height width"], truth_m: Float32[np.ndarray, "height width"]
+    predicted_m: Float32[np.ndarray, " pixels"], true_logs: Float32[np.ndarray, " pixels"]
 ) -> tuple[int, float]:
-    """Count the pixels with both, and sum the absolute differences of their logarithms."""
-    has_both = (prediction_m > 0) & (truth_m > 0)
-    ratios = prediction_m[has_both] / truth_m[has_both]
-    return len(ratios), float(abs(np.log(ratios)).sum())
+    """Count the predicted pixels, and sum the absolute differences of their logarithms."""
+    has_both = predicted_m > 0
+    return int(has_both.sum()), float(
+        abs(np.log(predicted_m[has_both]) - true_logs[has_both]).sum()
+    )
 
 
 def _log_moments(summed: ComparedDepths) -> tuple[float, float, float]:
