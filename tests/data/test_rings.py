@@ -7,7 +7,8 @@ from sightline.data.ring_elevations import rings_by_elevation
 from sightline.data.rings import (
     NUM_RINGS,
     check_spacing,
-    count_beams,
+    beams_of_sensor,
+    count_rings,
     in_kitti_order,
     is_firing_order,
     ring_numbers,
@@ -93,13 +94,15 @@ def test_a_whole_sweep_of_too_few_or_too_many_rings_is_refused(num_rings):
     [(8, 16), (15, 16), (16, 16), (24, 32), (33, 32), (60, 64), (64, 64), (65, 64), (128, 128)],
 )
 def test_a_whole_sweep_tells_the_beams_of_its_sensor_even_where_rings_see_the_sky(num_rings, beams):
-    assert count_beams(sweep([[1, 180, 359]] * num_rings)) == beams
+    whole = sweep([[1, 180, 359]] * num_rings)
+    assert count_rings(whole) == num_rings
+    assert beams_of_sensor(num_rings) == beams
 
 
 def test_a_cut_sweep_is_taken_for_kittis_unless_its_rings_lie_too_far_apart():
     close = sweep([[-35, 0, 35]] * 40)
     wide = sweep([[-35, 0, 35] if ring % 4 == 0 else [] for ring in range(40)])
-    assert count_beams(close) == count_beams(wide) == NUM_RINGS
+    assert count_rings(close) == count_rings(wide) == NUM_RINGS
     numbers = ring_numbers(close)
     for kept in (numbers >= 0, numbers % 8 != 4, numbers % 8 == 4, numbers < 0):
         check_spacing(close[kept], numbers[kept])

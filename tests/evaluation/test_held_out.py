@@ -43,6 +43,14 @@ def test_the_beams_of_another_sensor_are_counted_and_printed(num_lasers, beams):
     assert f"a sensor of {beams[0]} beams, images of 80x60" in report.table().title
 
 
+@pytest.mark.parametrize(("num_lasers", "counted"), [(20, 32), (40, 64), (80, 128)])
+def test_sensors_of_other_numbers_of_rings_are_told(num_lasers, counted):
+    sample = turning_sample(num_lasers, step=0.6 / num_lasers)
+    said = f"turn has {num_lasers} rings with returns and is counted as of {counted} beams: "
+    with pytest.warns(UserWarning, match=said):
+        evaluate_held_out([sample], flat(10))
+
+
 def test_densities_that_the_sensor_does_not_have_are_refused_with_its_number():
     with pytest.raises(ValueError, match=r"sensor's 32 evenly \(32, 16, 8, 4, ..\), got 64"):
         evaluate_held_out([turning_sample(32)], flat(10), beams=(64,))

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.rings import count_beams
+from sightline.data.rings import count_rings
 from sightline.evaluation.held_out_frame import CROP_SIZE, check_rings, split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.ops.parallax import Parallax
@@ -159,7 +159,7 @@ def test_rings_of_another_sensor_are_numbered_by_laser_before_the_cut():
 def test_a_sensor_of_64_beams_is_scored_as_kittis_whether_its_sweeps_are_whole_or_cut():
     whole = turning_sample(64, step=0.008)
     cut = replace(whole, points=whole.points[whole.points[:, 0] > 0])
-    assert count_beams(whole.points.numpy()) == 64
+    assert count_rings(whole.points.numpy()) == 64
     assert torch.equal(split_rings(whole).truth_m, split_rings(cut).truth_m)
     assert torch.equal(split_rings(whole).rings, split_rings(cut).rings)
 

@@ -68,15 +68,13 @@ def ring_numbers(
     return rings
 
 
-def count_beams(points: Float[np.ndarray, "num_points fields"]) -> int:
-    """Number of lasers of the sensor of a sweep in KITTI's order: 16, 32, 64 or 128.
+def count_rings(points: Float[np.ndarray, "num_points fields"]) -> int:
+    """Number of rings with returns of a whole sweep in KITTI's order.
 
-    It is estimated from the rings of a whole sweep; rings into the sky may have no return. A sweep
-    cropped to the camera's view is assumed to be KITTI's; `check_spacing` checks this.
+    A sweep cropped to the camera's view is assumed to be KITTI's, of 64; `check_spacing` checks
+    this.
     """
-    if not is_whole_turn(points):
-        return NUM_RINGS
-    return beams_of_sensor(int(_count_starts(points, is_whole=True)[-1]) + 1)
+    return int(_count_starts(points, is_whole=True)[-1]) + 1 if is_whole_turn(points) else NUM_RINGS
 
 
 def is_firing_order(points: Float[np.ndarray, "num_points fields"]) -> bool:
@@ -232,7 +230,10 @@ def turned_in_order(
 
 
 def beams_of_sensor(num_rings: int) -> int:
-    """Number of beams of a sensor by its rings in whole sweeps: 16, 32, 64 or 128."""
+    """Number of beams of a sensor by its rings in whole sweeps: 16, 32, 64 or 128.
+
+    Rings into the sky may have no return, so other numbers are rounded up.
+    """
     return next(
         (count for count in _SENSOR_BEAMS if num_rings <= _MAX_RINGS_PER_BEAM * count),
         _SENSOR_BEAMS[-1],

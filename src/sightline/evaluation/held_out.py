@@ -6,6 +6,7 @@ the rings. Simulated frames can also be scored on their dense depth, with the sa
 
 import statistics
 import time
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -37,6 +38,8 @@ _TRUTHS: Final[dict[TruthChoice, str]] = {
     "depth": "dense truth up to 80 m",
     "depth_in_reach": "dense truth up to 80 m below the highest ring",
 }
+
+_MIN_RING_SHARE: Final = 0.8  # of a sensor's beams, with returns in a whole sweep
 
 Complete = Callable[[CameraLidarSample], DepthMap]
 """Depth completion method: from image, calibration and its input rings to dense depth."""
@@ -176,7 +179,9 @@ def evaluate_held_out(
     sensor_beams = 0
     for sample in track(samples, description="scoring", total=total):
         frame = split_rings(sample, truth=truth, crop_size=crop_size)
-        sensor_beams = sensor_beams or frame.sensor_beams
+        if not frames:
+            sensor_beams = frame.sensor_beams
+            _warn_of_few_rings(frame)
         _check_sensor(frame, sensor_beams)
         num_beams = densities(sensor_beams) if beams is None else beams
         scores = tuple(_score_frame(frame, complete, number) for number in num_beams)
@@ -192,6 +197,17 @@ def evaluate_held_out(
         image_sizes=tuple(sizes),
         truth=truth,
     )
+
+
+def _warn_of_few_rings(frame: HeldOutFrame) -> None:
+    """Warn of a sensor with far fewer rings than the beams that it is counted as."""
+    if frame.sensor_rings < _MIN_RING_SHARE * frame.sensor_beams:
+        warnings.warn(
+            f"the sweep of {frame.sample.sample_id} has {frame.sensor_rings} rings with returns "
+            f"and is counted as of {frame.sensor_beams} beams: numbers of beams are shares of "
+            f"{frame.sensor_beams}, so a half keeps every second ring",
+            stacklevel=3,
+        )
 
 
 def _check_sensor(frame: HeldOutFrame, expected_beams: int) -> None:

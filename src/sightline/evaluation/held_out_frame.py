@@ -25,7 +25,7 @@ from sightline.data.rings import (
     NUM_RINGS,
     beams_of_sensor,
     check_spacing,
-    count_beams,
+    count_rings,
     is_whole_turn,
     ring_numbers,
     rings_of_any_order,
@@ -66,7 +66,9 @@ class HeldOutFrame:
     """Depths of the held-out returns visible to the camera, or dense ones; 0 = none."""
     first_held_out: int = FIRST_HELD_OUT
     sensor_beams: int = NUM_RINGS
-    """Number of beams of the sensor."""
+    """Number of beams of the sensor; see `beams_of_sensor`."""
+    sensor_rings: int = NUM_RINGS
+    """Number of rings with returns of a whole sweep; of a cut one `sensor_beams`."""
     are_beams_assumed: bool = True
     """Whether `sensor_beams` is assumed: true for a sweep cut to the image in KITTI's order."""
 
@@ -126,9 +128,10 @@ def split_rings(
             "sample out"
         )
     try:
-        points, rings, sensor_beams, are_beams_assumed = _rings_in_view(sample, sample.points)
+        points, rings, sensor_rings, are_beams_assumed = _rings_in_view(sample, sample.points)
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
+    sensor_beams = beams_of_sensor(sensor_rings)
     held_out = _is_held_out(rings, first_held_out)
     everything = sparse_depth_map(points, sample.calibration, sample.image_size)
     if truth == "rings":
@@ -153,6 +156,7 @@ def split_rings(
         truth_m=truth_m,
         first_held_out=first_held_out,
         sensor_beams=sensor_beams,
+        sensor_rings=sensor_rings if is_whole_turn(sample.points.numpy()) else sensor_beams,
         are_beams_assumed=are_beams_assumed,
     )
 
@@ -160,18 +164,18 @@ def split_rings(
 def _rings_in_view(
     sample: CameraLidarSample, sweep: Float32[Tensor, "num_points 4"]
 ) -> tuple[Float32[Tensor, "num_in_view 4"], Int64[Tensor, " num_in_view"], int, bool]:
-    """Select points in view, ring by ring, with ring and beam numbers; True if assumed."""
+    """Select points in view, ring by ring, their rings and the sweep's number; True if assumed."""
     is_in_view = points_in_view(sample)
     numbers, is_ring_by_ring = rings_of_any_order(sweep.numpy())
     if not is_ring_by_ring:
         rings, order = torch.sort(torch.from_numpy(numbers)[is_in_view], stable=True)
-        return sweep[is_in_view][order], rings, beams_of_sensor(int(numbers.max()) + 1), False
-    points, sensor_beams = sweep[is_in_view], count_beams(sweep.numpy())
-    if sensor_beams == NUM_RINGS and not is_whole_turn(points.numpy()):
+        return sweep[is_in_view][order], rings, int(numbers.max()) + 1, False
+    points, num_rings = sweep[is_in_view], count_rings(sweep.numpy())
+    if beams_of_sensor(num_rings) == NUM_RINGS and not is_whole_turn(points.numpy()):
         # numbered after the cut, like sweeps that are already cut
         rings = torch.from_numpy(ring_numbers(points.numpy()))
-        return points, rings, sensor_beams, not is_whole_turn(sweep.numpy())
-    return points, torch.from_numpy(numbers)[is_in_view], sensor_beams, False
+        return points, rings, num_rings, not is_whole_turn(sweep.numpy())
+    return points, torch.from_numpy(numbers)[is_in_view], num_rings, False
 
 
 def check_rings(frame: HeldOutFrame) -> None:
