@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from sightline.data.ring_elevations import rings_by_elevation
 from sightline.data.rings import (
     NUM_RINGS,
-    check_spacing,
     beams_of_sensor,
+    check_spacing,
     count_rings,
     in_kitti_order,
     is_firing_order,
