@@ -205,6 +205,16 @@ def test_weights_lost_or_changed_after_their_training_are_told(
         adapt(recording, out, SMALL)
 
 
+def test_a_damaged_checkpoint_is_told_with_what_to_remove(recording, adapted, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(adapted[0], out)
+    (out / "detection3d" / "finished").unlink()
+    (out / "detection3d" / "last.ckpt").write_bytes(b"PK")
+    said = f"last.ckpt: is damaged; remove {out / 'detection3d'}, and run it again"
+    with pytest.raises(ValueError, match=said):
+        adapt(recording, out, SMALL)
+
+
 @pytest.mark.parametrize(("copied", "over"), [("before", "after"), ("after", "before")])
 def test_scores_of_other_weights_are_told(copied, over, recording, adapted, tmp_path):
     out = tmp_path / "out"

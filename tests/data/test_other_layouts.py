@@ -77,6 +77,13 @@ def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):
     )
 
 
+def test_shards_without_their_list_are_told_as_such(tmp_path):
+    (tmp_path / "000000.tar").write_bytes(b"")
+    assert "archives that are not unpacked, such as 000000.tar" in told(tmp_path)
+    (tmp_path / "000000.json").write_text("{}")
+    assert "holds shards without shards.json, the list of them; copy the whole" in told(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["v1.0-mini/scene.json", "drive.mcap", "drive.bag"])
 def test_what_an_import_takes_is_told_to_be_imported(tmp_path, name):
     (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -270,6 +270,17 @@ def test_wrong_arguments_of_a_script_are_one_line(tmp_path, monkeypatch):
             read_frame(picture, str(sweep), described)
 
 
+def test_an_orientation_noted_in_the_picture_is_ignored_as_by_sightline(tmp_path):
+    from kitti_frame import read_frame
+
+    picture, sweep, calibration = files_of(PACKAGED_FRAMES, "000000")
+    tags = Image.Exif()
+    tags[0x0112] = 3
+    Image.open(picture).save(tmp_path / "noted.png", exif=tags)
+    noted = read_frame(str(tmp_path / "noted.png"), sweep, calibration)
+    np.testing.assert_array_equal(noted.image, read_frame(picture, sweep, calibration).image)
+
+
 @pytest.mark.parametrize("factor", [0.5, 2])
 def test_an_image_of_another_resolution_than_its_calibration_is_refused_by_the_scripts(
     tmp_path, factor

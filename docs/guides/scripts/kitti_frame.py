@@ -32,7 +32,7 @@ def arguments(usage: str | None, count: int) -> list[str]:
 
 def read_frame(image: str, sweep: str, calibration: str) -> Frame:
     """Read image_2/N.png, velodyne/N.bin and calib/N.txt."""
-    bgr = cv2.imread(image)
+    bgr = cv2.imread(image, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if bgr is None:
         sys.exit(f"{image} cannot be read as an image; give a .png file of image_2")
     try:

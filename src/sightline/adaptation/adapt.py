@@ -303,6 +303,11 @@ def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
         arguments.append("--ckpt_path=last")
     try:
         run_training("fit", arguments, PACKAGE_RECIPES)
+    except ValueError as error:
+        last = folder / _LAST_CHECKPOINT
+        if not str(error).startswith(f"{last} "):
+            raise
+        raise FileError(last, "is damaged", f"remove {folder}, and run it again") from error
     except ChildProcessError as error:
         from sightline.training.loader import NO_WORKERS_REMEDY
 

@@ -16,6 +16,7 @@ import jsonargparse
 from sightline.cli.adapt import adapt, average, fit_joined
 from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.check import check
+from sightline.cli.config_files import with_config_first
 from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
     depth_command,
@@ -283,9 +284,10 @@ def _run(arguments: list[str]) -> int:
             from sightline.training.command import run_training
 
             return run_training(training, rest, recipes=PACKAGE_RECIPES)
+    commands = _named(_commands(), arguments)
     status = jsonargparse.auto_cli(
-        _named(_commands(), arguments),
-        args=arguments,
+        commands,
+        args=with_config_first(arguments, commands),
         prog="sightline",
         version=version("sightline"),
         parser_class=OneLineParser,

@@ -47,7 +47,7 @@ _MAX_DEPTH, _MAX_VALUES = 50, 2**16
 _load_yaml = jsonargparse.get_loader("yaml")
 
 
-def _load_value(value: str) -> Any:  # noqa: ANN401 - as YAML has it
+def load_value(value: str) -> Any:  # noqa: ANN401 - as YAML has it
     """Read an argument as YAML, or as text if it is a name that is not UTF-8."""
     try:
         value.encode()
@@ -87,7 +87,7 @@ def _check_extent(loaded: object) -> None:
             pending += [(each, depth + 1) for each in value]
 
 
-jsonargparse.set_loader("yaml", _load_value, (yaml.YAMLError,))
+jsonargparse.set_loader("yaml", load_value, (yaml.YAMLError,))
 
 
 class OneLineParser(jsonargparse.ArgumentParser):

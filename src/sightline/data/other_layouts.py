@@ -56,6 +56,12 @@ def no_data_set(path: Path) -> Problem:
         if problem is not None:
             return problem
     archives = [each for each in _entries(path) if each.suffix.lower() in _ARCHIVES]
+    if any(each.suffix == ".tar" and each.with_suffix(".json").is_file() for each in archives):
+        return Problem(
+            path=path,
+            problem="holds shards without shards.json, the list of them",
+            remedy="copy the whole folder again, or pack the data again (sightline shard)",
+        )
     if archives:
         problem_text = (
             f"holds archives that are not unpacked, such as {shortened(archives[0].name)}"

@@ -62,7 +62,7 @@ def ring_numbers(
         raise ValueError(
             f"the azimuth of the sweep restarts {num_rings - 1} times, expected "
             f"{max(min_rings - 1, 0)} to {max_rings - 1} times, as in KITTI's order: give the "
-            "points in the order of KITTI's files"
+            "points of one turn of one LiDAR, in the order of KITTI's files"
         )
     _check_top_down(_medians_deg(points, rings))
     return rings

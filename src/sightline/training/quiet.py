@@ -17,6 +17,7 @@ LIGHTNING_NOISE = (
     "Precision .* is not supported by the model summary",
     "You're using the WeightAveraging callback, but loading a checkpoint outside",
     "`isinstance.treespec, LeafSpec.` is deprecated",
+    "It is recommended to use `self.log.*sync_dist=True.` when logging",
     r"\s*By default only one JsonargparseDeprecationWarning",
     r"\s*``instantiate_classes`` was deprecated",
 )

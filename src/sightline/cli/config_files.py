@@ -1,0 +1,66 @@
+"""Files of settings for a command: `--config FILE`."""
+
+import difflib
+import inspect
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sightline.cli.parser import load_value
+from sightline.files.plain_text import read_text, shortened
+from sightline.files.problem import FileError
+
+_OPTION = "--config"
+
+
+def with_config_first(arguments: Sequence[str], commands: Mapping[str, Any]) -> list[str]:
+    """Move `--config FILE` behind the command, so that all other arguments replace its values.
+
+    Args:
+        arguments: Words of the command line.
+        commands: Functions by command, or mappings of commands below it.
+
+    Raises:
+        FileError: A file has a setting that the command does not take.
+    """
+    command: Any = commands
+    num_names = 0
+    while isinstance(command, Mapping) and command.get(next(iter(arguments[num_names:]), "")):
+        command = command[arguments[num_names]]
+        num_names += 1
+    if not callable(command):
+        return list(arguments)
+    given, others = _split(arguments[num_names:])
+    for path in given:
+        _check_keys(Path(path), command)
+    return [*arguments[:num_names], *(f"{_OPTION}={path}" for path in given), *others]
+
+
+def _split(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Separate the files of settings from other words."""
+    given: list[str] = []
+    others: list[str] = []
+    remaining = iter(words)
+    for word in remaining:
+        path = next(remaining, None) if word == _OPTION else None
+        if path is not None:
+            given.append(path)
+        elif word.startswith(f"{_OPTION}="):
+            given.append(word.removeprefix(f"{_OPTION}="))
+        else:
+            others.append(word)
+    return given, others
+
+
+def _check_keys(path: Path, command: Any) -> None:  # noqa: ANN401 - any function
+    if not path.is_file():  # a pipe can be read once; a missing file is refused by the parser
+        return
+    settings = load_value(read_text(path))
+    known = list(inspect.signature(command).parameters)
+    for key in settings if isinstance(settings, dict) else ():
+        if key not in known:
+            close = difflib.get_close_matches(str(key).replace("-", "_"), known, n=1)
+            remedy = f"perhaps {close[0]} is meant" if close else f"expected {', '.join(known)}"
+            raise FileError(
+                path, f"has the setting {shortened(str(key))}, which the command lacks", remedy
+            )
