@@ -33,6 +33,14 @@ _CASES = {
     'sample(all_around="no")': "from_arrays: all_around is of type str, expected True or False",
     'repr(sample(all_around=np.True_).all_around) + "!"': "True!",
     'sightline.perceive(PACKAGED_FRAMES, "")': "perceive: out is an empty text, expected a path",
+    'sightline.perceive(PACKAGED_FRAMES, "~/out")':
+        "perceive: out is '~/out', where ~ is a folder of that name, not the home folder; write",
+    'sightline.open_dataset(Path("~"))': "open_dataset: path is '~', where ~ is a folder of that",
+    'sightline.write_rgb("~/a.png", np.array(picture))': "write_rgb: path is '~/a.png', where ~ is",
+    'write_image("~/a.png", given.image)': "write_image: path is '~/a.png', where ~ is a folder of",
+    'kitti_files.write_points("~/a.bin", given.points)': "write_points: path is '~/a.bin', where ~",
+    'map_png.write_mask_png("~/a.png", np.eye(3) > 0)': "write_mask_png: path is '~/a.png', where",
+    'sightline.open_dataset("~a")': "~a: does not exist",
     'sightline.perceive(PACKAGED_FRAMES, "out", workers=1.5)':
         "perceive: workers must be a whole number, got 1.5",
     'sightline.perceive(PACKAGED_FRAMES, "out", workers=float("nan"))':
@@ -93,6 +101,7 @@ import numpy as np
 from PIL import Image
 import sightline
 from sightline.corruptions.arrays import corrupt_arrays
+from sightline.data import kitti_files, map_png
 from sightline.data.kitti_files import write_image
 from sightline.health.monitor import HealthMonitor
 from sightline.corruptions import suites

@@ -38,16 +38,19 @@ def read_points(
     return torch.from_numpy(read_sweep(path, drop_non_finite=drop_non_finite))
 
 
+@named_arguments
 def write_points(path: Path | str, points: ArrayLike) -> None:
     """Write a sweep for `read_points`; see `write_sweep`."""
     write_sweep(path, points)
 
 
+@named_arguments
 def read_image(path: Path | str) -> UInt8[Tensor, "3 height width"]:
     """Read a PNG or JPEG picture as RGB, channels first; see `read_rgb`."""
     return torch.from_numpy(np.ascontiguousarray(read_rgb(path).transpose(2, 0, 1)))
 
 
+@named_arguments
 def write_image(path: Path | str, image: UInt8[Tensor, "3 height width"]) -> None:
     """Write an RGB picture as PNG or JPEG, by the suffix; see `write_rgb`.
 
@@ -63,26 +66,31 @@ def write_image(path: Path | str, image: UInt8[Tensor, "3 height width"]) -> Non
     write_rgb(path, planes.transpose(1, 2, 0))
 
 
+@named_arguments
 def read_depth(path: Path | str) -> Float32[Tensor, "height width"]:
     """Read a depth map [m], 0 = no value, from a 16-bit PNG; see `read_depth_png`."""
     return torch.from_numpy(read_depth_png(path))
 
 
+@named_arguments
 def read_object_calibration(path: Path | str) -> Calibration:
     """Read the object benchmark's calibration of camera 2; see `read_object_matrices`."""
     return calibration_of(read_object_matrices(path), path)
 
 
+@named_arguments
 def write_object_calibration(path: Path | str, calibration: Calibration) -> None:
     """Write a calibration in the object benchmark's format; see `object_calibration_text`."""
     atomic_write_text(path, object_calibration_text(_matrices(calibration)))
 
 
+@named_arguments
 def read_raw_calibration(folder: Path | str) -> Calibration:
     """Read camera 2's calibration from a raw recording's folder; see `read_raw_matrices`."""
     return calibration_of(read_raw_matrices(folder), folder)
 
 
+@named_arguments
 def write_raw_calibration(folder: Path | str, calibration: Calibration) -> None:
     """Write the two files that `read_raw_calibration` reads; see `raw_calibration_texts`."""
     cameras, lidar = raw_calibration_texts(_matrices(calibration))

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from sightline.data.image_file import read_png16, read_rgb
 from sightline.files.atomic import atomic_write_bytes
 from sightline.geometry.plain_arrays import shaped_array, without_masked
+from sightline.geometry.wrong_types import named_arguments
 
 STEPS_PER_METRE = 256
 MAX_DEPTH_M = 65535 / STEPS_PER_METRE
@@ -20,6 +21,7 @@ NO_VALUE_REMEDY = "write 0 for no value"
 _YES = 255
 
 
+@named_arguments
 def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
     """Read a depth map in metres; 0 = no value. Exact: every step of 1/256 m is a float32.
 
@@ -34,6 +36,7 @@ def read_depth_png(path: Path | str) -> Float32[np.ndarray, "height width"]:
     return steps.astype(np.float32) / np.float32(STEPS_PER_METRE)
 
 
+@named_arguments
 def write_depth_png(path: Path | str, depth_m: ArrayLike) -> None:
     """Write a depth map [m], 0 = no value, rounded half up to steps of 1/256 m.
 
@@ -71,6 +74,7 @@ def write_depth_png(path: Path | str, depth_m: ArrayLike) -> None:
     atomic_write_bytes(path, encoded.tobytes())
 
 
+@named_arguments
 def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
     """Read an instance map: 1 + the row of the pixel's object in the frame's label file; 0 = none.
 
@@ -85,6 +89,7 @@ def read_instance_png(path: Path | str) -> Int32[np.ndarray, "height width"]:
     return owners.astype(np.int32)
 
 
+@named_arguments
 def write_instance_png(path: Path | str, instances: ArrayLike) -> None:
     """Write an instance map for `read_instance_png` atomically.
 
@@ -103,6 +108,7 @@ def write_instance_png(path: Path | str, instances: ArrayLike) -> None:
     atomic_write_bytes(path, encoded.tobytes())
 
 
+@named_arguments
 def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
     """Read a mask of `write_mask_png`: True for pixels lighter than middle grey.
 
@@ -113,6 +119,7 @@ def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
     return mask
 
 
+@named_arguments
 def write_mask_png(path: Path | str, mask: ArrayLike) -> None:
     """Write a mask with 8 bits, visible in any viewer: white for True, black for False; atomic.
 

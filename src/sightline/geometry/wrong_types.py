@@ -28,8 +28,8 @@ def named_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
 
     Other types are examined only after a failure: those that work stay valid, at no cost. The error
     is a TypeError of one line with the argument, its type and the expected one. Choices
-    (`Literal`), switches (`bool`), whole numbers and empty paths are checked before the call: a
-    misspelt choice, or the text "no", would silently be taken for another.
+    (`Literal`), switches (`bool`), whole numbers and paths (empty, or from `~` on) are checked
+    before the call: a misspelt choice, or the text "no", would silently be taken for another.
     """
     if inspect.isgeneratorfunction(function):
         return _named_in_generator(function)
@@ -108,9 +108,14 @@ def _check_whole(name: str, value: object) -> None:
 
 
 def _check_path(name: str, value: object) -> None:
-    """Refuse an empty text for a path, which would be the current folder."""
+    """Refuse an empty text for a path, which would be the current folder, and `~`."""
     if isinstance(value, str) and not value:
         raise ValueError(f"{name} is an empty text, expected a path; name a file or a folder")
+    if isinstance(value, str | Path) and str(value).split("/")[0] == "~":
+        raise ValueError(
+            f"{name} is {str(value)!r}, where ~ is a folder of that name, not the home folder; "
+            "write the path in full: Path(..).expanduser()"
+        )
 
 
 def _called(function: Callable[..., object]) -> str:
