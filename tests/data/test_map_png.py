@@ -113,6 +113,20 @@ def test_a_mask_of_another_maker_is_cut_at_middle_grey(tmp_path):
     assert read_mask_png(tmp_path / "0.png").tolist() == [[False, False, True, True]]
 
 
+@pytest.mark.parametrize("channels", [3, 1])
+def test_a_camera_picture_is_no_mask(tmp_path, channels):
+    picture = np.random.default_rng(0).integers(0, 256, (40, 60, channels), dtype=np.uint8)
+    write_rgb(tmp_path / "0.png", np.broadcast_to(picture, (40, 60, 3)))
+    with pytest.raises(FileError, match=r"is a picture of \d+ levels, .* expected a mask"):
+        read_mask_png(tmp_path / "0.png")
+
+
+def test_a_mask_of_the_levels_0_and_1_would_be_all_false(tmp_path):
+    write_rgb(tmp_path / "0.png", np.repeat(np.eye(4, dtype=np.uint8)[..., None], 3, axis=2))
+    with pytest.raises(FileError, match="has no level above 1, expected a mask: 255 for True"):
+        read_mask_png(tmp_path / "0.png")
+
+
 def test_what_is_no_mask_is_refused(tmp_path):
     with pytest.raises(ValueError, match="at least one pixel"):
         write_mask_png(tmp_path / "0.png", np.zeros((0, 4), dtype=np.bool_))

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from sightline.data.image_file import read_png16, read_rgb
 from sightline.files.atomic import atomic_write_bytes
+from sightline.files.problem import FileError
 from sightline.geometry.plain_arrays import shaped_array, without_masked
 from sightline.geometry.wrong_types import named_arguments
 
@@ -19,6 +20,7 @@ MIN_HIGHEST_PX, MIN_HIGHEST_SHARE = 100, 0.01
 """Least number and share of pixels with the largest depth that probably mean no value."""
 NO_VALUE_REMEDY = "write 0 for no value"
 _YES = 255
+_MIN_TWO_LEVELS = 0.5  # share of a mask with its two most frequent levels; other ones are edges
 
 
 @named_arguments
@@ -113,9 +115,26 @@ def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
     """Read a mask of `write_mask_png`: True for pixels lighter than middle grey.
 
     Raises:
-        FileError: The file is no complete picture.
+        FileError: The file is no complete picture, or probably none of a mask: its two most
+            frequent levels fill less than half of it, or its highest level is 1.
     """
-    mask: Bool[np.ndarray, "height width"] = read_rgb(path)[..., 0] > _YES // 2
+    levels = read_rgb(path)[..., 0]
+    counts = np.bincount(levels.ravel())
+    share = np.sort(counts)[-2:].sum() / levels.size
+    if share < _MIN_TWO_LEVELS:
+        raise FileError(
+            path,
+            f"is a picture of {np.count_nonzero(counts)} levels, the two most frequent of them in "
+            f"{100 * share:.0f} % of its pixels, expected a mask: white for True, black for False",
+            "name the file of a mask",
+        )
+    if len(counts) == 2:  # levels 0 and 1
+        raise FileError(
+            path,
+            f"has no level above 1, expected a mask: {_YES} for True, 0 for False",
+            "write it by write_mask_png",
+        )
+    mask: Bool[np.ndarray, "height width"] = levels > _YES // 2
     return mask
 
 
