@@ -61,6 +61,12 @@ def test_objects_are_filtered_by_score_as_part_of_a_perception():
     assert kept.objects.scores.tolist() == [pytest.approx(0.9), 0.5]
 
 
+@pytest.mark.parametrize("min_score", [30.0, -0.1, float("nan")])
+def test_scores_of_objects_are_probabilities_so_other_thresholds_are_refused(min_score):
+    with pytest.raises(ValueError, match=f"min_score must be from 0 to 1, got {min_score}"):
+        three_objects().filter_by_score(min_score)
+
+
 def test_no_objects_are_an_empty_list_and_win_over_objects_of_a_later_part():
     joined = Perception.joined([Perception(objects=Objects.from_json([])), Perception()])
     assert len(joined.objects) == 0

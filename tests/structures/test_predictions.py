@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 import torch
 
@@ -24,6 +26,17 @@ def test_detections_are_filtered_by_score_in_their_order(make):
     assert kept.class_names == ("Car", "Car")
     assert torch.equal(kept.scores, SCORES[[0, 2]])
     assert torch.equal(kept.boxes.tensor, make().boxes.tensor[[0, 2]])
+
+
+@pytest.mark.parametrize("make", [detections2d, detections3d])
+def test_a_threshold_in_percent_is_warned_of_and_none_is_refused(make):
+    with pytest.warns(UserWarning, match="min_score is 30, but the scores are from 0 to 1"):
+        assert len(make().filter_by_score(30.0).scores) == 0
+    with pytest.raises(ValueError, match="min_score must be a number, got nan"):
+        make().filter_by_score(float("nan"))
+    any_scale = dataclasses.replace(make(), scores=10 * SCORES)  # 9, 3, 5
+    assert len(any_scale.filter_by_score(4.0).scores) == 2
+    assert len(any_scale.filter_by_score(30.0).scores) == 0
 
 
 def test_a_perception_is_filtered_in_both_tasks():

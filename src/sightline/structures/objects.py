@@ -12,6 +12,7 @@ from torch import Tensor
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
+from sightline.geometry.ranges import check_range
 
 Origin = Literal["measured", "refined", "lifted", "none"]
 """Source of a 3D box: the sweep's detector, an image box refined by the sweep, an image box and the
@@ -109,7 +110,12 @@ class Objects:
         )
 
     def filter_by_score(self, min_score: float) -> "Objects":
-        """Select objects with a score of at least `min_score`, in their order."""
+        """Select objects with a score of at least `min_score`, in their order.
+
+        Raises:
+            ValueError: The threshold is not from 0 to 1, as the scores are.
+        """
+        check_range("min_score", min_score, 0, 1)
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
     def to_json(self) -> list[dict[str, Any]]:

@@ -1,5 +1,6 @@
 """Predictions of the tasks."""
 
+import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -129,7 +130,14 @@ class Detections2D:
         )
 
     def filter_by_score(self, min_score: float) -> "Detections2D":
-        """Select detections with a score of at least `min_score`, in their order."""
+        """Select detections with a score of at least `min_score`, in their order.
+
+        Warns of a threshold above 1 for scores from 0 to 1.
+
+        Raises:
+            ValueError: The threshold is NaN.
+        """
+        _check_threshold(min_score, self.scores)
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
     surer_than = _surer_than
@@ -178,7 +186,14 @@ class Detections3D:
         )
 
     def filter_by_score(self, min_score: float) -> "Detections3D":
-        """Select detections with a score of at least `min_score`, in their order."""
+        """Select detections with a score of at least `min_score`, in their order.
+
+        Warns of a threshold above 1 for scores from 0 to 1.
+
+        Raises:
+            ValueError: The threshold is NaN.
+        """
+        _check_threshold(min_score, self.scores)
         return self.select((self.scores >= min_score).nonzero()[:, 0])
 
     surer_than = _surer_than
@@ -285,6 +300,18 @@ class Perception:
             **{key: each.to_json() for key, each in self.further.items()},
             **({"undone_turn": self.undone_turn.to_json()} if self.undone_turn else {}),
         }
+
+
+def _check_threshold(min_score: float, scores: Float[Tensor, " num_detections"]) -> None:
+    """Refuse NaN, and warn of probable percent; detectors of others may have any scores."""
+    if math.isnan(min_score):
+        raise ValueError("min_score must be a number, got nan; give a share such as 0.3")
+    if min_score > 1 and len(scores) and bool(((scores >= 0) & (scores <= 1)).all()):
+        warnings.warn(
+            f"min_score is {min_score:g}, but the scores are from 0 to 1: no detection is left; "
+            "give a share such as 0.3",
+            stacklevel=4,
+        )
 
 
 def _check_lengths(class_names: tuple[str, ...], boxes: Boxes2D | Boxes3D, scores: Tensor) -> None:
