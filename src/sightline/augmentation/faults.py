@@ -11,6 +11,7 @@ from sightline.augmentation.sample_changes import (
     rotate_extrinsics,
     thin_rings,
 )
+from sightline.geometry.wrong_types import named_arguments, named_fields
 from sightline.structures.lidar_turn import LidarTurn
 from sightline.structures.sample import CameraLidarSample
 
@@ -40,6 +41,7 @@ class Fault(ABC):
         """
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TurnedLidar(LidarTurn, Fault):
     """LiDAR rotated in its mount without a change of the calibration."""
@@ -58,6 +60,7 @@ class TurnedLidar(LidarTurn, Fault):
         )
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FalseEchoes(Fault):
     """LiDAR with a share of false ranges."""
@@ -79,6 +82,7 @@ class FalseEchoes(Fault):
         return add_outliers(sample, share=self.share, rng=rng)
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FewerRings(Fault):
     """LiDAR with fewer beams: every `keep_every`th ring from ring `first` on."""
@@ -117,6 +121,7 @@ class NoCamera(Fault):
         return drop_camera(sample)
 
 
+@named_arguments
 def fault_rng(sample: CameraLidarSample, seed: int = 0, kind: str = "") -> np.random.Generator:
     """Create a generator that depends only on the arguments: every method gets the same faults.
 
@@ -131,6 +136,7 @@ def fault_rng(sample: CameraLidarSample, seed: int = 0, kind: str = "") -> np.ra
     return np.random.default_rng([seed, *names])
 
 
+@named_arguments
 def draw_turned_lidar(error_deg: float, rng: np.random.Generator) -> TurnedLidar:
     """Draw a normal mounting error: deviation `error_deg` in yaw, half in the others."""
     yaw_deg, pitch_deg, roll_deg = map(

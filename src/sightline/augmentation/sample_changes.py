@@ -23,10 +23,12 @@ from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.ranges import check_range
 from sightline.geometry.transforms import rotation_about_axes, wrap_angle
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.sample import CameraLidarSample
 
 
+@named_arguments
 def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
     """Mask of the points that KITTI's reduced sweeps would keep; see `is_in_view`.
 
@@ -39,6 +41,7 @@ def points_in_view(sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
     )
 
 
+@named_arguments
 def keep_rings(
     sample: CameraLidarSample, rings: Int64[Tensor, " num_points"], kept: Iterable[int]
 ) -> CameraLidarSample:
@@ -50,6 +53,7 @@ def keep_rings(
     return replace(sample, points=sweep_of(sample)[torch.isin(rings, torch.tensor(list(kept)))])
 
 
+@named_arguments
 def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> CameraLidarSample:
     """Simulate a sensor with fewer beams: keep ring `first` and every `keep_every`th after it.
 
@@ -73,6 +77,7 @@ def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> Ca
     return keep_rings(in_view, rings, range(first, NUM_RINGS, keep_every))
 
 
+@named_arguments
 def rotate_extrinsics(
     sample: CameraLidarSample, yaw_deg: float, pitch_deg: float = 0.0, roll_deg: float = 0.0
 ) -> CameraLidarSample:
@@ -91,11 +96,13 @@ def rotate_extrinsics(
     return replace(sample, points=points)
 
 
+@named_arguments
 def drop_camera(sample: CameraLidarSample) -> CameraLidarSample:
     """Remove the image. Labels stay: the objects are still there."""
     return replace(sample, image=None)
 
 
+@named_arguments
 def add_outliers(
     sample: CameraLidarSample,
     share: float,
@@ -127,6 +134,7 @@ def add_outliers(
     return replace(sample, points=points)
 
 
+@named_arguments
 def mirror(sample: CameraLidarSample) -> CameraLidarSample:
     """Mirror the scene left to right, including sensors and drive.
 
@@ -154,6 +162,7 @@ def mirror(sample: CameraLidarSample) -> CameraLidarSample:
     )
 
 
+@named_arguments
 def crop(
     sample: CameraLidarSample, top: int, left: int, height: int, width: int
 ) -> CameraLidarSample:
@@ -214,6 +223,7 @@ class ColorJitterConfig:
         check_range("hue_deg", self.hue_deg, 0, 180)
 
 
+@named_arguments
 def jitter_color(
     sample: CameraLidarSample,
     rng: np.random.Generator,
@@ -260,6 +270,7 @@ def _saturate(
     return np.stack([cv2.addWeighted(plane, factor, grey, 1 - factor, 0) for plane in planes])
 
 
+@named_arguments
 def sweep_of(sample: CameraLidarSample) -> Float32[Tensor, "num_points 4"]:
     """Return the points of a sample.
 

@@ -18,6 +18,7 @@ from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.files.plain_text import shortened
 from sightline.geometry.arguments import wrong_type
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.sample import CameraLidarSample, Sensor
 
 JOINED = "+"
@@ -62,6 +63,7 @@ class Combined(Corruption):
         """Collect `Corruption.described` of each part."""
         return {"kind": self.kind, "parts": [part.described() for part in self.parts]}
 
+    @named_arguments
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """Apply all parts; see `Corruption.corrupt`. Parameters are named KIND.NAME."""
         pairs = list(zip(self.parts, rng.spawn(len(self.parts)), strict=True))

@@ -16,6 +16,7 @@ from sightline.augmentation.faults import Fault
 from sightline.geometry.checked import checked
 from sightline.geometry.projection import project_points
 from sightline.geometry.ranges import Number, check_ranges
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.sample import CameraLidarSample, Sensor
 
 Image = UInt8[Tensor, "3 height width"]
@@ -122,6 +123,7 @@ class NoCorruption(Corruption):
     kind = "none"
     sensors = ()
 
+    @named_arguments
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """Return the unchanged sample."""
         del rng
@@ -160,6 +162,7 @@ class CameraCorruption(Corruption):
     sensors = ("camera",)
     needs_calibration = False
 
+    @named_arguments
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """Apply `change_image`; see `Corruption.corrupt`."""
         if sample.image is None:
@@ -191,6 +194,7 @@ class LidarCorruption(Corruption):
     sensors = ("lidar",)
     needs_calibration = False
 
+    @named_arguments
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """Apply `change_points`; see `Corruption.corrupt`."""
         if sample.points is None:
@@ -218,11 +222,13 @@ class LidarCorruption(Corruption):
         """
 
 
+@named_arguments
 def everywhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
     """Make the mask of all pixels."""
     return torch.ones(sample.image_size, dtype=torch.bool)
 
 
+@named_arguments
 def nowhere(sample: CameraLidarSample) -> Bool[Tensor, "height width"]:
     """Make the mask of no pixel."""
     return torch.zeros(sample.image_size, dtype=torch.bool)
@@ -235,6 +241,7 @@ def _unchanged(corruption: Corruption, sample: CameraLidarSample) -> Corrupted:
     )
 
 
+@named_arguments
 def record_of(corruption: Corruption, parameters: Mapping[str, Parameter]) -> Record:
     """Make the record of a corruption from its drawn values."""
     return Record(kind=corruption.kind, sensors=corruption.sensors, parameters=parameters)
@@ -243,6 +250,7 @@ def record_of(corruption: Corruption, parameters: Mapping[str, Parameter]) -> Re
 _SPACING_PX: Final = 9  # spacing of neighbouring rings in KITTI's image, rather more than less
 
 
+@named_arguments
 def region_of(
     points: Float32[np.ndarray, "num_points fields"], sample: CameraLidarSample
 ) -> Bool[Tensor, "height width"]:

@@ -47,6 +47,7 @@ from sightline.corruptions.pixel_box import AreaDrawing
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.corruptions.sun_glare import SunGlare
 from sightline.files.plain_text import shortened
+from sightline.geometry.wrong_types import named_arguments
 
 SEVERITIES: Final = (1, 2, 3, 4, 5)
 
@@ -111,6 +112,7 @@ def plain_severity(kind: str, severity: object) -> int:
     return SEVERITIES[SEVERITIES.index(severity)]
 
 
+@named_arguments
 def find_kind(name: str) -> Kind:
     """Find a kind by name.
 
@@ -122,6 +124,7 @@ def find_kind(name: str) -> Kind:
     return KINDS[name]
 
 
+@named_arguments
 def unknown(
     problem: str, name: str, names: Sequence[str], listed: Iterable[str] | None = None
 ) -> str:

@@ -16,6 +16,7 @@ from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.files.safe_names import checked_name
 from sightline.geometry.arguments import wrong_type
+from sightline.geometry.wrong_types import named_arguments, named_fields
 from sightline.structures.sample import CameraLidarSample
 
 CLEAN: Final = "clean"
@@ -56,11 +57,13 @@ class Case:
         """Kind of its corruption."""
         return self.corruption.kind
 
+    @named_arguments
     def corrupt(self, sample: CameraLidarSample, seed: int = 0) -> Corrupted:
         """Corrupt a test sample; draws depend only on the seed, the sample's name and the kind."""
         return self.corruption.corrupt(sample, fault_rng(sample, seed, self.corruption.kind))
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Suite:
     """Cases in the order of their table, sound sensors first.
@@ -164,6 +167,7 @@ def _dgfn7(name: str, noise: Corruption) -> Suite:
     return Suite(name=name, cases=cases)
 
 
+@named_arguments
 def severity_suite(name: str, kinds: Iterable[Kind], lidar: SpinningLidar = HDL_64E) -> Suite:
     """Make a suite of sound sensors and each kind at five severities, as cases KIND-SEVERITY.
 
@@ -203,6 +207,7 @@ SUITES: Final[dict[str, Suite]] = {
 }
 
 
+@named_arguments
 def find_suite(name: str) -> Suite:
     """Find a suite by name: one of `SUITES`, a kind, or several kinds at once as KIND+KIND.
 

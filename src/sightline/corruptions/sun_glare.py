@@ -25,6 +25,7 @@ from sightline.corruptions.haze import to_levels
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.geometry.projection import project_points, unproject_pixels
 from sightline.geometry.ranges import Within
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.sample import CameraLidarSample
 
 _FAR_M: Final = 1e5
@@ -51,6 +52,7 @@ class SunGlare(Corruption):
     """Range of ghosts; uniform distribution."""
     lidar: SpinningLidar = HDL_64E
 
+    @named_arguments
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """Apply `shine`; the sun's centre is drawn from the top of the image to the horizon."""
         height, width = sample.image_size

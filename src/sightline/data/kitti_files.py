@@ -98,6 +98,7 @@ def write_raw_calibration(folder: Path | str, calibration: Calibration) -> None:
     atomic_write_text(Path(folder, "calib_velo_to_cam.txt"), lidar)
 
 
+@named_arguments
 def calibration_of(matrices: CalibrationMatrices, source: Path | str) -> Calibration:
     """Convert the matrices of a file.
 

@@ -16,8 +16,14 @@ def check_sparse_depth(sparse_depth_m: Float32[np.ndarray, "height width"]) -> N
     """Refuse a map with invalid depths.
 
     Raises:
-        ValueError: A pixel is negative or not finite, or the map has no pixel.
+        ValueError: The map is not of float32 and height, width, a pixel is negative or not finite,
+            or there is none.
     """
+    if sparse_depth_m.dtype != np.float32 or sparse_depth_m.ndim != 2:
+        raise ValueError(
+            f"the sparse depth map is {sparse_depth_m.dtype} of shape {sparse_depth_m.shape}, "
+            "expected float32 of height, width; give metres as float32, one map at a time"
+        )
     if not sparse_depth_m.size:
         raise ValueError(
             f"the sparse depth map has the shape {sparse_depth_m.shape}, which holds no pixel; "

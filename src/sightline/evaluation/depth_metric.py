@@ -8,6 +8,7 @@ from torch import Tensor
 from torchmetrics import Metric
 
 from sightline.evaluation.depth_scores import DepthScores, score_depth
+from sightline.geometry.wrong_types import named_arguments
 
 
 class DepthCompletionScores(Metric):
@@ -31,6 +32,7 @@ class DepthCompletionScores(Metric):
         self.add_state("sums", default=zeros, dist_reduce_fx="sum")
         self.add_state("num_images", default=torch.tensor(0), dist_reduce_fx="sum")
 
+    @named_arguments
     def update(
         self,
         prediction_m: Float[Tensor, "batch height width"],

@@ -21,6 +21,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import ObjectReport
+from sightline.geometry.wrong_types import named_arguments
 
 ALL_POINTS: Final = "_all_points"
 """Suffix of the names of scores over all points of the curve."""
@@ -66,6 +67,7 @@ class KittiObjectMetric(Metric):
         for name in self._no_rows:
             self.add_state(name, default=[], dist_reduce_fx="cat")
 
+    @named_arguments
     def update(self, detections: Sequence[KittiObjects], labels: Sequence[KittiObjects]) -> None:
         """Add frames.
 

@@ -127,6 +127,7 @@ class TorchEngine:
 
     name: EngineName = "torch"
 
+    @named_arguments
     def __init__(
         self,
         module: nn.Module,

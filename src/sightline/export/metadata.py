@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
+from sightline.geometry.wrong_types import named_arguments, named_fields
+
 PREFIX = "sightline."
 """Prefix of Sightline's keys in a file, to distinguish them from other tools' keys."""
 
@@ -15,6 +17,7 @@ KEYS = (*_REQUIRED, PROCESSING_KEY)
 """Keys of the metadata in a file."""
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ExportMetadata:
     """Metadata that make a file sufficient to run its network."""
@@ -51,6 +54,7 @@ class ExportMetadata:
         return dict(zip(KEYS, values, strict=True))
 
 
+@named_arguments
 def parse_metadata(properties: Mapping[str, str], source: str) -> ExportMetadata:
     """Parse metadata; the inverse of `ExportMetadata.to_properties`.
 

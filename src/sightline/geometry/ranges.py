@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, NamedTuple, SupportsFloat, get_args, get_origin, get_type_hints
 
+from sightline.geometry.arguments import wrong_type
+
 Number = float | int
 
 
@@ -24,17 +26,25 @@ def check_ranges(settings: object) -> None:
 
     Raises:
         ValueError: A number is not finite, or not within its limits, or a range is empty.
+        TypeError: A value is no number, or no tuple of numbers.
     """
     kind: Any = type(settings)  # of no protocol, as mypy denies that classes can be hashed
     for name, limits in _field_limits(kind).items():
         value = getattr(settings, name)
-        if not isinstance(value, tuple):
-            _check_number(name, value, *limits)
-        elif len(value) == 2:
-            _check_pair(name, value, *limits)
-        else:
-            for each in value:
-                _check_number(f"each number of {name}", each, *limits)
+        try:
+            _check_value(name, value, limits)
+        except TypeError:
+            raise wrong_type(name, value, "a number or a tuple of numbers") from None
+
+
+def _check_value(name: str, value: Any, limits: Within) -> None:  # noqa: ANN401 - users' settings
+    if not isinstance(value, tuple):
+        _check_number(name, value, *limits)
+    elif len(value) == 2:
+        _check_pair(name, value, *limits)
+    else:
+        for each in value:
+            _check_number(f"each number of {name}", each, *limits)
 
 
 @cache

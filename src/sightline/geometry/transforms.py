@@ -10,6 +10,8 @@ import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
+from sightline.geometry.wrong_types import named_arguments
+
 
 def rigid_transform(
     rotation: Float[Tensor, "*batch 3 3"], translation: Float[Tensor, "*batch 3"]
@@ -52,6 +54,7 @@ def yaw_rotation(yaw: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 3 3"]:
     return torch.stack(rows, dim=-1).reshape(*yaw.shape, 3, 3)
 
 
+@named_arguments
 def rotation_about_axes(
     yaw_deg: float, pitch_deg: float = 0.0, roll_deg: float = 0.0
 ) -> Float64[Tensor, "3 3"]:

@@ -13,11 +13,12 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
-from sightline.geometry.arguments import wrong_type
+from sightline.geometry.arguments import type_name, wrong_type
 from sightline.geometry.choices import check_choice, choices_in, hints_of
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
+Class = TypeVar("Class", bound=type[Any])
 
 _TYPE_ERRORS = (TypeError, AttributeError)
 """Errors that Python or a library raises for a value of another type."""
@@ -46,6 +47,12 @@ def named_arguments(function: Callable[Parameters, Result]) -> Callable[Paramete
             raise fault from error
 
     return call
+
+
+def named_fields(kind: Class) -> Class:
+    """Decorate a dataclass so that errors of its constructor name a field of a wrong type."""
+    setattr(kind, "__init__", named_arguments(kind.__init__))  # noqa: B010  # mypy rejects `=`
+    return kind
 
 
 def _named_in_generator(function: Callable[Parameters, Any]) -> Callable[Parameters, Any]:
@@ -120,7 +127,7 @@ def _check_path(name: str, value: object) -> None:
 
 def _called(function: Callable[..., object]) -> str:
     """Name a function as its caller knows it."""
-    return function.__qualname__.removesuffix(".__init__")
+    return function.__qualname__.removesuffix(".__init__").removesuffix(".__call__")
 
 
 def _fault(
@@ -131,9 +138,11 @@ def _fault(
 ) -> TypeError | None:
     """Find the first argument of another type than annotated.
 
-    None if there is none, or if the error names it already.
+    None if there is none, or if the error names it already, in other words than a decorated
+    function that this one called: users know the function that they called.
     """
-    if type(error) not in _TYPE_ERRORS or " is of type " in str(error):
+    is_named = " is of type " in str(error) and type(error.__cause__) not in _TYPE_ERRORS
+    if type(error) not in _TYPE_ERRORS or is_named:
         return None
     with suppress(TypeError):  # a missing argument, or one too many
         given = inspect.signature(function).bind(*args, **named).arguments
@@ -141,8 +150,20 @@ def _fault(
         for name, value in given.items():
             hint = hints.get(name)
             if hint is not None and not isinstance(hint, str) and not _matches_hint(value, hint):
-                return wrong_type(f"{_called(function)}: {name}", value, _expected(hint))
+                expected = _expected(hint)
+                expected += _conversion(value, expected)
+                return wrong_type(f"{_called(function)}: {name}", value, expected)
     return None
+
+
+def _conversion(value: object, expected: str) -> str:
+    """End a message with the conversion between arrays and tensors, if that is the remedy."""
+    given = type_name(value)
+    if given == "numpy.ndarray" and "Tensor" in expected and "ndarray" not in expected:
+        return "; give torch.from_numpy(array)"
+    if given == "torch.Tensor" and "ndarray" in expected and "Tensor" not in expected:
+        return "; give tensor.numpy(force=True)"
+    return ""
 
 
 def _matches_hint(value: object, hint: Any) -> bool:  # noqa: ANN401 - a type hint

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from sightline.geometry.arguments import wrong_type
+from sightline.geometry.wrong_types import named_arguments
 from sightline.health.alignment_checks import check_alignment
 from sightline.health.camera_checks import bad_image_regions, check_camera
 from sightline.health.lidar_checks import bad_sweep_regions, blind_sectors, check_lidar
@@ -38,6 +39,7 @@ class HealthMonitor:
         """Judge a sample; about 35 ms on one core for KITTI's size."""
         return self.judge(sample)[0]
 
+    @named_arguments
     def judge(
         self, sample: CameraLidarSample, earlier: EdgeMatch | None = None
     ) -> tuple[SampleHealth, EdgeMatch | None]:
@@ -91,6 +93,7 @@ def _judge(
     return limits.judge(checks), shows_edges
 
 
+@named_arguments
 def rgb_of(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"] | None:
     """Convert the sample's image to channels last; None if there is none."""
     if sample.image is None:

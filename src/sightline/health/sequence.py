@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
+from sightline.geometry.wrong_types import named_fields
 from sightline.health.monitor import HealthMonitor
 from sightline.health.yaw_error import EdgeMatch
 from sightline.structures.health import ALARM_SCORE, Alarms, FrameHealth, Health
 from sightline.structures.sample import CameraLidarSample
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HysteresisConfig:
     """Settings for raising and clearing alarms.

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from sightline.geometry.wrong_types import named_arguments
 from sightline.health.ring_order import ring_by_ring
 from sightline.health.sphere import to_sphere
 from sightline.health.tilt_error import TopMatch, edge_strength, match_tops
@@ -64,6 +65,7 @@ class YawEstimate(NamedTuple):
     """Height of the peak above the curve's mean, in standard deviations of the curve."""
 
 
+@named_arguments
 def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
     """Match the edges of one frame; about 25 ms on one core for KITTI's size.
 
@@ -97,6 +99,7 @@ def match_edges(sample: CameraLidarSample) -> EdgeMatch | None:
     )
 
 
+@named_arguments
 def estimate_yaw(match: EdgeMatch) -> YawEstimate:
     """Find the angle of the best match: the coarse curve's peak, then refined by the finer ones.
 
@@ -114,6 +117,7 @@ def estimate_yaw(match: EdgeMatch) -> YawEstimate:
     return YawEstimate(yaw_deg=yaw_deg, prominence=prominence)
 
 
+@named_arguments
 def match_at_zero(match: EdgeMatch) -> float:
     """Compute the deficit of the match at zero rotation to the best one, in standard deviations.
 
@@ -125,6 +129,7 @@ def match_at_zero(match: EdgeMatch) -> float:
     return behind / spread if spread else 0.0
 
 
+@named_arguments
 def find_depth_edges(
     points: Float32[np.ndarray, "num_points 4"],
 ) -> tuple[Float64[np.ndarray, "num_edges 3"], Float64[np.ndarray, " num_edges"]]:

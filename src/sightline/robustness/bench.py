@@ -255,6 +255,7 @@ def _with_earlier(cases: Sequence[Case], suite: Suite, out: Path) -> tuple[Case,
     return tuple(case for case in suite.cases if case.name in names)
 
 
+@named_arguments
 def read_baseline(baseline: str | None) -> Record | None:
     """Read the baseline's record; None for weights, a method or no baseline."""
     if baseline is None:
@@ -263,11 +264,13 @@ def read_baseline(baseline: str | None) -> Record | None:
     return read_record(Path(baseline)) if is_record else None
 
 
+@named_arguments
 def read_healthy(healthy: Mapping[Sensor, Path] | None) -> dict[Sensor, Record]:
     """Read the records of single-sensor methods, by sensor."""
     return {sensor: read_record(path) for sensor, path in (healthy or {}).items()}
 
 
+@named_arguments
 def check_compared(
     baseline: Record | None,
     healthy: Mapping[Sensor, Record],
@@ -317,6 +320,7 @@ def describe_setting(
     )
 
 
+@named_arguments
 def run_settings(
     setting: Setting, suite: Suite, method: str, made_by: Mapping[str, str]
 ) -> dict[str, Any]:

@@ -4,9 +4,11 @@ import math
 from dataclasses import dataclass, replace
 
 from sightline.geometry.transforms import rigid_inverse, rigid_transform, rotation_about_axes
+from sightline.geometry.wrong_types import named_fields
 from sightline.structures.sample import CameraLidarSample
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LidarTurn:
     """Rotation of the LiDAR against its calibration, about the axes of its level frame.

@@ -20,6 +20,7 @@ from sightline.data.kitti_trees import Part
 from sightline.data.open import SampleDataset
 from sightline.files.problem import error_text
 from sightline.files.settings import NetworkConfig
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
 from sightline.training.arguments import check_data_number
@@ -138,6 +139,7 @@ def check_agrees(name: str, given: object, expected: object) -> None:
 class PreparedSamples(Dataset[FieldwiseBatch]):
     """Concatenated and prepared sources; an index is a pair of epoch and position."""
 
+    @named_arguments
     def __init__(
         self,
         datasets: Sequence[tuple[SampleDataset, int]],

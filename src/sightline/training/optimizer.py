@@ -11,6 +11,7 @@ from torch.optim import SGD, Adam, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
 
 from sightline.geometry.choices import check_choices
+from sightline.geometry.wrong_types import named_arguments
 
 _MIN_ONE_CYCLE_STEPS: Final = 4  # two of warm-up, two of cooling down
 
@@ -75,6 +76,7 @@ class OptimizerConfig:
             )
 
 
+@named_arguments
 def make_optimizer(
     parameters: Iterable[tuple[str, nn.Parameter]], config: OptimizerConfig
 ) -> Optimizer:
@@ -97,6 +99,7 @@ def make_optimizer(
     return kind(groups, lr=rate, weight_decay=decay)
 
 
+@named_arguments
 def freeze(parameters: Iterable[tuple[str, nn.Parameter]], config: OptimizerConfig) -> None:
     """Exclude named parameters from training whose factor in `rate_factors` is 0."""
     for name, parameter in parameters:
@@ -110,6 +113,7 @@ def _pattern_of(name: str, config: OptimizerConfig) -> str | None:
     return next((each for each in config.rate_factors if fnmatchcase(name, each)), None)
 
 
+@named_arguments
 def unmatched_rate_factors(names: Collection[str], config: OptimizerConfig) -> list[str]:
     """Patterns of `rate_factors` that match none of the parameters' names."""
     return [
@@ -119,6 +123,7 @@ def unmatched_rate_factors(names: Collection[str], config: OptimizerConfig) -> l
     ]
 
 
+@named_arguments
 def make_schedule(optimizer: Optimizer, config: OptimizerConfig, total_steps: int) -> LRScheduler:
     """Create the learning rate schedule over `total_steps` updates; step it after each update.
 

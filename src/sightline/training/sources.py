@@ -52,12 +52,14 @@ class SourceConfig:
             raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
 
 
+@named_arguments
 def data_tree(source: SourceConfig, root: Path) -> Path:
     """Canonical folder of a source; the parent of a folder `training`."""
     path = (root / source.path).resolve()
     return path.parent if path.name == "training" else path
 
 
+@named_arguments
 def open_source(
     source: SourceConfig,
     root: Path,

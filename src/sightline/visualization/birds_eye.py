@@ -12,8 +12,9 @@ from torch import Tensor
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import unproject_pixels
+from sightline.geometry.wrong_types import named_arguments, named_fields
 from sightline.visualization.canvas import put_lines, put_points, put_polygon
-from sightline.visualization.colors import RGB, BoxStyle, check_class_names, class_color
+from sightline.visualization.colors import RGB, BoxStyle, check_columns, class_color
 from sightline.visualization.lettering import put_text, text_width
 
 _BACKGROUND: RGB = (17, 19, 24)
@@ -28,6 +29,7 @@ _ROAD_SHARE = 0.05  # share of the points below the height drawn as the road
 _BRIGHTEST_M = 2.5  # height above the road with the brightest colour
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True)
 class BirdsEyeView:
     """Rectangle of the LiDAR frame's ground plane in a picture: x up, y to the left."""
@@ -66,6 +68,7 @@ class BirdsEyeView:
         return np.stack((column, row), axis=-1)
 
 
+@named_arguments
 def draw_birds_eye(
     points: Float[Tensor, "num_points fields"] | None,
     boxes: Boxes3D | None = None,
@@ -91,7 +94,7 @@ def draw_birds_eye(
         styles: Style of each box. None: filled, with full edges.
 
     Raises:
-        ValueError: There is not one class name for each box.
+        ValueError: There is not one class name or style for each box.
     """
     view = view or BirdsEyeView()
     canvas = np.full((*view.picture_size, 3), _BACKGROUND, np.uint8)
@@ -107,6 +110,7 @@ def draw_birds_eye(
     return canvas
 
 
+@named_arguments
 def put_boxes_from_above(
     canvas: UInt8[np.ndarray, "height width 3"],
     view: BirdsEyeView,
@@ -127,9 +131,9 @@ def put_boxes_from_above(
         styles: Style of each box. None: filled, with full edges.
 
     Raises:
-        ValueError: There is not one class name for each box.
+        ValueError: There is not one class name or style for each box.
     """
-    check_class_names(class_names, len(boxes))
+    check_columns(len(boxes), class_names=class_names, styles=styles)
     styles = styles or [BoxStyle()] * len(boxes)
     has_size = (boxes.sizes > 0).all(dim=-1).tolist()
     corners = boxes.corners()[:, :4, :2].detach().cpu().double().numpy()

@@ -1,6 +1,6 @@
 """Colours of classes and of measured values, distinguishable for colour-blind people."""
 
-from collections.abc import Sequence
+from collections.abc import Sized
 from dataclasses import dataclass
 from typing import Literal
 
@@ -44,17 +44,23 @@ def class_color(class_name: str) -> RGB:
     return _CLASS_COLORS.get(class_name, _UNKNOWN_CLASS)
 
 
-def check_class_names(class_names: Sequence[str], num_boxes: int) -> None:
-    """Refuse a number of class names that differs from the number of boxes.
+def check_columns(num_boxes: int, **columns: Sized | None) -> None:
+    """Refuse columns whose length is not the number of boxes.
+
+    Args:
+        num_boxes: Number of boxes.
+        columns: Columns by name, such as `class_names`; None: not given.
 
     Raises:
-        ValueError: The numbers differ.
+        ValueError: A length differs.
     """
-    if len(class_names) != num_boxes:
-        raise ValueError(
-            f"{num_boxes} boxes cannot be drawn with {len(class_names)} class names; give one name "
-            "for each box"
-        )
+    for name, column in columns.items():
+        if column is not None and len(column) != num_boxes:
+            words = name.replace("_", " ")
+            raise ValueError(
+                f"{num_boxes} boxes cannot be drawn with {len(column)} {words}; give one of the "
+                f"{words} for each box"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

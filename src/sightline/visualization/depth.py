@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.predictions import DepthMap
 from sightline.visualization.cells import MUTED
 from sightline.visualization.colors import DEPTH_SCALE, ERROR_SCALE, INVALID, RGB, ColorScale
@@ -16,6 +17,7 @@ MISSING: RGB = (112, 48, 100)
 """Colour in an error map of pixels with true depth but no predicted depth."""
 
 
+@named_arguments
 def colorize_depth(
     depth_m: Float[Tensor, "height width"],
     *,
@@ -41,6 +43,7 @@ def colorize_depth(
     return picture
 
 
+@named_arguments
 def draw_depth(depth: DepthMap) -> UInt8[np.ndarray, "height width 3"]:
     """Colour the trusted values of a completed map; guesses from the image are drawn darker."""
     picture = colorize_depth(depth.shown_m)
@@ -50,6 +53,7 @@ def draw_depth(depth: DepthMap) -> UInt8[np.ndarray, "height width 3"]:
     return picture
 
 
+@named_arguments
 def colorize_error(
     predicted_m: Float[Tensor, "height width"],
     truth_m: Float[Tensor, "height width"],
@@ -67,8 +71,16 @@ def colorize_error(
         scale: Colours of the differences.
         point_size_px: Size of the squares drawn for single pixels of a sparse truth, the largest
             error on top; odd.
+
+    Raises:
+        ValueError: The maps have different sizes.
     """
     predicted, truth = _known(predicted_m), _known(truth_m)
+    if predicted.shape != truth.shape:
+        raise ValueError(
+            f"predicted_m is of shape {predicted.shape}, truth_m of {truth.shape}; give maps of "
+            "one image"
+        )
     picture = np.full((*truth.shape, 3), INVALID, np.uint8)
     scored = (truth > 0) & (predicted > 0)
     missing = (truth > 0) & (predicted == 0)
@@ -84,6 +96,7 @@ def colorize_error(
     return picture
 
 
+@named_arguments
 def put_legend(
     canvas: UInt8[np.ndarray, "height width 3"],
     scale: ColorScale,

@@ -29,7 +29,7 @@ from sightline.visualization.colors import (
     RGB,
     BoxStyle,
     ColorScale,
-    check_class_names,
+    check_columns,
     class_color,
 )
 from sightline.visualization.lettering import Tag, put_tags
@@ -51,6 +51,7 @@ _DASH_PX = 5.0
 TAG_HEIGHT_PX: Final = 9
 
 
+@named_arguments
 def camera_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
     """Image of the sample; black without a camera."""
     if sample.image is None:
@@ -58,6 +59,7 @@ def camera_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width
     return np.ascontiguousarray(sample.image.permute(1, 2, 0).cpu().numpy())
 
 
+@named_arguments
 def sweep_picture(sample: CameraLidarSample) -> UInt8[np.ndarray, "height width 3"]:
     """Points of the sample in the image, coloured by range, on black."""
     black = np.zeros((*sample.image_size, 3), np.uint8)
@@ -91,9 +93,9 @@ def draw_boxes2d(
             for 3D boxes of the same objects.
 
     Raises:
-        ValueError: There is not one class name for each box.
+        ValueError: There is not one class name or score for each box.
     """
-    check_class_names(class_names, len(boxes))
+    check_columns(len(boxes), class_names=class_names, scores=scores)
     canvas = picture.copy()
     scale = scale_of(canvas)
     rows = boxes.tensor.detach().cpu().double().numpy()
@@ -150,9 +152,9 @@ def draw_boxes3d(
         styles: Style of each box. None: filled, with full edges.
 
     Raises:
-        ValueError: There is not one class name for each box.
+        ValueError: There is not one class name, score or style for each box.
     """
-    check_class_names(class_names, len(boxes))
+    check_columns(len(boxes), class_names=class_names, scores=scores, styles=styles)
     styles = styles or [BoxStyle()] * len(boxes)
     canvas = picture.copy()
     scale = scale_of(canvas)
@@ -186,6 +188,7 @@ def draw_boxes3d(
     return canvas
 
 
+@named_arguments
 def draw_detections(
     picture: UInt8[np.ndarray, "height width 3"],
     detections2d: Detections2D | None,
@@ -243,6 +246,7 @@ def _ends(
     )
 
 
+@named_arguments
 def draw_points(
     picture: UInt8[np.ndarray, "height width 3"],
     points: Float[Tensor, "num_points fields"],
