@@ -23,7 +23,8 @@ def test_settings_of_a_file_come_before_all_others(words, command):
 
 
 @pytest.mark.parametrize(
-    "words", [[], ["--config", "c.yaml"], ["evaluate"], ["nothing", "--config"], ["show", "--config"]]
+    "words",
+    [[], ["--config", "c.yaml"], ["evaluate"], ["nothing", "--config"], ["show", "--config"]],
 )
 def test_other_words_stay(words):
     assert with_config_first(words, COMMANDS) == words
@@ -34,7 +35,10 @@ def test_other_words_stay(words):
     [
         ("beam: 8", "has the setting beam, which the command lacks; perhaps beams is meant"),
         ("min-score: 0.5", "has the setting min-score, which the command lacks; perhaps min_score"),
-        ("video: v.mp4", "has the setting video, which the command lacks; expected data, beams, min"),
+        (
+            "video: v.mp4",
+            "has the setting video, which the command lacks; expected data, beams, min",
+        ),
     ],
 )
 def test_a_setting_that_the_command_lacks_is_named_with_its_file(tmp_path, line, said):

@@ -120,7 +120,7 @@ def test_the_rings_of_each_cut_sweep_of_kitti_lie_as_close_as_64_beams_do(kitti_
 def test_points_in_any_other_order_are_refused():
     points = sweep([[5, 20, 35, -35, -20, -5]] * 40)
     shuffled = np.random.default_rng(0).permutation(points)
-    with pytest.raises(ValueError, match="give the points of one turn of one LiDAR, in"):
+    with pytest.raises(ValueError, match="order of KITTI's files"):
         ring_numbers(shuffled)
 
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from sightline.augmentation.scene_changes import resize
 from sightline.data.kitti_object import KittiObjectDataset
@@ -278,7 +279,7 @@ def test_an_orientation_noted_in_the_picture_is_ignored_as_by_sightline(tmp_path
     tags[0x0112] = 3
     Image.open(picture).save(tmp_path / "noted.png", exif=tags)
     noted = read_frame(str(tmp_path / "noted.png"), sweep, calibration)
-    np.testing.assert_array_equal(noted.image, read_frame(picture, sweep, calibration).image)
+    np.testing.assert_array_equal(noted.rgb, read_frame(picture, sweep, calibration).rgb)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2])

@@ -3,8 +3,11 @@
 import difflib
 import inspect
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from sightline.cli.parser import load_value
 from sightline.files.plain_text import read_text, shortened
@@ -55,7 +58,11 @@ def _split(words: Sequence[str]) -> tuple[list[str], list[str]]:
 def _check_keys(path: Path, command: Any) -> None:  # noqa: ANN401 - any function
     if not path.is_file():  # a pipe can be read once; a missing file is refused by the parser
         return
-    settings = load_value(read_text(path))
+    with suppress(yaml.YAMLError):  # which the parser refuses, too
+        _check_names(path, load_value(read_text(path)), command)
+
+
+def _check_names(path: Path, settings: object, command: Any) -> None:  # noqa: ANN401
     known = list(inspect.signature(command).parameters)
     for key in settings if isinstance(settings, dict) else ():
         if key not in known:

@@ -173,8 +173,9 @@ def _matches_hint(value: object, hint: Any) -> bool:  # noqa: ANN401 - a type hi
     try:
         if is_bearable(value, hint):
             return True
-        if get_origin(hint) is Iterable and hasattr(value, "__getitem__"):
-            return True  # iter() takes those, such as data sets, too
+        is_sequence = hasattr(value, "__getitem__") and not isinstance(value, Iterable)
+        if is_sequence and get_origin(hint) is Iterable:
+            return True  # such as a data set, which iter() takes
         is_number = isinstance(value, Real) and not isinstance(value, bool)
         return is_number and (is_bearable(1.0, hint) or is_bearable(1, hint))
     except Exception:  # noqa: BLE001 - a hint that cannot be checked names no fault
