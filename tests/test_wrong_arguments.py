@@ -103,7 +103,7 @@ _CASES = {
     'colorize_error(torch.ones(5, 5), torch.ones(4, 5))':
         "predicted_m is of shape (5, 5), truth_m of (4, 5); give maps of one image",
     'draw_boxes3d(np.array(picture), *objects, given.calibration, scores=torch.ones(3))':
-        "boxes cannot be drawn with 3 scores; give one of the scores for each box",
+        "boxes cannot be drawn with 3 scores; give one for each box",
     'find_kind(None)': "find_kind: name is of type NoneType, expected str",
     'faults.TurnedLidar(yaw_deg="1")': "TurnedLidar: yaw_deg is of type str, expected float",
     'faults.TurnedLidar(yaw_deg=np.float32(1)).yaw_deg == 1': "True",

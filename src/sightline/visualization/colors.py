@@ -58,8 +58,8 @@ def check_columns(num_boxes: int, **columns: Sized | None) -> None:
         if column is not None and len(column) != num_boxes:
             words = name.replace("_", " ")
             raise ValueError(
-                f"{num_boxes} boxes cannot be drawn with {len(column)} {words}; give one of the "
-                f"{words} for each box"
+                f"{num_boxes} boxes cannot be drawn with {len(column)} {words}; give one for each "
+                "box"
             )
 
 
