@@ -156,16 +156,16 @@ def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path)
                 f"probably because of {kind} in {unit}: {_AS_KITTI}"
             )
             return
-    means = summed.errors[:, 1] / np.maximum(summed.errors[:, 0], 1)
-    enough = summed.errors[1:, 0] >= _MIN_PIXELS
-    for name, mean in zip(_ORIENTATIONS, np.where(enough, means[1:], np.inf), strict=True):
-        if mean == means.min() < _BETTER * means[0]:
-            yield (
-                f"{predictions}: depths fit those of {truth} better {name}: mean absolute "
-                f"difference of their logarithms {mean:.3g}, as written {means[0]:.3g}: "
-                "write rows from top to bottom and columns from left to right"
-            )
-            return
+    counts, errors = summed.errors.T
+    mean_errors = np.where(counts >= _MIN_PIXELS, errors / np.maximum(counts, 1), np.inf)
+    best = int(mean_errors[1:].argmin())
+    if mean_errors[1 + best] < _BETTER * mean_errors[0]:
+        yield (
+            f"{predictions}: depths fit those of {truth} better {[*_ORIENTATIONS][best]}: mean "
+            f"absolute difference of their logarithms {mean_errors[1 + best]:.3g}, as written "
+            f"{mean_errors[0]:.3g}: write rows from top to bottom and columns from left to right"
+        )
+        return
     bias, spread, correlation = _log_moments(summed)
     if correlation < _INVERSE_CORRELATION:
         yield (
