@@ -25,6 +25,10 @@ def placed(data: Path, *, out: Path | None = None):
     _seen.append((data, out))
 
 
+def left_out(*, out_folder: Path | None = None, cases: tuple[str, ...] | None = None):
+    _seen.append((out_folder, cases))
+
+
 def run(function, *arguments):
     jsonargparse.auto_cli(function, args=list(arguments), parser_class=OneLineParser)
     return _seen.pop()
@@ -44,6 +48,45 @@ def run(function, *arguments):
 )
 def test_several_numbers_are_taken_however_people_write_them(words, numbers):
     assert run(command, "DATA", *words) == ("DATA", numbers, (0.5,))
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("beams: 16", ((16,), (0.5,))),
+        ("beams: [64, 16]", ((64, 16), (0.5,))),
+        ('beams: "64,16"', ((64, 16), (0.5,))),
+        ('beams: ["16"]\nious: 1', ((16,), (1.0,))),
+        ("ious: [0.5, 0.7]", (None, (0.5, 0.7))),
+    ],
+)
+def test_lists_in_a_file_of_settings_are_those_of_the_command_line(tmp_path, setting, expected):
+    path = tmp_path / "c.yaml"
+    path.write_text(setting)
+    assert run(command, f"--config={path}", "DATA") == ("DATA", *expected)
+    assert run(command, f"--config={path}", "DATA", "--beams", "8", "--ious=0.1") == (
+        "DATA",
+        (8,),
+        (0.1,),
+    )
+
+
+@pytest.mark.parametrize("value", ["{a: 1}", "[[1]]", "yes", "sixteen", "1.5"])
+def test_other_values_in_a_file_of_settings_are_refused(tmp_path, capsys, value):
+    (tmp_path / "c.yaml").write_text(f"beams: {value}")
+    with pytest.raises(SystemExit):
+        run(command, f"--config={tmp_path / 'c.yaml'}", "DATA")
+    told = capsys.readouterr().err
+    assert "--beams: expected numbers, got" in told
+    assert told.count("\n") == 1
+
+
+def test_an_optional_place_is_taken_from_a_file_of_settings(tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text("out_folder: there\ncases: clean")
+    assert run(left_out, f"--config={path}") == (Path("there"), ("clean",))
+    assert run(left_out, f"--config={path}", "here") == (Path("here"), ("clean",))
+    assert run(left_out) == (None, None)
 
 
 def test_numbers_are_of_the_type_and_count_that_the_option_has():

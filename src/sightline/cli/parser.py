@@ -2,8 +2,9 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from inspect import Parameter, Signature
+from pathlib import Path
 from typing import Any, Literal, NoReturn
 
 import jsonargparse
@@ -12,6 +13,7 @@ import yaml
 from sightline.cli.help_formatter import PlainHelpFormatter
 from sightline.cli.output import fail
 from sightline.cli.refusal import plain_refusal
+from sightline.files.plain_text import read_text
 
 Device = Literal["cpu", "cuda"]
 
@@ -117,6 +119,20 @@ class OneLineParser(jsonargparse.ArgumentParser):
             dashed.append(_SHORT[dashed[0]])
         return super().add_argument(*dashed, **settings)
 
+    def parse_args(self, *args: Any, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
+        """Parse arguments; of files of settings, also lists and optional positional arguments."""
+        parsed = super().parse_args(*args, **settings)
+        try:
+            for action in self._actions:
+                value = parsed.get(action.dest)
+                if isinstance(action, _ValueList) and value is not None:
+                    parsed[action.dest] = action.numbers_or_names(value)
+                elif action.dest in _MAY_BE_LEFT_OUT.values() and value is None:
+                    parsed[action.dest] = _path_in_files(action.dest, parsed.get("config"))
+        except argparse.ArgumentError as error:
+            self.error(str(error))
+        return parsed
+
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         """Print the error and end the program."""
         del ex  # its text is in the message
@@ -140,20 +156,51 @@ class _ValueList(argparse.Action):
     ) -> None:
         """Set the tuple of the words after the option."""
         del parser, option_string
+        setattr(namespace, self.dest, self.numbers_or_names(values))
+
+    def numbers_or_names(self, given: object) -> tuple[object, ...]:
+        """Convert words of the command line, or the value in a file of settings.
+
+        Raises:
+            argparse.ArgumentError: They are no numbers, or of another number than the option takes.
+        """
         option = self.option_strings[0]
         value_type, count = _LISTS[option]
+        values = given if isinstance(given, list | tuple) else [given]
         try:
-            words = [word for value in values for word in value.strip("[]").split(",")]
+            words = [word for value in values for word in _plain_word(value).split(",")]
             parsed = tuple(map(value_type, words))
         except ValueError:
+            noun = "names" if value_type is str else "numbers"
             raise argparse.ArgumentError(
                 self,
-                f"expected numbers, got {' '.join(values)}; write them last or as {option}=1,2",
+                f"expected {noun}, got {' '.join(map(str, values))}; write them last or as "
+                f"{option}=1,2",
             ) from None
         if count is not None and len(parsed) != count:
             kind = "names" if value_type is str else "numbers"
             raise argparse.ArgumentError(self, f"expected {count} {kind}, got {len(parsed)}")
-        setattr(namespace, self.dest, parsed)
+        return parsed
+
+
+def _plain_word(value: object) -> str:
+    """Text of a number or name.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError
+    return str(value).strip("[]")
+
+
+def _path_in_files(name: str, files: Sequence[Any] | None) -> Path | None:
+    """Find an argument in files of settings, the last first; None: it is in none."""
+    for file in map(Path, map(str, reversed(files or ()))):
+        settings = load_value(read_text(file)) if file.is_file() else None
+        if isinstance(settings, dict) and settings.get(name) is not None:
+            return Path(str(settings[name]))
+    return None
 
 
 def declare(

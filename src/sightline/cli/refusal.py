@@ -40,6 +40,10 @@ def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _
     return f"{option}: expected {expected}, got {value}", commands
 
 
+def _no_list(commands: Sequence[str], key: str) -> _Refusal:
+    return f"{key.upper()} in a file of settings: expected a list, such as [a, b]", commands
+
+
 def _missing(commands: Sequence[str], keys: str) -> _Refusal:
     names = [key.split(".") for key in keys.split(", ")]
     commands = names[0][:-1] or commands
@@ -61,6 +65,7 @@ def _wrong_command(commands: Sequence[str], given: str, known: str) -> _Refusal:
 _RULES: Final[tuple[tuple[str, Callable[..., _Refusal]], ...]] = (
     (r'Parser key "(\w+)":\s+Expected an? (.*)\. Got value: (.*)', _wrong_value),
     (r'Parser key "(\w+)":.*Subtypes: \[(.*)\]\s+Errors:.*Given value: (.*)', _wrong_value),
+    (r'Parser key "(\w+)":.*does not support item assignment', _no_list),
     (r"the following arguments are required: (.*)", _missing),
     (r'expected "([\w.-]+\.)?subcommand" to be one of \{(.*)\}, but it was not .*', _no_command),
     (r"argument subcommand: invalid choice: '(.*?)' \(choose from (.*)\)",
