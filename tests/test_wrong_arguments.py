@@ -57,6 +57,8 @@ _CASES = {
     'sightline.evaluate_realism(PACKAGED_FRAMES, None, max_frames=0)': "must be at least 1, got",
     "sightline.evaluate_held_out([given], lambda _: 0)":
         "the method's prediction is of type int, expected DepthMap",
+    'sightline.load("detection2d-fast-cpu").predict([given])':
+        ".predict: sample is of type list, expected CameraLidarSample",
     'sightline.evaluate_held_out(sightline.open_dataset(PACKAGED_FRAMES), predictor, beams=16)':
         "evaluate_held_out: beams is of type int, expected Sequence[int] or None",
     'sightline.evaluate_held_out([given], predictor, truth="depth")':

@@ -1,3 +1,4 @@
+import os
 import re
 
 import pytest
@@ -47,6 +48,17 @@ def test_a_setting_that_the_command_lacks_is_named_with_its_file(tmp_path, line,
     with pytest.raises(FileError, match=f"^{re.escape(f'{path}: {said}')}"):
         with_config_first(["evaluate", "held-out", "--config", str(path)], COMMANDS)
     assert main(["evaluate", "held-out", "--config", str(path)]) == 2
+
+
+def test_a_setting_of_a_pipe_that_the_command_lacks_is_told(capsys):
+    source, sink = os.pipe()
+    with os.fdopen(source, "rb"), os.fdopen(sink, "wb") as file:
+        file.write(b"worker: 1")
+        file.close()
+        given = ["predict", "detection2d", "D", "OUT", "--config", f"/dev/fd/{source}"]
+        with pytest.raises(SystemExit, match="2"):
+            main(given)
+    assert "--config has a setting that predict does not take" in capsys.readouterr().err
 
 
 def test_the_command_line_replaces_settings_of_a_file(tmp_path, capsys):

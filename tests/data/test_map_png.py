@@ -123,6 +123,13 @@ def test_a_camera_picture_is_no_mask(tmp_path, channels):
 
 def test_a_mask_of_the_levels_0_and_1_would_be_all_false(tmp_path):
     write_rgb(tmp_path / "0.png", np.repeat(np.eye(4, dtype=np.uint8)[..., None], 3, axis=2))
+    cv2.imwrite(str(tmp_path / "dark.png"), np.uint8([[0, 100], [100, 0]]))
+    with pytest.raises(FileError, match="has no level above 100, expected a mask"):
+        read_mask_png(tmp_path / "dark.png")
+    green = np.zeros((2, 2, 3), np.uint8)
+    green[0, :, 1] = 255
+    cv2.imwrite(str(tmp_path / "green.png"), green)
+    assert read_mask_png(tmp_path / "green.png").tolist() == [[True, True], [False, False]]
     with pytest.raises(FileError, match="has no level above 1, expected a mask: 255 for True"):
         read_mask_png(tmp_path / "0.png")
 

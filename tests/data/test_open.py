@@ -41,6 +41,7 @@ def test_raw_drives_beside_a_depth_tree_are_told(tmp_path):
         f"{tmp_path} is a depth completion tree, whose sparse depth maps are used as sweeps"
     )
     drive = write_drive(tmp_path / "2011_09_26" / "2011_09_26_drive_0003_sync")
+    warn_of_missing_sensors(dataset, tmp_path, parts, stacklevel=1, needs_sweeps=False)
     said = f"for whole sweeps give one of its raw drives (1), such as {drive}"
     with pytest.warns(UserWarning, match=re.escape(said)):
         warn_of_missing_sensors(dataset, tmp_path, parts, stacklevel=1)

@@ -345,6 +345,23 @@ def test_scoring_depth_needs_no_torch():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.parametrize("given", ["train", "train/D/proj_depth/groundtruth"])
+def test_annotated_drives_hold_ground_truth_beside_sparse_maps(tmp_path, given):
+    rng = np.random.default_rng(0)
+    drive = tmp_path / "train" / "D" / "proj_depth"
+    for number in range(3):
+        place = f"image_02/{number:010}.png"
+        truth_m = random_map(rng, 0.5)
+        truth_m[0, 0] = 7
+        write_depth_png(drive / "groundtruth" / place, truth_m)
+        write_depth_png(drive / "velodyne_raw" / place, random_map(rng, 0.2))
+        write_depth_png(tmp_path / "found" / f"D_image_{number:010}_image_02.png", truth_m + 1)
+    report = evaluate_depth(tmp_path / "found", tmp_path / given, sparse=tmp_path / "train")
+    assert report.mean.rmse_mm == pytest.approx(1000)
+    assert report.returns is not None
+    assert report.images[0].name == "D_image_0000000000_image_02"
+
+
 @pytest.mark.parametrize("place", ["training/depth", "depth"])
 def test_a_data_set_in_place_of_its_depth_maps_is_told(tmp_path, place):
     predictions, truth, _ = write_set(tmp_path, names=["a"])

@@ -44,6 +44,10 @@ def _no_list(commands: Sequence[str], key: str) -> _Refusal:
     return f"{key.upper()} in a file of settings: expected a list, such as [a, b]", commands
 
 
+def _unknown_setting(_commands: Sequence[str], command: str) -> _Refusal:
+    return f"--config has a setting that {command} does not take; correct its name", [command]
+
+
 def _missing(commands: Sequence[str], keys: str) -> _Refusal:
     names = [key.split(".") for key in keys.split(", ")]
     commands = names[0][:-1] or commands
@@ -66,6 +70,7 @@ _RULES: Final[tuple[tuple[str, Callable[..., _Refusal]], ...]] = (
     (r'Parser key "(\w+)":\s+Expected an? (.*)\. Got value: (.*)', _wrong_value),
     (r'Parser key "(\w+)":.*Subtypes: \[(.*)\]\s+Errors:.*Given value: (.*)', _wrong_value),
     (r'Parser key "(\w+)":.*does not support item assignment', _no_list),
+    (r"'([\w-]+)'", _unknown_setting),  # of a KeyError that names the command
     (r"the following arguments are required: (.*)", _missing),
     (r'expected "([\w.-]+\.)?subcommand" to be one of \{(.*)\}, but it was not .*', _no_command),
     (r"argument subcommand: invalid choice: '(.*?)' \(choose from (.*)\)",

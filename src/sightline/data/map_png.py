@@ -116,9 +116,9 @@ def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
 
     Raises:
         FileError: The file is no complete picture, or probably none of a mask: its two most
-            frequent levels fill less than half of it, or its highest level is 1.
+            frequent levels fill less than half of it, or all are below middle grey and not black.
     """
-    levels = read_rgb(path)[..., 0]
+    levels = read_rgb(path).max(axis=-1)
     counts = np.bincount(levels.ravel())
     share = np.sort(counts)[-2:].sum() / levels.size
     if share < _MIN_TWO_LEVELS:
@@ -128,10 +128,10 @@ def read_mask_png(path: Path | str) -> Bool[np.ndarray, "height width"]:
             f"{100 * share:.0f} % of its pixels, expected a mask: white for True, black for False",
             "name the file of a mask",
         )
-    if len(counts) == 2:  # levels 0 and 1
+    if 1 < len(counts) <= _YES // 2 + 1:  # all of them below middle grey
         raise FileError(
             path,
-            f"has no level above 1, expected a mask: {_YES} for True, 0 for False",
+            f"has no level above {len(counts) - 1}, expected a mask: {_YES} for True, 0 for False",
             "write it by write_mask_png",
         )
     mask: Bool[np.ndarray, "height width"] = levels > _YES // 2

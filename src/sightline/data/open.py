@@ -314,7 +314,12 @@ def _listed_file(dataset: SampleDataset, index: int, part: Part) -> Path | None:
 
 
 def warn_of_missing_sensors(
-    dataset: SampleDataset, path: Path, parts: Collection[Part], *, stacklevel: int
+    dataset: SampleDataset,
+    path: Path,
+    parts: Collection[Part],
+    *,
+    stacklevel: int,
+    needs_sweeps: bool = True,
 ) -> None:
     """Warn of frames without data of a sensor that predictions use: the other one decides there.
 
@@ -326,9 +331,10 @@ def warn_of_missing_sensors(
         path: Its folder.
         parts: Used parts.
         stacklevel: See `warnings.warn`.
+        needs_sweeps: Whether whole sweeps are better than sparse depth maps.
     """
     sparse_maps = describe_sparse_maps(dataset, path) if "points" in parts else None
-    if sparse_maps is not None and describe_raw_drives(path):
+    if needs_sweeps and sparse_maps is not None and describe_raw_drives(data_path(path)):
         warnings.warn(sparse_maps, stacklevel=stacklevel)
     effect, total = "there predictions go by the other sensor alone", f"{len(dataset):,} frames"
     for part in [each for each in _SENSOR_NOUNS if each in parts]:
@@ -358,7 +364,7 @@ def describe_sparse_maps(dataset: SampleDataset, path: Path) -> str | None:
     if not isinstance(whole, KittiDepthDataset):
         return None
     said = f"{path} is a depth completion tree, whose sparse depth maps are used as sweeps"
-    return "; ".join((said, *describe_raw_drives(path)))
+    return "; ".join((said, *describe_raw_drives(data_path(path))))
 
 
 def label_file(dataset: SampleDataset, index: int) -> Path | None:

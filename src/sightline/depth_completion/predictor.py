@@ -36,6 +36,7 @@ from sightline.geometry.cloud_checks import (
 from sightline.geometry.given_arrays import given_array
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.inference.sample_predictor import SamplePredictor
@@ -80,6 +81,7 @@ class DepthCompleter(SamplePredictor[DepthMap]):
         """Name of the method."""
         return self.method
 
+    @named_arguments
     def predict(self, sample: CameraLidarSample) -> DepthMap:
         """Project the sweep and complete its depth at the image's full size.
 
@@ -168,6 +170,7 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         """Whether the network has the paper's Shift-Convolution branch."""
         return self._network.config.shift_conv is not None
 
+    @named_arguments
     def predict(self, sample: CameraLidarSample) -> DepthMap:
         """Complete a sample at its image's full size; without returns, guess from the image.
 

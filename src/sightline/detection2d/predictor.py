@@ -17,6 +17,7 @@ from sightline.detection2d.views import gate_over_frame, views_of
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.checked import checked
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.structures.predictions import Detections2D
@@ -100,6 +101,7 @@ class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
         """Names of the task's outputs that the predictions contain."""
         return ("results", "gates") if self._config.fusion == "gated" else ("results",)
 
+    @named_arguments
     def predict(self, sample: CameraLidarSample) -> DetectionResult:
         """Detect in a sample.
 

@@ -30,6 +30,7 @@ from sightline.detection3d.sweeps import (
 )
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.structures.predictions import Detections3D
@@ -135,6 +136,7 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         self._wide_stages: dict[float, StageRunners] = {}  # by their range
         return self._stages.engine
 
+    @named_arguments
     def predict(self, sample: CameraLidarSample) -> Detections3D:
         """Detect in a sample's sweep; warn if its axes seem wrong for the LiDAR frame.
 
@@ -224,6 +226,7 @@ class ProposalPredictor(Detection3DPredictor):
         """Entries of a manifest besides the name."""
         return super().made_by | {"stage": "first"}
 
+    @named_arguments
     def predict(self, sample: CameraLidarSample) -> Detections3D:
         """Compute the proposals of a sample.
 

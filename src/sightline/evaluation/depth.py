@@ -304,8 +304,8 @@ def _differences(
 
 def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_Pair], int]:
     """Match the files of each image, and count the other predictions."""
-    predicted, true = _depth_files(predictions), _depth_files(truth)
-    given = {} if sparse is None else _depth_files(sparse)
+    predicted, true = _depth_files(predictions), _depth_files(truth, "groundtruth")
+    given = {} if sparse is None else _depth_files(sparse, "velodyne_raw")
     for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
         missing = sorted(true.keys() - files.keys())
         if folder is not None and missing:
@@ -326,16 +326,18 @@ def _find_maps(folder: Path) -> Path | None:
     return found or (None if is_truth else next(folder.rglob(_TRUTH_FOLDER), None))
 
 
-def _depth_files(folder: Path) -> dict[str, Path]:
+def _depth_files(folder: Path, kind: str = "") -> dict[str, Path]:
+    """List depth maps by frame; where annotated drives hold two kinds, those of `kind`."""
     if not folder.is_dir():
         fault = "is a file where the other is a folder" if folder.exists() else "does not exist"
         raise ValueError(f"{folder} {fault}: give two folders of depth PNGs, or two files")
     files: dict[str, Path] = {}
-    for path in sorted(folder.rglob("*.[pP][nN][gG]")):
+    paths = sorted(folder.rglob("*.[pP][nN][gG]"))
+    for path in [each for each in paths if f"/proj_depth/{kind}/" in each.as_posix()] or paths:
         place = path.relative_to(folder)
         if any(part.startswith(".") for part in place.parts):
             continue  # hidden: unfinished files are in such folders
-        name = _frame_name(place.with_suffix("").as_posix())
+        name = _frame_name(place, path)
         if name in files:
             raise ValueError(
                 f"{folder} holds {files[name].relative_to(folder)} and {place}, which both stand "
@@ -352,10 +354,18 @@ def _depth_files(folder: Path) -> dict[str, Path]:
     return files
 
 
-def _frame_name(name: str) -> str:
-    """Unify the names of a frame in the benchmark's archives; other names are unchanged."""
-    annotated = r"(?:.+/)?([^/]+)/proj_depth/(?:groundtruth|velodyne_raw)/(image_0\d)/(\d+)"
-    name = re.sub(rf"^{annotated}$", r"\1_image_\3_\2", name)
+def _frame_name(place: Path, path: Path) -> str:
+    """Unify the names of a frame in the benchmark's archives; others are the place in the folder.
+
+    Args:
+        place: Path of the file in its folder.
+        path: Its whole path, as the folder may lie within an annotated drive.
+    """
+    annotated = r"/([^/]+)/proj_depth/(?:groundtruth|velodyne_raw)/(image_0\d)/(\d+)$"
+    if match := re.search(annotated, path.absolute().with_suffix("").as_posix()):
+        drive, camera, number = match.groups()
+        return f"{drive}_image_{number}_{camera}"
+    name = place.with_suffix("").as_posix()
     return re.sub(r"_(?:groundtruth_depth|velodyne_raw)_(\d+_image_0\d)$", r"_image_\1", name)
 
 

@@ -89,7 +89,10 @@ def predict(
         parts=predictor.parts,
         needs=predictor.needs,
     )
-    warn_of_missing_sensors(dataset, data, predictor.parts, stacklevel=2)
+    writes_maps = task.outputs[0].suffix == ".png"  # depth is completed from sparse maps
+    warn_of_missing_sensors(
+        dataset, data, predictor.parts, stacklevel=2, needs_sweeps=not writes_maps
+    )
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = dataset.sample_ids
     present = predicted_samples(places)

@@ -76,6 +76,7 @@ def test_a_baseline_that_is_in_p_or_in_tf_alone_is_no_doubt(tmp_path, offset_px,
     [
         ("/front/image_rect", "/rear/camera_info"),
         ("/sensing/camera/camera0/image_rect", "/sensing/camera/camera1/camera_info"),
+        ("/zed/left/color/image_rect", "/zed/right/color/camera_info"),
     ],
 )
 def test_a_camera_info_of_another_camera_s_folder_is_told(tmp_path, image, info):

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from sightline.data.check import check_tree
 from sightline.data.image_file import read_rgb
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.kitti_labels import read_labels
@@ -138,3 +139,30 @@ def test_options_without_an_effect_are_refused(data, tmp_path, options, named):
     with pytest.raises(ValueError, match=named):
         import_recording(data, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
+
+
+def test_tables_without_annotations_give_no_labels_and_nothing_to_doubt(tmp_path):
+    data = tmp_path / "data"
+    write_nuscenes(data, num_samples=2)
+    for table in ("sample_annotation", "instance"):
+        edit_table(data, table, lambda rows: rows.clear())
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "warning: the tables hold no annotation of these frames: no labels" in report
+    assert not (tmp_path / "out" / "labels").exists()
+    assert not list(check_tree(tmp_path / "out"))
+    again = str(import_recording(data, tmp_path / "out"))
+    assert "0 frames written, 2 were there already" in again
+
+
+def test_tables_that_are_a_link_go_with_the_data_around_the_link(tmp_path):
+    data, elsewhere = tmp_path / "data", tmp_path / "metadata"
+    write_nuscenes(data, num_samples=1)
+    (data / "v1.0-mini").rename(elsewhere)
+    (data / "v1.0-mini").symlink_to(elsewhere)
+    import_recording(data / "v1.0-mini", tmp_path / "out")
+    (tmp_path / "link").symlink_to(data / "v1.0-mini")
+    (data / "v1.0-mini").unlink()
+    elsewhere.rename(data / "v1.0-mini")
+    import_recording(tmp_path / "link", tmp_path / "other")
+    names = [path.name for path in (tmp_path / "out" / "images").iterdir()]
+    assert names == [path.name for path in (tmp_path / "other" / "images").iterdir()] != []

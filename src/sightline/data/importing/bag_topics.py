@@ -152,9 +152,9 @@ def describe_info(topics: ChosenTopics) -> tuple[str, ...]:
         return ()
     names = topics.info.name, _raw_topic_name(topics.camera.name)
     num_shared = _num_shared_names(*names)
-    own, images = (set(name.strip("/").split("/")[num_shared:]) for name in names)
-    if own & images or min(len(own), len(images)) < 2:
-        return ()
+    own, images = (name.strip("/").split("/")[num_shared:] for name in names)
+    if min(len(own), len(images)) < 2 or own[-1] == images[-1]:
+        return ()  # /front/camera_info or /camera_info/front beside /front/image or /image/front
     return (
         f"warning: {shortened(topics.info.name)} is not beside {shortened(topics.camera.name)}: it "
         "may belong to another camera; name it by --info-topic if it does not",
