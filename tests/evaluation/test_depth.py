@@ -345,8 +345,13 @@ def test_scoring_depth_needs_no_torch():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("given", ["train", "train/D/proj_depth/groundtruth"])
-def test_annotated_drives_hold_ground_truth_beside_sparse_maps(tmp_path, given):
+@pytest.mark.parametrize(
+    ("folder", "given"),
+    [("", "train"), ("", "train/D/proj_depth/groundtruth"), ("train/D", "proj_depth")],
+)
+def test_annotated_drives_hold_ground_truth_beside_sparse_maps(
+    tmp_path, monkeypatch, folder, given
+):
     rng = np.random.default_rng(0)
     drive = tmp_path / "train" / "D" / "proj_depth"
     for number in range(3):
@@ -356,7 +361,8 @@ def test_annotated_drives_hold_ground_truth_beside_sparse_maps(tmp_path, given):
         write_depth_png(drive / "groundtruth" / place, truth_m)
         write_depth_png(drive / "velodyne_raw" / place, random_map(rng, 0.2))
         write_depth_png(tmp_path / "found" / f"D_image_{number:010}_image_02.png", truth_m + 1)
-    report = evaluate_depth(tmp_path / "found", tmp_path / given, sparse=tmp_path / "train")
+    monkeypatch.chdir(tmp_path / folder)
+    report = evaluate_depth(tmp_path / "found", given, sparse=tmp_path / "train")
     assert report.mean.rmse_mm == pytest.approx(1000)
     assert report.returns is not None
     assert report.images[0].name == "D_image_0000000000_image_02"

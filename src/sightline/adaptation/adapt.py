@@ -307,7 +307,8 @@ def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
         last = folder / _LAST_CHECKPOINT
         if not str(error).startswith(f"{last} "):
             raise
-        raise FileError(last, "is damaged", f"remove {folder}, and run it again") from error
+        cause = str(error).removeprefix(f"{last} ").partition(";")[0]
+        raise FileError(last, cause, f"remove {folder}, and run it again") from error
     except ChildProcessError as error:
         from sightline.training.loader import NO_WORKERS_REMEDY
 

@@ -171,11 +171,10 @@ class _ValueList(argparse.Action):
             words = [word for value in values for word in _plain_word(value).split(",")]
             parsed = tuple(map(value_type, words))
         except ValueError:
-            noun = "names" if value_type is str else "numbers"
+            noun, example = ("names", "a,b") if value_type is str else ("numbers", "1,2")
+            given_text = " ".join(map(str, values))
             raise argparse.ArgumentError(
-                self,
-                f"expected {noun}, got {' '.join(map(str, values))}; write them last or as "
-                f"{option}=1,2",
+                self, f"expected {noun}, got {given_text}; write them last or as {option}={example}"
             ) from None
         if count is not None and len(parsed) != count:
             kind = "names" if value_type is str else "numbers"

@@ -174,7 +174,8 @@ def evaluate_depth(
     Both are 16-bit depth PNGs, or folders of them (subfolders too), matched by name: the path
     inside the folder without its suffix. The benchmark's own names match as well:
     `groundtruth_depth`, `velodyne_raw` and `image` in its files, and the folders of its annotated
-    drives, are names of the same frame. Only scores are kept in memory.
+    drives, are names of the same frame. Of such drives `groundtruth` is the truth, `velodyne_raw`
+    are the sparse maps. Only scores are kept in memory.
 
     Examples:
         >>> import sightline, tempfile
@@ -333,7 +334,8 @@ def _depth_files(folder: Path, kind: str = "") -> dict[str, Path]:
         raise ValueError(f"{folder} {fault}: give two folders of depth PNGs, or two files")
     files: dict[str, Path] = {}
     paths = sorted(folder.rglob("*.[pP][nN][gG]"))
-    for path in [each for each in paths if f"/proj_depth/{kind}/" in each.as_posix()] or paths:
+    mark = f"/proj_depth/{kind}/"
+    for path in [each for each in paths if mark in each.absolute().as_posix()] or paths:
         place = path.relative_to(folder)
         if any(part.startswith(".") for part in place.parts):
             continue  # hidden: unfinished files are in such folders

@@ -217,7 +217,7 @@ class _Frames:
     out: Path
     max_intensity: float
     is_labelled: bool = True
-    """Whether to write labels."""
+    """Frames get label files, as the tables hold annotations."""
 
     def write(self, moment: Moment) -> tuple[LabelTally, CloudTally]:
         new_from_old, _ = turn_ahead(moment.mount)
