@@ -34,7 +34,8 @@ from sightline.evaluation.kitti_object_rules import Metric
 from sightline.evaluation.object_report import ObjectEntry
 from sightline.export.names import EngineName
 from sightline.jobs.progress import track
-from sightline.perception.perceive import TIMINGS_NAME, perceive
+from sightline.perception.kept_lines import TIMINGS_NAME
+from sightline.perception.perceive import perceive
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.settings import KITTI_FOCAL_PX
 

@@ -13,6 +13,7 @@ from sightline.detection2d.predictor import DetectionResult
 from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
 from sightline.joining.models import read_models
+from sightline.perception import frame_work
 from sightline.perception import perceive as perceive_module
 from sightline.perception.perceive import perceive
 from sightline.perception.perceiver import MultiTaskPredictor
@@ -62,10 +63,10 @@ def opened(monkeypatch):
         for name, given in (
             ("open_dataset", lambda *_, **__: recording),
             ("sweeps_folder", lambda _: "velodyne"),
-            ("has_file", lambda *_: True),
             ("warn_of_missing_sensors", lambda *_, **__: None),
         ):
             monkeypatch.setattr(perceive_module, name, given)
+        monkeypatch.setattr(frame_work, "has_file", lambda *_: True)
         return recording
 
     return opened_as

@@ -9,7 +9,7 @@ import torch
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.open import open_dataset
 from sightline.inference.predict import predict
-from sightline.perception import perceive as perceive_module
+from sightline.perception import kept_lines
 from sightline.perception.perceive import perceive
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -175,7 +175,7 @@ def test_a_line_of_other_content_is_made_anew(data, out, forged):
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
 def test_a_shard_that_ends_while_another_writes_keeps_its_lines(data, out, monkeypatch):
-    write, text_of_shard = perceive_module.atomic_write_text, []
+    write, text_of_shard = kept_lines.atomic_write_text, []
 
     def overtaken(path, text):  # the other shard runs between this one's reading and writing
         if path.name == "perception.jsonl" and not text_of_shard:
@@ -183,7 +183,7 @@ def test_a_shard_that_ends_while_another_writes_keeps_its_lines(data, out, monke
             perceive(data, out, perceiver=perceiver(), shard_index=1, num_shards=2)
         write(path, text)
 
-    monkeypatch.setattr(perceive_module, "atomic_write_text", overtaken)
+    monkeypatch.setattr(kept_lines, "atomic_write_text", overtaken)
     perceive(data, out, perceiver=perceiver(), shard_index=0, num_shards=2)
     assert len(text_of_shard[0].splitlines()) == 2
     assert len(lines_of(out)) == 4
@@ -191,14 +191,14 @@ def test_a_shard_that_ends_while_another_writes_keeps_its_lines(data, out, monke
 
 @pytest.mark.filterwarnings("error")
 def test_lines_that_another_shard_writes_after_the_reading_are_not_missed(data, out, monkeypatch):
-    join = perceive_module._join_timings
+    join = kept_lines._join_timings
 
     def overtaken(folder):  # the other shard writes its lines after these were joined
-        monkeypatch.setattr(perceive_module, "_join_timings", join)
+        monkeypatch.setattr(kept_lines, "_join_timings", join)
         perceive(data, out, perceiver=perceiver(), shard_index=1, num_shards=2)
         return join(folder)
 
-    monkeypatch.setattr(perceive_module, "_join_timings", overtaken)
+    monkeypatch.setattr(kept_lines, "_join_timings", overtaken)
     perceive(data, out, perceiver=perceiver(), shard_index=0, num_shards=2)
     assert len(lines_of(out)) == 4
 

@@ -133,7 +133,8 @@ def _run(
     if pack:
         refuse_with_pack(**not_packed)
     from sightline.data.open import existing_folder
-    from sightline.perception.perceive import LINES_NAME, perceive, perceive_shards
+    from sightline.perception.kept_lines import LINES_NAME
+    from sightline.perception.perceive import perceive, perceive_shards
     from sightline.perception.perceiver import MultiTaskPredictor
     from sightline.perception.pictures import PictureFiles
 

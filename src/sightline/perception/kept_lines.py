@@ -1,14 +1,16 @@
-"""Reader of lines and times of `perceive` from its folder, with checks for manual edits.
+"""Lines and times of `perceive` in its folder: read with checks for manual edits, and joined.
 
 Damaged or foreign entries count as missing.
 """
 
 import json
-from collections.abc import Callable, Collection, Mapping
+import warnings
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from sightline.data.kitti_trees import Part
+from sightline.data.kitti_trees import Part, describe_absent
+from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_file import read_bytes
 from sightline.structures.objects import Origin
 from sightline.structures.sample import SENSOR_FIELDS
@@ -19,6 +21,15 @@ Lines = dict[str, tuple[str, dict[str, Any]]]
 
 LINES_FOLDER: Final = "lines"
 """Folder in the output folder with a file for the line of each frame."""
+
+LINES_NAME: Final = "perception.jsonl"
+"""File in the output folder with a line for each frame, sorted by name."""
+
+TIMINGS_NAME: Final = "timings.jsonl"
+"""File with the time of each prediction: the only output that differs between runs."""
+
+TIMINGS_FOLDER: Final = "timings"
+"""Folder in the output folder with a file for the times of each frame."""
 
 _MAX_BYTES = 2**26
 _MAX_NUMBER = 3.5e38  # beyond single precision, the type of networks' outputs
@@ -41,6 +52,49 @@ def read_line(path: Path) -> dict[str, Any] | None:
 def read_timings(folder: Path) -> Lines:
     """Read the complete times, by frame in order."""
     return _read(folder, lambda content: _fits(content, _TIMING))
+
+
+def join_lines(out: Path) -> Lines:
+    """Join all frames' lines in one file, their times in another, and warn of missing entries."""
+    # Listed before they are read: other shards may go on writing meanwhile.
+    files = sorted(path.stem for path in (out / LINES_FOLDER).glob("*.json"))
+    lines = _join_lines(out)
+    _warn_of_missing(out, files, lines, _join_timings(out))
+    return lines
+
+
+def _join_lines(out: Path) -> Lines:
+    """Join all lines, including lines written by other shards meanwhile."""
+    while True:
+        lines = read_lines(out / LINES_FOLDER)
+        atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
+        # Another shard may have ended between the reading and the writing: its file was complete,
+        # and this one has just replaced it.
+        if read_lines(out / LINES_FOLDER) == lines:
+            return lines
+
+
+def _join_timings(out: Path) -> Lines:
+    """Join all times; see `_join_lines`."""
+    timings: Lines | None = None
+    while timings != (timings := read_timings(out / TIMINGS_FOLDER)):
+        atomic_write_text(out / TIMINGS_NAME, "".join(f"{text}\n" for text, _ in timings.values()))
+    return timings
+
+
+def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lines) -> None:
+    """Warn of frames that have files in the folder but no entry in the joined files."""
+    for entry, names, joined in (
+        ("line", [name for name in files if name not in lines], LINES_NAME),
+        ("time", [name for name in lines if name not in timings], TIMINGS_NAME),
+    ):
+        if names:
+            warnings.warn(
+                f"{out / joined} lacks the {entry} of {len(names)} of {len(files)} frames, "
+                f"{describe_absent(names)}: the file of each is missing, damaged or has other "
+                "content; run this again for these frames with --overwrite",
+                stacklevel=4,
+            )
 
 
 def _read(folder: Path, is_complete: _Check) -> Lines:

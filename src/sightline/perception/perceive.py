@@ -2,18 +2,16 @@
 
 import json
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from sightline.data.kitti_trees import Velodyne, describe_absent
+from sightline.data.kitti_trees import Velodyne
 from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import (
     SampleDataset,
-    has_file,
     open_dataset,
     sweeps_folder,
     warn_of_missing_sensors,
@@ -22,40 +20,23 @@ from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
-from sightline.inference.predict import (
-    Places,
-    around_entry,
-    output_claims,
-    output_places,
-    predicted_samples,
-    read_sample,
-    write_prediction,
-)
 from sightline.jobs.crew import Driver
-from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, data_name, read_claim
+from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, read_claim
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.joining.alignment import MIN_FRAMES, Alignment
-from sightline.joining.files import write_objects
-from sightline.joining.models import JOINED
-from sightline.perception.kept_lines import LINES_FOLDER, Lines, read_lines, read_timings
-from sightline.perception.lines import frame_line, timing_line
+from sightline.perception.frame_work import (
+    FrameWork,
+    done_frames,
+    predicting_tasks,
+    result_claims,
+    result_places,
+)
+from sightline.perception.kept_lines import LINES_FOLDER, join_lines
 from sightline.perception.perceiver import SWEEP_TASK, MultiTaskPredictor
 from sightline.perception.pictures import FPS, MIN_SCORE, PictureFiles
 from sightline.perception.results import ALIGNMENT, JOB_NAME
-from sightline.structures.lidar_turn import LidarTurn, undo_turn
-from sightline.tasks import find_task
+from sightline.structures.lidar_turn import LidarTurn
 
-JOINED_FOLDERS: Final = {JOINED: False, f"{JOINED}-3d": True}
-"""Folders in the output folder of joined objects as result files, and whether the scores are those
-of the 3D boxes."""
-
-LINES_NAME: Final = "perception.jsonl"
-"""File in the output folder with a line for each frame, sorted by name."""
-
-TIMINGS_NAME: Final = "timings.jsonl"
-"""File with the time of each prediction: the only output that differs between runs."""
-
-_TIMINGS_FOLDER = "timings"
 _NOT_JOINED: Final = (
     "objects are not joined: there are no models of joined scores for these detectors; fit them by "
     "`sightline fit-joined`, and give --joined (MultiTaskPredictor.load(joined=..))"
@@ -175,11 +156,12 @@ def perceive(
         warnings.warn(f"{perceiver.alignment}{_ON_ALIGNMENT}", stacklevel=2)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
-    places = _places(perceiver, out, all_outputs=all_outputs)
-    made_by = _made_by(perceiver)
-    claim_folders(_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around))
+    places = result_places(perceiver, out, all_outputs=all_outputs)
+    claim_folders(
+        result_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around)
+    )
     folder = out / LINES_FOLDER
-    done = set() if overwrite else _done_frames(dataset, perceiver, places, folder)
+    done = set() if overwrite else done_frames(dataset, perceiver, places, folder)
     kept = (
         (index, [folder / f"{name}.json"])  # written after the frame's other files
         for index, name in zip(indices, names, strict=True)
@@ -187,14 +169,12 @@ def perceive(
     )
     warn_of_newer_frames(dataset, kept, parts=perceiver.parts)
     works = [
-        _FrameWork(dataset, index, name, perceiver, places, made_by, out, around)
+        FrameWork(dataset, index, name, perceiver, places, out, around)
         for index, name in zip(indices, names, strict=True)
         if name not in done
     ]
     notes = run_job(works, workers, description=JOB_NAME, leave_out=LEAVE_OUT, driver=driver)
-    files = _line_files(out)  # before they are read: other shards may go on writing meanwhile
-    lines = _join_lines(out)
-    _warn_of_missing(out, files, lines, _join_timings(out))
+    lines = join_lines(out)
     if pictures:
         pictures.write(dataset, out)
     return PerceiveResult(
@@ -202,8 +182,8 @@ def perceive(
         skipped=len(names) - len(works),
         notes=notes,
         predicted={
-            task: sum(task in _predicting_tasks(lines[name][1]) for name in names)
-            for task in made_by
+            task: sum(task in predicting_tasks(lines[name][1]) for name in names)
+            for task in perceiver.predictors
         },
     )
 
@@ -261,63 +241,17 @@ class _ShardWriter:
         return open_dataset(data, velodyne=self.velodyne, parts=self.perceiver.parts, needs=())
 
     def claims(self, data: Path, dataset: SampleDataset, folder: Path) -> list[Claim]:
-        places = _places(self.perceiver, folder, all_outputs=self.all_outputs)
+        places = result_places(self.perceiver, folder, all_outputs=self.all_outputs)
         sweeps = sweeps_folder(dataset)
-        return _claims(self.perceiver, places, data, folder, sweeps, around=self.around)
+        return result_claims(self.perceiver, places, data, folder, sweeps, around=self.around)
 
-    def works(self, dataset: SampleDataset, folder: Path) -> "list[_FrameWork]":
-        places = _places(self.perceiver, folder, all_outputs=self.all_outputs)
-        made_by = _made_by(self.perceiver)
-        shared = (self.perceiver, places, made_by, folder, self.around)
+    def works(self, dataset: SampleDataset, folder: Path) -> "list[FrameWork]":
+        places = result_places(self.perceiver, folder, all_outputs=self.all_outputs)
+        shared = (self.perceiver, places, folder, self.around)
         return [
-            _FrameWork(dataset, index, name, *shared, keeps_time=False)
+            FrameWork(dataset, index, name, *shared, keeps_time=False)
             for index, name in enumerate(dataset.sample_ids)
         ]
-
-
-def _made_by(perceiver: MultiTaskPredictor) -> dict[str, str]:
-    """Names of the predictors by task."""
-    return {name: predictor.name for name, predictor in perceiver.predictors.items()}
-
-
-@dataclass(frozen=True, slots=True)
-class _FrameWork:
-    """Work item: runs all tasks on a frame and writes its files; the line comes last."""
-
-    dataset: SampleDataset
-    index: int
-    name: str
-    perceiver: MultiTaskPredictor
-    places: Mapping[str, Places]
-    made_by: Mapping[str, str]
-    out: Path
-    around: bool | None
-    keeps_time: bool = True
-    """Write the time of each prediction, too."""
-
-    def __str__(self) -> str:
-        return f"sample {self.name}"
-
-    def run(self) -> str:
-        sample = read_sample(self.dataset, self.index, around=self.around)
-        predictions = self.perceiver.predict_by_task(sample)
-        sample = undo_turn(sample, predictions.undone_turn or LidarTurn())
-        remarks = [
-            write_prediction(self.places[task], sample, prediction)
-            for task, prediction in predictions.by_task.items()
-        ]
-        if predictions.objects is not None:
-            for folder, in_space in JOINED_FOLDERS.items():
-                path = self.out / folder / f"{self.name}.txt"
-                path.parent.mkdir(exist_ok=True)
-                write_objects(path, sample, predictions.objects, in_space=in_space)
-        if self.keeps_time:
-            self._write_line(_TIMINGS_FOLDER, timing_line(sample, predictions))
-        self._write_line(LINES_FOLDER, frame_line(sample, predictions, self.made_by))
-        return "; ".join(filter(None, remarks))
-
-    def _write_line(self, folder: str, line: str) -> None:
-        atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
 
 
 @dataclass(frozen=True)
@@ -363,138 +297,3 @@ def _aligned(
         measured = json.loads(work.into.read_text())
     turn = LidarTurn(**measured.pop("turn"))
     return perceiver.with_alignment(Alignment(turn=turn, **measured))
-
-
-def _places(perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool) -> dict[str, Places]:
-    """Folders by task: one named after the task for its first output, one per further output."""
-    places = {}
-    for name, predictor in perceiver.predictors.items():
-        task = find_task(name)
-        also = {
-            output.name: out / f"{name}-{output.name}"
-            for output in task.outputs[1:]
-            if all_outputs and output.name in predictor.gives
-        }
-        places[name] = output_places(task, predictor, out / name, also)
-    return places
-
-
-def _claims(
-    perceiver: MultiTaskPredictor,
-    places: Mapping[str, Places],
-    data: Path,
-    out: Path,
-    velodyne: Velodyne,
-    *,
-    around: bool | None,
-) -> list[Claim]:
-    """Create the claims on the whole folder, and on each task's folder as `predict` does."""
-    made_by = {
-        name: {"method": predictor.name, **predictor.made_by}
-        for name, predictor in perceiver.predictors.items()
-    }
-    aligned = {ALIGNMENT: perceiver.alignment.to_json()} if perceiver.alignment else {}
-    settings = {
-        "job": JOB_NAME,
-        "folders": [folder.name for task in places.values() for _, folder in task],
-        "data": data_name(data),
-        "velodyne": velodyne,
-        "sightline": version("sightline"),
-        **around_entry(around=around),
-        **aligned,
-        **made_by,
-        **perceiver.models_entry,
-    }
-    claims = [Claim(folder=out, settings=settings, results=(f"{LINES_FOLDER}/*.json", LINES_NAME))]
-    for name, predictor in perceiver.predictors.items():
-        task, chosen = find_task(name), around_entry(around=around) | aligned
-        claims += output_claims(task, predictor, places[name], data, velodyne, chosen=chosen)
-    models = perceiver.join_models
-    if models is not None:
-        joined = {key: settings[key] for key in ("job", "data", "velodyne", "sightline")}
-        claims += [
-            Claim(
-                folder=out / folder,
-                settings={**joined, "models": models.identity, **aligned},
-                results=("*.txt",),
-            )
-            for folder in JOINED_FOLDERS
-        ]
-    return claims
-
-
-def _done_frames(
-    dataset: SampleDataset,
-    perceiver: MultiTaskPredictor,
-    places: Mapping[str, Places],
-    folder: Path,
-) -> set[str]:
-    """Frames with a line of these tasks and all files of the tasks that predicted.
-
-    A missing sensor in a line is accepted only if the data still has no file of the sensor.
-    """
-    present = {task: predicted_samples(task_places) for task, task_places in places.items()}
-    lines = read_lines(folder)
-    done = set()
-    for index, name in enumerate(dataset.sample_ids):
-        if name not in lines:
-            continue
-        line = lines[name][1]
-        tasks = line["tasks"]
-        has_same_predictors = all(
-            task in tasks and tasks[task]["by"] == predictor.name
-            for task, predictor in perceiver.predictors.items()
-        )
-        lacking = {part for entry in tasks.values() for part in entry.get("lacks", ())}
-        still_lacks = not any(has_file(dataset, index, part) for part in lacking)
-        has_files = all(name in present.get(task, ()) for task in _predicting_tasks(line))
-        if line["objects"] is not None:
-            paths = (folder.parent / each / f"{name}.txt" for each in JOINED_FOLDERS)
-            has_files &= all(path.is_file() for path in paths)
-        if has_same_predictors and still_lacks and has_files:
-            done.add(name)
-    return done
-
-
-def _join_lines(out: Path) -> Lines:
-    """Join all frames' lines in one file, including lines written by other shards meanwhile."""
-    while True:
-        lines = read_lines(out / LINES_FOLDER)
-        atomic_write_text(out / LINES_NAME, "".join(f"{text}\n" for text, _ in lines.values()))
-        # Another shard may have ended between the reading and the writing: its file was complete,
-        # and this one has just replaced it.
-        if read_lines(out / LINES_FOLDER) == lines:
-            return lines
-
-
-def _join_timings(out: Path) -> Lines:
-    """Join the times of all frames in one file; see `_join_lines`."""
-    timings: Lines | None = None
-    while timings != (timings := read_timings(out / _TIMINGS_FOLDER)):
-        atomic_write_text(out / TIMINGS_NAME, "".join(f"{text}\n" for text, _ in timings.values()))
-    return timings
-
-
-def _line_files(out: Path) -> list[str]:
-    """Names of the frames that have a file with their line."""
-    return sorted(path.stem for path in (out / LINES_FOLDER).glob("*.json"))
-
-
-def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lines) -> None:
-    """Warn of frames that have files in the folder but no entry in the joined files."""
-    for entry, names, joined in (
-        ("line", [name for name in files if name not in lines], LINES_NAME),
-        ("time", [name for name in lines if name not in timings], TIMINGS_NAME),
-    ):
-        if names:
-            warnings.warn(
-                f"{out / joined} lacks the {entry} of {len(names)} of {len(files)} frames, "
-                f"{describe_absent(names)}: the file of each is missing, damaged or has other "
-                "content; run this again for these frames with --overwrite",
-                stacklevel=3,
-            )
-
-
-def _predicting_tasks(line: Mapping[str, Any]) -> Collection[str]:
-    """Names of the tasks that predicted for the frame of a line."""
-    return [name for name, entry in line["tasks"].items() if "lacks" not in entry]
