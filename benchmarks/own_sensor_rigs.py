@@ -17,7 +17,8 @@ from sightline.data.recording_calibration import RecordingCalibration, recording
 from sightline.files.atomic import atomic_write_bytes, atomic_write_text
 from sightline.simulation.camera.camera import CameraConfig, render_camera
 from sightline.simulation.labels import label_frame
-from sightline.simulation.lidar import LIDARS, LidarConfig, take_sweep
+from sightline.simulation.lidar import take_sweep
+from sightline.simulation.lidar_config import LIDARS, LidarConfig
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.settings import KITTI_IMAGE_SIZE, SimulationConfig
 from sightline.simulation.simulator import calibration_of, simulate_street

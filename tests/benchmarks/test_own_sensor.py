@@ -7,7 +7,7 @@ from benchmarks.own_sensor import score_objects
 from benchmarks.own_sensor_rigs import RIGS, record_street
 from sightline.data.check import check_tree
 from sightline.data.open import open_dataset
-from sightline.simulation.lidar import LIDARS
+from sightline.simulation.lidar_config import LIDARS
 
 CAR = "Car 0.00 0 1.57 100.00 100.00 160.00 130.00 1.50 1.60 4.00 1.00 1.70 20.00 1.57"
 

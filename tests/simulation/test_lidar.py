@@ -5,7 +5,8 @@ import pytest
 
 from sightline.data.rings import ring_numbers
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig, take_sweep
+from sightline.simulation.lidar import take_sweep
+from sightline.simulation.lidar_config import LIDARS, BlindSector, Laser, LidarConfig
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.scene import SURFACES, Material, Mesh, Pose, Street
 from sightline.simulation.shapes.primitives import Finish, quads

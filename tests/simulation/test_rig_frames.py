@@ -8,7 +8,8 @@ import sightline
 from sightline.data.check import check_tree
 from sightline.geometry.transforms import transform_points
 from sightline.simulation.dataset import sample_of
-from sightline.simulation.lidar import LIDARS, take_sweep
+from sightline.simulation.lidar import take_sweep
+from sightline.simulation.lidar_config import LIDARS
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.rig_sensors import lidar_config, mount
 from sightline.simulation.rigs import CameraRig, LidarRig, Rig, Rosette, named_rig

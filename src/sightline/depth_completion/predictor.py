@@ -8,50 +8,42 @@ from typing import Any, ClassVar, Literal, cast, get_args
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32, Real
+from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
 from sightline.data.kitti_trees import Part
 from sightline.depth_completion.config import DepthCompletionConfig, by_direction
 from sightline.depth_completion.corrections import correction_thresholds, drop_small_corrections
 from sightline.depth_completion.export_graph import export_graph
+from sightline.depth_completion.given_inputs import (
+    COORDINATES,
+    Points,
+    RGBImage,
+    SparseMap,
+    checked_points,
+    rgb_planes,
+    sparse_depth_of,
+    sparse_plane,
+)
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth, starting_depth
 from sightline.depth_completion.mirrored_prediction import predict_with_mirror
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.network_task import IMAGE_WEIGHTS, NETWORK_TASK
 from sightline.depth_completion.postprocess import to_depth_map
-from sightline.depth_completion.sparse_map import check_sparse_depth, find_holes, inside_hull
+from sightline.depth_completion.sparse_map import find_holes, inside_hull
 from sightline.depth_completion.street_depth import street_depth, to_focal_length
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.files.weights_header import find_weights
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.cloud_checks import (
-    USUAL_LOSS,
-    as_point_rows,
-    cloud_fault,
-    warn_of_losses,
-)
-from sightline.geometry.given_arrays import given_array
-from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.structures.predictions import DepthMap
-from sightline.structures.sample import CameraLidarSample, check_finite_points
-
-_COORDINATES = 3
-
-# User input is checked on entry, so that the error contains the remedy.
-SparseMap = Real[Tensor, "*size"] | Real[np.ndarray, "*size"]
-"""Sparse depth map of height x width; metres along the optical axis, 0 = no measurement."""
-Points = Real[Tensor, "*shape"] | Real[np.ndarray, "*shape"]
-"""Points of number x fields: x, y, z first [m], LiDAR frame."""
-RGBImage = Real[Tensor, "*channels_and_size"] | Real[np.ndarray, "*size_and_channels"]
-"""RGB image of 8 bits; a tensor of 3, height, width or an array of height, width, 3."""
+from sightline.structures.sample import CameraLidarSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +80,7 @@ class DepthCompleter(SamplePredictor[DepthMap]):
         Raises:
             ValueError: The sample has no sweep, or one with non-finite points.
         """
-        return complete_depth(_sparse_depth_of(sample, needs_sweep=True), self.method)
+        return complete_depth(sparse_depth_of(sample, needs_sweep=True), self.method)
 
 
 class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
@@ -179,7 +171,7 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         """
         if self._is_guessing:
             return self._guess(sample)
-        sparse, image = _sparse_depth_of(sample), sample.image
+        sparse, image = sparse_depth_of(sample), sample.image
         if self.image_weights is None or image is None or not bool(image.any()):
             return self.complete(sparse, image)
         holes = find_holes(sparse.numpy())
@@ -208,17 +200,17 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         Raises:
             ValueError: The points lack coordinates, or as `complete` does.
         """
-        checked = _checked_points(points)
+        checked = checked_points(points)
         sparse = sparse_depth_map(checked, calibration, image_size)
         if image is None:
             return self.complete(sparse)
-        rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
+        rgb = rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
         sample = CameraLidarSample(
             sample_id="the given points",
             calibration=calibration,
             image_size=(sparse.shape[0], sparse.shape[1]),
             image=(rgb * 255).round().to(torch.uint8),
-            points=torch.nn.functional.pad(checked[:, :_COORDINATES].float(), (0, 1)),
+            points=torch.nn.functional.pad(checked[:, :COORDINATES].float(), (0, 1)),
         )
         return self.predict(sample)
 
@@ -237,8 +229,8 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         """
         # All but the network in numpy, which uses one thread: PyTorch's others would keep waiting
         # for work on the cores that an engine of another library needs.
-        sparse = _sparse_plane(sparse_depth_m)
-        rgb = _rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
+        sparse = sparse_plane(sparse_depth_m)
+        rgb = rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
         settings = self._network.config
         if settings.filling == "street":
             raise ValueError(
@@ -290,8 +282,8 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
     def _guess(self, sample: CameraLidarSample) -> DepthMap:
         """Predict by a network that starts from a plain street."""
         view = to_focal_length(sample, self._network.config.focal_px)
-        sparse, returns = _sparse_depth_of(view), _sparse_depth_of(sample)
-        rgb = _rgb_planes(view.image, view.image_size)
+        sparse, returns = sparse_depth_of(view), sparse_depth_of(sample)
+        rgb = rgb_planes(view.image, view.image_size)
         if not rgb.numpy().any() and not sparse.numpy().any():
             return self._empty_map(returns)
         outputs = self._outputs(rgb, sparse, street_depth(view))
@@ -389,76 +381,6 @@ def choose_completer(
             f"{weights}; name one of them"
         )
     return DepthCompleter(cast("Method", method))
-
-
-def _sparse_depth_of(
-    sample: CameraLidarSample, *, needs_sweep: bool = False
-) -> Float32[Tensor, "height width"]:
-    if sample.points is None:
-        if sample.image is not None and not needs_sweep:
-            return torch.zeros(sample.image_size)
-        wanted = "LiDAR points" if needs_sweep else "LiDAR points, or images to guess it from"
-        raise ValueError(
-            f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
-            f"with {wanted}"
-        )
-    check_finite_points(sample)
-    return sparse_depth_map(sample.points, sample.calibration, sample.image_size)
-
-
-def _sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
-    sparse = _to_tensor("the sparse depth map", without_masked(sparse_depth_m, 0.0)).float()
-    if sparse.ndim != 2:
-        raise ValueError(
-            f"the sparse depth map has the shape {tuple(sparse.shape)}, expected height and width; "
-            "complete one map at a time"
-        )
-    check_sparse_depth(sparse.numpy())
-    return sparse
-
-
-def _checked_points(points: Points) -> Float[Tensor, "num_points fields"]:
-    tensor = _to_tensor("the points", without_masked(points))
-    if tensor.ndim != 2 or as_point_rows(tensor.numpy()) is None:
-        raise ValueError(
-            f"the points have the shape {tuple(tensor.shape)}, expected one row per point that "
-            "begins with x, y, z; give the sweep as an array of points by fields"
-        )
-    positions = np.pad(tensor[:, :_COORDINATES].double().numpy(), ((0, 0), (0, 1)))
-    is_masked = isinstance(points, np.ma.MaskedArray)  # those were chosen by the user
-    warn_of_losses(positions, "the points", usual_share=USUAL_LOSS if is_masked else 0.0)
-    fault = cloud_fault(positions[np.isfinite(positions).all(axis=1)], 1.0)
-    if fault is not None:
-        raise ValueError(f"the cloud has {fault[0]}; {fault[1]}")
-    return tensor if tensor.is_floating_point() else tensor.float()
-
-
-def _to_tensor(name: str, values: object) -> Tensor:
-    """Convert to a CPU tensor; arrays are copied, as PyTorch accepts no negative strides."""
-    array = given_array(name, values)
-    if array.dtype.kind not in "fiu":
-        raise ValueError(
-            f"{name} is {array.dtype} of shape {array.shape}, expected an array of numbers; give "
-            "metres, or an image of 8 bits"
-        )
-    return torch.from_numpy(np.array(array, dtype=array.dtype.newbyteorder("="), order="C"))
-
-
-def _rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor, "3 height width"]:
-    """Convert the image to [0, 1]; black if there is none."""
-    if image is None:
-        return torch.zeros(3, *size)
-    is_channels_last = isinstance(image, np.ndarray)
-    planes = _to_tensor("the image", image)
-    expected = (*size, 3) if is_channels_last else (3, *size)
-    if planes.dtype != torch.uint8 or tuple(planes.shape) != expected:
-        raise ValueError(
-            f"the image is {planes.dtype} of shape {tuple(planes.shape)}, expected torch.uint8 of "
-            f"shape {expected} like the sparse depth map; convert it to RGB of 8 bits and that size"
-        )
-    if is_channels_last:
-        planes = planes.permute(2, 0, 1)
-    return torch.from_numpy(planes.numpy(force=True) / np.float32(255))
 
 
 def _resized(

@@ -11,7 +11,7 @@ from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.geometry.road_height import LidarPose
 from sightline.geometry.tilt import Tilt
 from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES
-from sightline.simulation.lidar import LIDARS, BlindSector, Laser, LidarConfig
+from sightline.simulation.lidar_config import LIDARS, BlindSector, Laser, LidarConfig
 from sightline.simulation.rigs import CameraRig, LidarRig, Rig
 
 _REACH_SHARE: Final = 0.9  # of the largest range

@@ -21,7 +21,8 @@ from sightline.simulation.camera.camera import (
 from sightline.simulation.camera.samples import RollingView, View, camera_view
 from sightline.simulation.camera.windscreen import Dirt, draw_dirt
 from sightline.simulation.labels import label_frame
-from sightline.simulation.lidar import LIDARS, LidarConfig, mounted, take_sweep
+from sightline.simulation.lidar import mounted, take_sweep
+from sightline.simulation.lidar_config import LIDARS, LidarConfig
 from sightline.simulation.random_rigs import random_rig
 from sightline.simulation.rays.raycast import Raycaster
 from sightline.simulation.rig_sensors import Sensors, mount
