@@ -368,6 +368,31 @@ def test_annotated_drives_hold_ground_truth_beside_sparse_maps(
     assert report.images[0].name == "D_image_0000000000_image_02"
 
 
+@pytest.mark.parametrize("kind", ["groundtruth", "velodyne_raw"])
+def test_drive_and_camera_need_be_told_by_one_folder_alone(tmp_path, kind):
+    annotated = tmp_path / "train" / "D" / "proj_depth" / kind
+    for folder in (annotated / "image_02", tmp_path / "found", tmp_path / "other" / "image_02"):
+        write_depth_png(folder / "0000000005.png", np.full((3, 4), 7 + len(folder.parts) % 2))
+    (tmp_path / "link").symlink_to(annotated / "image_02")
+    for one, other in (
+        ("found", annotated / "image_02"),
+        ("other", annotated),
+        ("other/image_02", "link"),
+        ("found", f"train/D/proj_depth/{kind}/../{kind}/image_02"),
+    ):
+        for pair in ((one, other), (other, one)):
+            (image,) = evaluate_depth(*(tmp_path / each for each in pair)).images
+            assert image.name.endswith("0000000005") is (pair[1] == one)
+
+
+def test_frames_of_other_drives_are_no_predictions(tmp_path):
+    for drive in "AB":
+        folder = tmp_path / drive / "proj_depth" / "groundtruth" / "image_02"
+        write_depth_png(folder / "0000000005.png", np.ones((3, 4)))
+    with pytest.raises(ValueError, match="lacks predictions for 1 of the 1 images"):
+        evaluate_depth(*(tmp_path / drive / "proj_depth" for drive in "AB"))
+
+
 @pytest.mark.parametrize("place", ["training/depth", "depth"])
 def test_a_data_set_in_place_of_its_depth_maps_is_told(tmp_path, place):
     predictions, truth, _ = write_set(tmp_path, names=["a"])

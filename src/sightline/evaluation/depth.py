@@ -6,7 +6,6 @@ to a second method (`sightline.evaluation.depth_breakdown`). The rules are in
 image has the same weight, independent of its number of pixels with ground truth.
 """
 
-import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +13,7 @@ from functools import partial, reduce
 from itertools import pairwise
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,6 +36,7 @@ from sightline.evaluation.depth_conventions import (
     compare_depths,
     doubts_about_depths,
 )
+from sightline.evaluation.depth_files import DepthFiles, match_depth_files
 from sightline.evaluation.depth_scores import (
     DepthScores,
     fill_gaps,
@@ -65,15 +65,6 @@ _ROWS = (
     "sqRel",
     "coverage",
 )
-_TRUTH_FOLDER = "groundtruth_depth"  # of the depth benchmark's selection
-_DEPTH_PLACES = ("training/depth", "depth")  # of simulated trees and recordings
-
-
-class _Pair(NamedTuple):
-    name: str
-    prediction: Path
-    truth: Path
-    sparse: Path | None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -258,9 +249,9 @@ def _score_files(
 ) -> tuple[tuple[ImageReport, ...], int]:
     """Score each image, and count the predictions without ground truth."""
     if predictions.is_file() and truth.is_file():
-        pairs, unused = [_Pair(truth.stem, predictions, truth, sparse)], 0
+        pairs, unused = [DepthFiles(truth.stem, predictions, truth, sparse)], 0
     else:
-        pairs, unused = _match(predictions, truth, sparse)
+        pairs, unused = match_depth_files(predictions, truth, sparse)
     # Threads, because decoding and numpy release the lock.
     images = map_ahead(partial(_score_file, band_ends_m=ends[1:]), pairs, workers=workers)
     if progress:
@@ -303,75 +294,7 @@ def _differences(
     )
 
 
-def _match(predictions: Path, truth: Path, sparse: Path | None) -> tuple[list[_Pair], int]:
-    """Match the files of each image, and count the other predictions."""
-    predicted, true = _depth_files(predictions), _depth_files(truth, "groundtruth")
-    given = {} if sparse is None else _depth_files(sparse, "velodyne_raw")
-    for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
-        missing = sorted(true.keys() - files.keys())
-        if folder is not None and missing:
-            raise ValueError(
-                f"{folder} lacks {noun} for {len(missing)} of the {len(true)} images with "
-                f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
-                f"score against {_find_maps(truth) or 'a folder with the truth of fewer images'}"
-            )
-    pairs = [_Pair(name, predicted[name], true[name], given.get(name)) for name in sorted(true)]
-    return pairs, len(predicted) - len(true)
-
-
-def _find_maps(folder: Path) -> Path | None:
-    """Find the folder of true depth maps within a data set."""
-    places = (folder / place for place in _DEPTH_PLACES)
-    found = next((place for place in places if place.is_dir()), None)
-    is_truth = folder.name == _TRUTH_FOLDER
-    return found or (None if is_truth else next(folder.rglob(_TRUTH_FOLDER), None))
-
-
-def _depth_files(folder: Path, kind: str = "") -> dict[str, Path]:
-    """List depth maps by frame; where annotated drives hold two kinds, those of `kind`."""
-    if not folder.is_dir():
-        fault = "is a file where the other is a folder" if folder.exists() else "does not exist"
-        raise ValueError(f"{folder} {fault}: give two folders of depth PNGs, or two files")
-    files: dict[str, Path] = {}
-    paths = sorted(folder.rglob("*.[pP][nN][gG]"))
-    mark = f"/proj_depth/{kind}/"
-    for path in [each for each in paths if mark in each.absolute().as_posix()] or paths:
-        place = path.relative_to(folder)
-        if any(part.startswith(".") for part in place.parts):
-            continue  # hidden: unfinished files are in such folders
-        name = _frame_name(place, path)
-        if name in files:
-            raise ValueError(
-                f"{folder} holds {files[name].relative_to(folder)} and {place}, which both stand "
-                f"for frame {name}: remove one of them"
-            )
-        files[name] = path
-    if not files:
-        sweeps = sum(1 for _ in folder.rglob("*.bin"))
-        found = f"{sweeps:,} .bin files, which are sweeps, and no PNG" if sweeps else "no PNG"
-        raise ValueError(
-            f"{folder} holds {found}: name a folder of 16-bit depth PNGs, such as velodyne_raw or "
-            "groundtruth_depth of KITTI's depth benchmark"
-        )
-    return files
-
-
-def _frame_name(place: Path, path: Path) -> str:
-    """Unify the names of a frame in the benchmark's archives; others are the place in the folder.
-
-    Args:
-        place: Path of the file in its folder.
-        path: Its whole path, as the folder may lie within an annotated drive.
-    """
-    annotated = r"/([^/]+)/proj_depth/(?:groundtruth|velodyne_raw)/(image_0\d)/(\d+)$"
-    if match := re.search(annotated, path.absolute().with_suffix("").as_posix()):
-        drive, camera, number = match.groups()
-        return f"{drive}_image_{number}_{camera}"
-    name = place.with_suffix("").as_posix()
-    return re.sub(r"_(?:groundtruth_depth|velodyne_raw)_(\d+_image_0\d)$", r"_image_\1", name)
-
-
-def _score_file(pair: _Pair, *, band_ends_m: Sequence[float]) -> ImageReport:
+def _score_file(pair: DepthFiles, *, band_ends_m: Sequence[float]) -> ImageReport:
     name, prediction, truth, sparse = pair
     prediction_m, truth_m = read_depth_png(prediction), read_depth_png(truth)
     sparse_m = None if sparse is None else read_depth_png(sparse)

@@ -1,0 +1,131 @@
+"""Depth maps of two folders matched by frame, also between KITTI's layouts."""
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from sightline.data.kitti_trees import describe_absent
+
+_TRUTH_FOLDER: Final = "groundtruth_depth"  # of the depth benchmark's selection
+_DEPTH_PLACES: Final = ("training/depth", "depth")  # of simulated trees and recordings
+_OF_DRIVE: Final = re.compile(
+    r"/([^/]+)/proj_depth/(?:groundtruth|velodyne_raw)/(image_0\d)/(\d+)$"
+)
+_OF_SELECTION: Final = re.compile(r"_(?:groundtruth_depth|velodyne_raw)_(\d+_image_0\d)$")
+
+
+class DepthFiles(NamedTuple):
+    """Depth maps of one frame."""
+
+    name: str
+    prediction: Path
+    truth: Path
+    sparse: Path | None
+
+
+def match_depth_files(
+    predictions: Path, truth: Path, sparse: Path | None
+) -> tuple[list[DepthFiles], int]:
+    """Match the depth maps of each frame in folders, and count the other predictions.
+
+    Frames have the same name if their maps have the same place in their folders, or in one of the
+    layouts of KITTI's depth benchmark. A folder within an annotated drive tells drive and camera,
+    which other folders need not.
+
+    Raises:
+        ValueError: A folder is missing or empty, two of its maps are of one frame, or it lacks a
+            frame with ground truth.
+    """
+    true = _list_maps(truth, "groundtruth")
+    predicted = _as_named(_list_maps(predictions), true)
+    given = {} if sparse is None else _as_named(_list_maps(sparse, "velodyne_raw"), true)
+    for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
+        missing = sorted(true.files.keys() - files.keys())
+        if folder is not None and missing:
+            raise ValueError(
+                f"{folder} lacks {noun} for {len(missing)} of the {len(true.files)} images with "
+                f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
+                f"score against {_find_maps(truth) or 'a folder with the truth of fewer images'}"
+            )
+    frames = [
+        DepthFiles(name, predicted[name], path, given.get(name))
+        for name, path in sorted(true.files.items())
+    ]
+    return frames, len(predicted) - len(frames)
+
+
+@dataclass(frozen=True, slots=True)
+class _Maps:
+    """Depth maps of a folder."""
+
+    files: dict[str, Path] = field(default_factory=dict)
+    """Files by frame."""
+    frames: dict[str, str] = field(default_factory=dict)
+    """Frames by the file's place in the folder, without suffix."""
+
+
+def _as_named(maps: _Maps, true: _Maps) -> Mapping[str, Path]:
+    """Name maps as the ground truth, if only one of both folders tells drive and camera."""
+    if maps.files.keys().isdisjoint(true.files):
+        by_place = {true.frames.get(frame, frame): path for frame, path in maps.files.items()}
+        if not by_place.keys().isdisjoint(true.files):
+            return by_place
+        by_place = {place: maps.files[frame] for place, frame in maps.frames.items()}
+        if not by_place.keys().isdisjoint(true.files):
+            return by_place
+    return maps.files
+
+
+def _find_maps(folder: Path) -> Path | None:
+    """Find the folder of true depth maps within a data set."""
+    places = (folder / place for place in _DEPTH_PLACES)
+    found = next((place for place in places if place.is_dir()), None)
+    is_truth = folder.name == _TRUTH_FOLDER
+    return found or (None if is_truth else next(folder.rglob(_TRUTH_FOLDER), None))
+
+
+def _list_maps(folder: Path, kind: str = "") -> _Maps:
+    """List depth maps; where annotated drives hold two kinds, those of `kind`."""
+    if not folder.is_dir():
+        fault = "is a file where the other is a folder" if folder.exists() else "does not exist"
+        raise ValueError(f"{folder} {fault}: give two folders of depth PNGs, or two files")
+    root, mark = os.path.realpath(folder), f"/proj_depth/{kind}/"
+    paths = [path.relative_to(folder) for path in sorted(folder.rglob("*.[pP][nN][gG]"))]
+    # In hidden folders are unfinished files.
+    paths = [each for each in paths if not any(part.startswith(".") for part in each.parts)]
+    of_kind = [each for each in paths if mark in f"{root}/{each.as_posix()}"]
+    maps = _Maps()
+    for path in of_kind or paths:
+        place = path.with_suffix("").as_posix()
+        frame = _frame_name(f"{root}/{place}", place)
+        if frame in maps.files:
+            raise ValueError(
+                f"{folder} holds {maps.files[frame].relative_to(folder)} and {path}, which both "
+                f"stand for frame {frame}: remove one of them"
+            )
+        maps.files[frame] = folder / path
+        maps.frames[place] = frame
+    if not maps.files:
+        sweeps = sum(1 for _ in folder.rglob("*.bin"))
+        found = f"{sweeps:,} .bin files, which are sweeps, and no PNG" if sweeps else "no PNG"
+        raise ValueError(
+            f"{folder} holds {found}: name a folder of 16-bit depth PNGs, such as velodyne_raw or "
+            "groundtruth_depth of KITTI's depth benchmark"
+        )
+    return maps
+
+
+def _frame_name(whole: str, place: str) -> str:
+    """Unify the names of a frame in the benchmark's archives; others are the place in the folder.
+
+    Args:
+        whole: Whole path without suffix, as the folder may lie within an annotated drive.
+        place: Path in the folder.
+    """
+    if match := _OF_DRIVE.search(whole):
+        drive, camera, number = match.groups()
+        return f"{drive}_image_{number}_{camera}"
+    return _OF_SELECTION.sub(r"_image_\1", place)
