@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.frame_checks import check_depth_fit
+from sightline.data.frame_checks import check_depth_fit, depth_range_doubt
 from sightline.data.image_file import write_rgb
 from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
@@ -115,6 +115,17 @@ def test_depth_in_millimetres_is_doubted_by_check_and_on_entry(tmp_path):
     (doubt,) = doubts(tmp_path)
     assert "has a 99th percentile of depths of 0.05" in doubt
     assert any("in millimetres or another unit" in each.problem for each in check_tree(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("valid_share", "scale", "doubted"),
+    [(0.9, 1, False), (0.9, 1000 / 256, True), (0.3, 1, True), (0.3, 1000 / 256, True)],
+)
+def test_only_dense_depth_goes_beyond_the_range_of_lidars(valid_share, scale, doubted):
+    rng = np.random.default_rng(0)
+    depth_m = np.exp(rng.normal(np.log(14), 1.0, (40, 80)))  # 99th percentile of 140 m
+    depth_m[rng.random(depth_m.shape) > valid_share] = 0
+    assert (depth_range_doubt(depth_m * scale) is not None) is doubted
 
 
 def test_depth_is_compared_with_the_points_that_it_shows(tree):

@@ -39,6 +39,8 @@ from sightline.geometry.mount_axes import axes_doubt
 _MAX_BLANK_LEVELS = 8  # largest range of levels in an image of a single colour
 _GREY_STEP = 4  # pixels between those that tell grey images
 _MAX_LIDAR_DEPTH_M = 120.0  # largest plausible 99th percentile of a projected sweep
+_MAX_DENSE_MEDIAN_M = 30.0  # of a dense map that goes beyond: simulated ones have up to 24
+_DENSE_SHARE = 0.5  # pixels with a depth in a dense map
 _MIN_DEPTH_M = 1.0  # smallest plausible 99th percentile
 _MIN_COMPARED_PX = 20  # pixels with a depth and a point
 _MAX_DEPTH_RATIO = 1.5  # ratio between depth and point that counts as a wrong scale
@@ -323,12 +325,18 @@ def _check_depth_range(depth_m: Float32[np.ndarray, "height width"], path: Path)
 
 
 def depth_range_doubt(depth_m: Float[np.ndarray, "height width"]) -> str | None:
-    """Reason, as the rest of a sentence, why depths are no plausible LiDAR metres; else None."""
+    """Reason, as the rest of a sentence, why depths are no plausible metres; else None.
+
+    Dense maps, of a simulator or a network, may go beyond the range of LiDARs.
+    """
     depths = depth_m[depth_m > 0]
     if len(depths) < _MIN_COMPARED_PX:
         return None
     percentile_99 = float(np.percentile(depths, 99))
     if _MIN_DEPTH_M <= percentile_99 <= _MAX_LIDAR_DEPTH_M:
+        return None
+    is_dense = len(depths) > _DENSE_SHARE * depth_m.size
+    if is_dense and percentile_99 > _MIN_DEPTH_M and np.median(depths) <= _MAX_DENSE_MEDIAN_M:
         return None
     return f"has a 99th percentile of depths of {percentile_99:.4g} m"
 
