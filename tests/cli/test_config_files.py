@@ -25,10 +25,51 @@ def test_settings_of_a_file_come_before_all_others(words, command):
 
 @pytest.mark.parametrize(
     "words",
-    [[], ["--config", "c.yaml"], ["evaluate"], ["nothing", "--config"], ["show", "--config"]],
+    [[], ["--help"], ["evaluate"], ["nothing", "--config"], ["show", "--config"]],
 )
 def test_other_words_stay(words):
     assert with_config_first(words, COMMANDS) == words
+
+
+@pytest.mark.parametrize(
+    ("words", "example"),
+    [
+        (["--config", "c.yaml", "show"], "sightline COMMAND --config FILE"),
+        (["--config=c.yaml"], "sightline COMMAND --config FILE"),
+        (["--print_config", "show"], "sightline COMMAND --print_config"),
+        (["evaluate", "--config", "c.yaml"], "sightline evaluate COMMAND --config FILE"),
+    ],
+)
+def test_files_of_settings_before_the_command_are_refused(capsys, words, example):
+    with pytest.raises(ValueError, match=f"give it behind, as in {re.escape(example)}$"):
+        with_config_first(words, COMMANDS)
+    assert main(words) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    for command in ([], ["evaluate"]):
+        with pytest.raises(SystemExit, match="0"):
+            main([*command, "--help"])
+        assert "--config CONFIG" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "settings", "told"),
+    [
+        ("show", "data: D\nframes: [000010]", "frames in a file of settings: expected a name"),
+        ("show", "data: D\nframes: 000010", "FRAMES in a file of settings: expected a list"),
+        ("check", "data: 010", "data in a file of settings: expected a name"),
+        ("health", "data: D\nsample_list: 010", "sample_list in a file of settings: expected a na"),
+        ("robustness", "data: D\ncases: [1.50]", "expected a name, got what YAML reads as another"),
+        ("check", "", "--config names a file without settings"),
+        ("check", "[a, b]", "--config names a file without settings"),
+    ],
+)
+def test_values_that_yaml_reads_as_others_are_refused(tmp_path, capsys, command, settings, told):
+    (tmp_path / "c.yaml").write_text(settings)
+    with pytest.raises(SystemExit, match="2"):
+        main([command, "--config", str(tmp_path / "c.yaml")])
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize(

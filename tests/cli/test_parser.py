@@ -103,6 +103,19 @@ def test_several_names_are_taken_however_people_write_them(words):
     assert run(chosen) is None
 
 
+@pytest.mark.parametrize("name", ["run,2", "run[1]"])
+def test_names_of_folders_stay_whole(tmp_path, monkeypatch, name):
+    (tmp_path / name).mkdir()
+    (tmp_path / "c.yaml").write_text(f"cases: ['{name}']")
+    monkeypatch.chdir(tmp_path)
+    for words in (["--cases", name, "a,b"], [f"--cases={name}"], ["--config=c.yaml"]):
+        assert run(chosen, *words)[0] == name
+
+
+def test_long_lists_of_names_are_split():
+    assert len(run(chosen, "--cases", ",".join(["clean"] * 1000))) == 1000
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -14,6 +14,7 @@ from sightline.files.plain_text import read_text, shortened
 from sightline.files.problem import FileError
 
 _OPTION = "--config"
+_PRINTING = "--print_config"
 
 
 def with_config_first(arguments: Sequence[str], commands: Mapping[str, Any]) -> list[str]:
@@ -25,6 +26,7 @@ def with_config_first(arguments: Sequence[str], commands: Mapping[str, Any]) -> 
 
     Raises:
         FileError: A file has a setting that the command does not take.
+        ValueError: A file stands before the command.
     """
     command: Any = commands
     num_names = 0
@@ -32,11 +34,23 @@ def with_config_first(arguments: Sequence[str], commands: Mapping[str, Any]) -> 
         command = command[arguments[num_names]]
         num_names += 1
     if not callable(command):
+        _refuse_before_command(*arguments[: num_names + 1])
         return list(arguments)
     given, others = _split(arguments[num_names:])
     for path in given:
         _check_keys(Path(path), command)
     return [*arguments[:num_names], *(f"{_OPTION}={path}" for path in given), *others]
+
+
+def _refuse_before_command(*words: str) -> None:
+    *names, option = words or ("",)
+    option = option.partition("=")[0]
+    if option in (_OPTION, _PRINTING):
+        example = " ".join(["sightline", *names, "COMMAND", option])
+        raise ValueError(
+            f"{option} stands before the command whose settings it is about; give it behind, as in "
+            f"{example}{' FILE' if option == _OPTION else ''}"
+        )
 
 
 def _split(words: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -1,6 +1,7 @@
 """Parser of the command line's arguments."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from inspect import Parameter, Signature
@@ -12,7 +13,7 @@ import yaml
 
 from sightline.cli.help_formatter import PlainHelpFormatter
 from sightline.cli.output import fail
-from sightline.cli.refusal import plain_refusal
+from sightline.cli.refusal import UNQUOTED, plain_refusal
 from sightline.files.plain_text import read_text
 
 Device = Literal["cpu", "cuda"]
@@ -114,10 +115,17 @@ class OneLineParser(jsonargparse.ArgumentParser):
         if dashed[0] in _MAY_BE_LEFT_OUT:
             dashed, settings["nargs"] = [_MAY_BE_LEFT_OUT[dashed[0]]], "?"
         if dashed[0] in _SEVERAL:
-            settings |= {"action": "store", "type": str, "nargs": "+"}
+            settings |= {"action": "store", "type": _name, "nargs": "+"}
         if dashed[0] in _SHORT:
             dashed.append(_SHORT[dashed[0]])
         return super().add_argument(*dashed, **settings)
+
+    def add_subcommands(self, *args: Any, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
+        """Add commands; `with_config_first` refuses files of settings before one."""
+        for action in self._actions:
+            if action.dest in ("config", "print_config"):
+                action.help = argparse.SUPPRESS
+        return super().add_subcommands(*args, **settings)
 
     def parse_args(self, *args: Any, **settings: Any) -> Any:  # noqa: ANN401 - as jsonargparse
         """Parse arguments; of files of settings, also lists and optional positional arguments."""
@@ -126,7 +134,7 @@ class OneLineParser(jsonargparse.ArgumentParser):
             for action in self._actions:
                 value = parsed.get(action.dest)
                 if isinstance(action, _ValueList) and value is not None:
-                    parsed[action.dest] = action.numbers_or_names(value)
+                    parsed[action.dest] = action.of_file(value)
                 elif action.dest in _MAY_BE_LEFT_OUT.values() and value is None:
                     parsed[action.dest] = _path_in_files(action.dest, parsed.get("config"))
         except argparse.ArgumentError as error:
@@ -137,6 +145,17 @@ class OneLineParser(jsonargparse.ArgumentParser):
         """Print the error and end the program."""
         del ex  # its text is in the message
         sys.exit(fail(plain_refusal(message, str(self.prog)), REFUSED))
+
+
+def _name(value: object) -> str:
+    """Take a name from the command line or a file of settings.
+
+    Raises:
+        ValueError: YAML has read it as a number, without its leading zeros.
+    """
+    if not isinstance(value, str):
+        raise ValueError(UNQUOTED)
+    return value
 
 
 class _ValueList(argparse.Action):
@@ -156,41 +175,43 @@ class _ValueList(argparse.Action):
     ) -> None:
         """Set the tuple of the words after the option."""
         del parser, option_string
-        setattr(namespace, self.dest, self.numbers_or_names(values))
+        words = [word for value in values for word in _split_word(value)]
+        setattr(namespace, self.dest, self._converted(words, " ".join(values)))
 
-    def numbers_or_names(self, given: object) -> tuple[object, ...]:
-        """Convert words of the command line, or the value in a file of settings.
+    def of_file(self, value: object) -> tuple[object, ...]:
+        """Convert the value in a file of settings; items of a list are taken as they are.
 
         Raises:
-            argparse.ArgumentError: They are no numbers, or of another number than the option takes.
+            argparse.ArgumentError: They are no numbers or names, or not as many as needed.
         """
+        words = _split_word(value) if isinstance(value, str) else value
+        values = list(words) if isinstance(words, list | tuple) else [words]
+        return self._converted(values, " ".join(map(str, values)))
+
+    def _converted(self, words: Sequence[object], given: str) -> tuple[object, ...]:
         option = self.option_strings[0]
         value_type, count = _LISTS[option]
-        values = given if isinstance(given, list | tuple) else [given]
+        if value_type is str:
+            if not all(isinstance(word, str) for word in words):
+                raise argparse.ArgumentError(self, UNQUOTED)
+            return tuple(words)
         try:
-            words = [word for value in values for word in _plain_word(value).split(",")]
-            parsed = tuple(map(value_type, words))
+            if any(isinstance(word, bool) for word in words):
+                raise ValueError
+            parsed = tuple(value_type(str(word)) for word in words)
         except ValueError:
-            noun, example = ("names", "a,b") if value_type is str else ("numbers", "1,2")
-            given_text = " ".join(map(str, values))
             raise argparse.ArgumentError(
-                self, f"expected {noun}, got {given_text}; write them last or as {option}={example}"
+                self, f"expected numbers, got {given}; write them last or as {option}=1,2"
             ) from None
         if count is not None and len(parsed) != count:
-            kind = "names" if value_type is str else "numbers"
-            raise argparse.ArgumentError(self, f"expected {count} {kind}, got {len(parsed)}")
+            raise argparse.ArgumentError(self, f"expected {count} numbers, got {len(parsed)}")
         return parsed
 
 
-def _plain_word(value: object) -> str:
-    """Text of a number or name.
-
-    Raises:
-        ValueError: It is neither.
-    """
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise ValueError
-    return str(value).strip("[]")
+def _split_word(word: str) -> list[str]:
+    """Split `64,16` or `[64,16]`; the path of an existing file or folder stays whole."""
+    is_path = os.path.exists(word)  # noqa: PTH110 - Path.exists raises for long lists
+    return [word] if is_path else word.strip("[]").split(",")
 
 
 def _path_in_files(name: str, files: Sequence[Any] | None) -> Path | None:

@@ -4,6 +4,11 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Final
 
+UNQUOTED: Final = (
+    "expected a name, got what YAML reads as another value; write it in quotes, as '000010'"
+)
+"""Refusal of a number in a file of settings, where a name is expected."""
+
 _TYPES: Final = {"int": "a whole number", "float": "a number"}
 
 
@@ -35,9 +40,22 @@ def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _
         expected = "one of " + literals.group(1).replace("'", "")
     elif numbers:
         expected = numbers[0]
+    elif "<class 'str'>" in kinds:
+        return _no_name(commands, key)
     else:
         expected = "another value"
     return f"{option}: expected {expected}, got {value}", commands
+
+
+def _no_name(commands: Sequence[str], key: str) -> _Refusal:
+    return f"{key} in a file of settings: {UNQUOTED}", commands
+
+
+def _no_settings(commands: Sequence[str]) -> _Refusal:
+    return (
+        "--config names a file without settings; write a line for each, as in data: KITTI",
+        commands,
+    )
 
 
 def _no_list(commands: Sequence[str], key: str) -> _Refusal:
@@ -69,7 +87,10 @@ def _wrong_command(commands: Sequence[str], given: str, known: str) -> _Refusal:
 _RULES: Final[tuple[tuple[str, Callable[..., _Refusal]], ...]] = (
     (r'Parser key "(\w+)":\s+Expected an? (.*)\. Got value: (.*)', _wrong_value),
     (r'Parser key "(\w+)":.*Subtypes: \[(.*)\]\s+Errors:.*Given value: (.*)', _wrong_value),
-    (r'Parser key "(\w+)":.*does not support item assignment', _no_list),
+    (r'Parser key "(\w+)":.*(?:does not support item assignment|is not iterable)', _no_list),
+    (r'Parser key "(\w+)":.*(?:not int|not float|not bool|not list|not dict|not date)', _no_name),
+    (rf'Parser key "(\w+)": {re.escape(UNQUOTED)}', _no_name),
+    (r"Unexpected config:.*", _no_settings),
     (r"'([\w-]+)'", _unknown_setting),  # of a KeyError that names the command
     (r"the following arguments are required: (.*)", _missing),
     (r'expected "([\w.-]+\.)?subcommand" to be one of \{(.*)\}, but it was not .*', _no_command),
