@@ -26,6 +26,21 @@ from tests.data.recordings import (
 
 
 @pytest.mark.parametrize(
+    ("text", "program"),
+    [
+        ("%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n", "OpenCV"),
+        ("P0: 7.2e+02 0.0 6.0e+02 0.0 0.0 7.2e+02 1.7e+02 0.0 0.0 0.0 1.0 0.0\nP1: 1 2 3", "KITTI"),
+        ("cam0:\n  T_cam_imu: [[1]]\n", "Kalibr"),
+        ("image_width: 640\ncamera_name: left\ncamera_matrix: {rows: 3}\n", "ROS"),
+    ],
+)
+def test_calibrations_of_other_programs_are_named(tmp_path, text, program):
+    (tmp_path / "calibration.yaml").write_text(text)
+    with pytest.raises(FileError, match=f"is a calibration in the format of {program}; write its"):
+        read_recording_calibration(tmp_path / "calibration.yaml")
+
+
+@pytest.mark.parametrize(
     ("changes", "said"),
     [
         (

@@ -1,6 +1,7 @@
 """Calibration file of a recording: YAML or JSON, written by hand or by an import."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from jaxtyping import Float64
 from sightline.data.image_header import MAX_PIXELS
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, distorts, lens_fault
-from sightline.files.plain_text import shortened
+from sightline.files.plain_text import read_text, shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
 from sightline.geometry.mount import camera_fault
@@ -34,6 +35,13 @@ _KEYS: Final = (
     "lidar_tilt_deg",
     "max_intensity",
 )
+_OTHER_FORMATS: Final = {
+    "OpenCV": r"^%YAML:1\.0|!!opencv-matrix",
+    "KITTI": r"^(?:P[0-3]|P_rect_0\d|R0_rect|Tr_velo\w*):",
+    "Kalibr": r"^cam\d:",
+    "ROS": r"^(?:camera_name|distortion_model|projection_matrix|rectification_matrix):",
+}
+"""How the files of other formats begin a line."""
 _LIMIT = 1e9
 _REMEDY = "see docs/recordings.md for an example"
 
@@ -69,11 +77,16 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
     Raises:
         FileError: The file is no calibration, lacks a matrix, or contains invalid values.
     """
-    content = read_yaml(path, _REMEDY)
+    try:
+        content = read_yaml(path, _REMEDY)
+    except FileError:
+        _refuse_other_format(path)
+        raise
     if not isinstance(content, dict):
         raise FileError(path, "holds no mapping of names to values", _REMEDY)
     unknown = [str(key) for key in content if key not in _KEYS]
     if unknown:
+        _refuse_other_format(path)
         raise FileError(
             path,
             f"has the unknown entry {shortened(unknown[0], 40)!r}, expected {', '.join(_KEYS)}",
@@ -92,6 +105,18 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
     except ValueError as error:
         raise FileError(path, str(error), _REMEDY) from error
     return calibration
+
+
+def _refuse_other_format(path: Path | str) -> None:
+    text = read_text(path)
+    for program, pattern in _OTHER_FORMATS.items():
+        if re.search(pattern, text, re.MULTILINE):
+            raise FileError(
+                path,
+                f"is a calibration in the format of {program}",
+                "write its intrinsics as camera_matrix and its extrinsics as camera_from_lidar, "
+                "each a list of rows; " + _REMEDY,
+            )
 
 
 def require_usable(
