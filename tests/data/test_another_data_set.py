@@ -25,8 +25,11 @@ from sightline.data.open import (
     refuses_gaps,
 )
 from sightline.detection2d.registration import TASK as DETECTION_2D
+from sightline.perception.perceive import perceive
+from sightline.perception.results import open_results, read_perception
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
+from tests.perception.predictors import perceiver
 
 PAGE = Path(__file__).parents[2] / "docs" / "recordings.md"
 SCRIPT = re.findall(
@@ -136,6 +139,71 @@ def test_a_class_of_the_protocol_is_opened_and_its_first_frames_are_checked(tmp_
     assert not refuses_gaps(dataset)
     assert label_file(dataset, 0) is None
     assert list_sample_files(dataset) == [{"image": tmp_path / "b.png"}]
+
+
+class NamelessDataset(SmallestDataset):
+    """Samples without a name, or of one that differs from `sample_ids`."""
+
+    def __init__(self, folder, **named):
+        super().__init__(folder)
+        self.named = named
+
+    def __getitem__(self, index: int) -> CameraLidarSample:
+        sample = super().__getitem__(index)
+        return CameraLidarSample.from_arrays(sample.calibration, image=sample.image, **self.named)
+
+
+@pytest.fixture
+def opened(tmp_path, monkeypatch):
+    """Open frames 0 and 1 by the class."""
+    for index in range(2):
+        noise = np.random.default_rng(index).integers(0, 256, (375, 1242, 3), np.uint8)
+        write_rgb(tmp_path / "data" / f"{index}.png", noise)
+    monkeypatch.setattr(
+        open_module, "_open_drive", lambda path, *_, **__: NamelessDataset(path, **named)
+    )
+    named = {}
+
+    def open_named(sample_list=None, **given):
+        named.update(given)
+        return open_dataset(tmp_path / "data", sample_list=sample_list)
+
+    return open_named
+
+
+@pytest.mark.parametrize("sample_list", [None, ["1", "0"]])
+def test_samples_of_such_a_class_have_the_names_of_the_data_set(opened, sample_list):
+    dataset = opened(sample_list)
+    assert [sample.sample_id for sample in map(dataset.__getitem__, range(2))] == [
+        *dataset.sample_ids
+    ]
+
+
+@pytest.mark.parametrize("sample_list", [None, ["0"]])
+def test_other_names_than_those_of_the_data_set_are_refused(opened, sample_list):
+    dataset = opened(sample_list, sample_id="../escaped")
+    message = r"NamelessDataset: sample 0 is named '\.\./escaped', expected '0' as in sample_ids"
+    with pytest.raises(ValueError, match=message):
+        dataset[0]
+
+
+@pytest.mark.parametrize("sample_list", [None, ["a"]])
+def test_names_of_such_a_class_that_occur_twice_are_refused(tmp_path, monkeypatch, sample_list):
+    twice = type("Twice", (SmallestDataset,), {"sample_ids": ("a", "b", "a")})
+    monkeypatch.setattr(open_module, "_open_drive", lambda path, *_, **__: twice(path))
+    with pytest.raises(ValueError, match=r"Twice.sample_ids holds 'a' twice.*; rename one of them"):
+        open_dataset(tmp_path, sample_list=sample_list)
+
+
+def test_results_of_samples_without_a_name_are_one_file_for_each_frame(opened, tmp_path):
+    opened()
+    out = tmp_path / "out"
+    with pytest.warns(UserWarning, match="there are no point clouds for 2 of 2 frames"):
+        perceive(tmp_path / "data", out, perceiver=perceiver(), align=False)
+    assert sorted(path.name for path in (out / "detection2d").glob("*.txt")) == ["0.txt", "1.txt"]
+    lines = (out / "perception.jsonl").read_text().splitlines()
+    assert [json.loads(line)["frame"] for line in lines] == ["0", "1"]
+    assert read_perception(open_results([out]), open_dataset(tmp_path / "data")[1]).detections2d
 
 
 def test_labels_of_such_a_class_are_found_in_a_subset(tmp_path):

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Collection, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, get_args, runtime_checkable
@@ -51,13 +51,14 @@ from sightline.data.unread_files import (
     object_folders,
     recording_folders,
 )
+from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 from sightline.files.safe_names import unusable_names
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import plain_names, plain_path, sample_index
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import KITTI_SPLITS, data_name
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import UNNAMED, CameraLidarSample
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
 _SENSOR_NOUNS: dict[Part, str] = {"image": "images", "points": "point clouds"}
@@ -91,15 +92,22 @@ class ExaminedDataset(SampleDataset, Protocol):
 
 
 class NamedSubset(Dataset[CameraLidarSample]):
-    """Subset of a data set by names, in their order."""
+    """Subset of a data set by names, in their order; its samples have these names."""
 
     def __init__(self, dataset: SampleDataset, sample_ids: Sequence[str]) -> None:
         """Look up the names.
 
         Raises:
-            ValueError: The data set lacks some of them.
+            ValueError: The data set lacks some of them, or gives a name twice.
         """
-        positions = {name: index for index, name in enumerate(dataset.sample_ids)}
+        names = dataset.sample_ids
+        positions = {name: index for index, name in enumerate(names)}
+        if len(positions) < len(names):
+            twice = next(name for index, name in enumerate(names) if positions[name] != index)
+            raise ValueError(
+                f"{type(dataset).__name__}.sample_ids holds '{shortened(twice)}' twice, expected a "
+                "different name for each sample; rename one of them"
+            )
         absent = [name for name in sample_ids if name not in positions]
         if absent:
             raise ValueError(
@@ -119,8 +127,19 @@ class NamedSubset(Dataset[CameraLidarSample]):
 
         Raises:
             IndexError: There is no such sample.
+            ValueError: The sample has a name other than in `sample_ids`, or see the data set.
         """
-        return self.dataset[self.positions[sample_index(index, len(self))]]
+        index = sample_index(index, len(self))
+        sample, name = self.dataset[self.positions[index]], self.sample_ids[index]
+        if sample.sample_id == UNNAMED:
+            return replace(sample, sample_id=name)
+        if sample.sample_id != name:
+            raise ValueError(
+                f"{type(self.dataset).__name__}: sample {self.positions[index]} is named "
+                f"'{shortened(sample.sample_id)}', expected '{shortened(name)}' as in sample_ids; "
+                "give the sample this sample_id, or none"
+            )
+        return sample
 
 
 @named_arguments
@@ -191,6 +210,8 @@ def open_dataset(
         ) or _open_drive(path, requested, allow_gaps=allow_gaps)
         if dataset is not None and sample_list is not None:
             dataset = NamedSubset(dataset, read_sample_list(sample_list, path))
+        elif isinstance(dataset, ExaminedDataset):  # a class that may leave samples unnamed
+            dataset = NamedSubset(dataset, dataset.sample_ids)
     if dataset is None:
         raise _no_data_set(path)
     if velodyne not in (None, sweeps_folder(dataset)):

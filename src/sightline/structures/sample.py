@@ -29,6 +29,9 @@ SENSOR_FIELDS: Final[Mapping[Sensor, Literal["image", "points"]]] = {
 SENSOR_TITLES: Final[Mapping[Sensor, str]] = {"camera": "camera", "lidar": "LiDAR"}
 """Names of the sensors in texts."""
 
+UNNAMED: Final = "sample"
+"""Name of a sample from arrays without a name; a data set gives it its own."""
+
 
 @checked(wide=True, remedy="CameraLidarSample.from_arrays converts arrays")
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,7 +114,7 @@ class CameraLidarSample:
         max_intensity: SupportsFloat = 1.0,
         lidar_height_m: SupportsFloat | None = None,
         lidar_tilt_deg: Sequence[SupportsFloat] | np.ndarray | Tensor | None = None,
-        sample_id: str = "sample",
+        sample_id: str = UNNAMED,
         all_around: bool = False,
     ) -> "CameraLidarSample":
         """Create a sample from your arrays; warn of doubtful input and of assumptions.
@@ -152,7 +155,8 @@ class CameraLidarSample:
             lidar_tilt_deg: Roll and pitch of the LiDAR against the road, as in a URDF: a positive
                 pitch lowers its front. None: estimated from the road in the points, from 4 degrees
                 on, with a warning; hills and verges change single sweeps by some 3 degrees.
-            sample_id: Name of the sample in errors.
+            sample_id: Name of the sample in errors and of its files. The default becomes the name
+                in a data set's `sample_ids`.
             all_around: Whether 3D detection searches the whole turn of the LiDAR, at four times the
                 work; else the camera's view alone.
 
