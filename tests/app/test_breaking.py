@@ -11,6 +11,8 @@ from sightline.app.state import Breakage, FaultChoice, parse_state
 from sightline.augmentation.faults import fault_rng
 from sightline.cli.main import main
 from sightline.corruptions.kinds import find_kind
+from sightline.data.kitti_files import read_points, write_points
+from sightline.data.open import open_dataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import dataset
 
@@ -53,7 +55,7 @@ def test_the_yaw_turns_the_points_counter_clockwise(sample):
 def test_the_commands_of_an_object_tree_make_the_same_sensors(tmp_path, monkeypatch, sample):
     monkeypatch.chdir(tmp_path)
     state = parse_state("fault=lidar_beams.4.7&fault=camera_jpeg.2.1", FRAMES)
-    lines = reproducing_commands(state, PACKAGED_FRAMES, dataset()).splitlines()
+    lines = reproducing_commands(state, PACKAGED_FRAMES, dataset(), "auto").splitlines()
     assert lines[0] == "printf '%s\\n' 000000 > frame.txt"
     (tmp_path / "frame.txt").write_text("000000\n")
     for line in lines[1:-1]:
@@ -71,7 +73,7 @@ def test_the_commands_of_an_object_tree_make_the_same_sensors(tmp_path, monkeypa
 
 def test_what_no_command_makes_is_a_script_that_runs_to_the_same_sensors(sample):
     state = parse_state("yaw=3&fault=lidar_fog.2.5", FRAMES)
-    script = reproducing_commands(state, PACKAGED_FRAMES, dataset())
+    script = reproducing_commands(state, PACKAGED_FRAMES, dataset(), "auto")
     before, _, rest = script.partition("perceiver = ")
     assert "detection3d-fast-cpu" in rest
     made: dict = {}
@@ -81,7 +83,7 @@ def test_what_no_command_makes_is_a_script_that_runs_to_the_same_sensors(sample)
 
 def test_names_with_blanks_and_quotes_are_quoted_for_the_shell():
     state = parse_state("", FRAMES)
-    text = reproducing_commands(state, Path("my 'data'; rm -rf x"), dataset())
+    text = reproducing_commands(state, Path("my 'data'; rm -rf x"), dataset(), "auto")
     assert shlex.split(text.splitlines()[-1])[2] == "my 'data'; rm -rf x"
 
 
@@ -90,7 +92,52 @@ def test_faults_of_a_sensor_that_the_frame_lacks_are_a_script_as_corrupt_refuses
     (folder / "training" / "velodyne" / "000001.bin").unlink()
     data = dataset(folder)
     lacking = parse_state("frame=000001&fault=lidar_blank.5.0", data.sample_ids)
-    assert reproducing_commands(lacking, folder, data).startswith("import sightline")
+    assert reproducing_commands(lacking, folder, data, "auto").startswith("import sightline")
     for query in ("frame=000001&fault=camera_blank.5.0", "frame=000000&fault=lidar_blank.5.0"):
         state = parse_state(query, data.sample_ids)
-        assert "sightline corrupt" in reproducing_commands(state, folder, data)
+        assert "sightline corrupt" in reproducing_commands(state, folder, data, "auto")
+
+
+@pytest.fixture
+def reduced_tree(tmp_path):
+    """A tree with whole sweeps, and with every second point of them."""
+    folder = shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    for path in (folder / "training" / "velodyne").iterdir():
+        write_points(folder / "training" / "velodyne_reduced" / path.name, read_points(path)[::2])
+    return folder
+
+
+@pytest.mark.parametrize("fault", ["", "lidar_beams.4.7"])
+def test_commands_read_the_sweeps_of_the_page(reduced_tree, tmp_path, monkeypatch, fault):
+    monkeypatch.chdir(tmp_path)
+    data = open_dataset(reduced_tree, velodyne="velodyne_reduced")
+    state = parse_state(f"fault={fault}" if fault else "", FRAMES)
+    lines = reproducing_commands(state, reduced_tree, data, "auto").splitlines()
+    (tmp_path / "frame.txt").write_text("000000\n")
+    for line in lines[1:-1]:
+        assert main(shlex.split(line)[1:]) == 0
+    words = shlex.split(lines[-1])
+    chosen = words[words.index("--velodyne") + 1]
+    made = open_dataset(words[2], sample_list=["000000"], velodyne=chosen)[0]
+    assert torch.equal(made.points, break_sample(data[0], state.broken).points)
+
+
+def test_a_script_reads_the_sweeps_and_uses_the_engine_of_the_page(reduced_tree):
+    data = open_dataset(reduced_tree, velodyne="velodyne_reduced")
+    state = parse_state("yaw=3", FRAMES)
+    before, _, rest = reproducing_commands(state, reduced_tree, data, "torch").partition(
+        "perceiver = "
+    )
+    assert "engine='torch')" in rest
+    made: dict = {}
+    exec(before, made)
+    assert torch.equal(made["sample"].points, break_sample(data[0], state.broken).points)
+
+
+def test_commands_name_an_engine_only_if_it_was_chosen_and_sweeps_only_beside_others(reduced_tree):
+    shutil.rmtree(reduced_tree / "training" / "velodyne")
+    data, state = open_dataset(reduced_tree), parse_state("", FRAMES)
+    assert "--engine torch" in reproducing_commands(state, reduced_tree, data, "torch")
+    text = reproducing_commands(state, reduced_tree, data, "auto")
+    assert "--engine" not in text
+    assert "--velodyne" not in text

@@ -123,6 +123,11 @@ def test_a_state_that_does_not_exist_is_refused_in_one_line(client):
         assert refused.json()["reason"].startswith("the data has no frame '000009'")
 
 
+def test_the_commands_name_the_engine_of_the_page():
+    with client_of(engine="torch") as client:
+        assert "--engine torch" in client.get("/api/commands").json()["commands"]
+
+
 def test_the_time_line_judges_each_frame_with_alarms(client):
     events = events_of(client.get("/api/timeline?client=t&fault=camera_blank.5.0"))
     assert [content.get("frame") for _, content in events[:-1]] == ["000000", "000001"]

@@ -11,8 +11,9 @@ from sightline.augmentation.faults import TurnedLidar, fault_rng
 from sightline.corruptions.corruption import Corruption
 from sightline.corruptions.kinds import find_kind
 from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import Part
+from sightline.data.kitti_trees import Part, Velodyne, find_velodyne
 from sightline.data.open import SampleDataset, has_file
+from sightline.export.names import EngineChoice
 from sightline.structures.sample import CameraLidarSample, Sensor
 
 _LIST: Final = "frame.txt"
@@ -31,25 +32,42 @@ def break_sample(sample: CameraLidarSample, broken: Breakage) -> CameraLidarSamp
     return sample
 
 
-def reproducing_commands(state: PageState, data: Path, dataset: SampleDataset) -> str:
+def reproducing_commands(
+    state: PageState, data: Path, dataset: SampleDataset, engine: EngineChoice
+) -> str:
     """Write commands that give the same predictions: of the shell, else a script in Python.
 
     `corrupt` writes object trees alone and refuses frames without the sensor of a fault, and no
-    command turns a LiDAR by a given angle.
+    command turns a LiDAR by a given angle. The sweeps' folder and the engine are named if they are
+    not the default.
     """
+    sweeps = _chosen_sweeps(dataset)
     if state.broken.yaw_deg or not _can_be_corrupted(state.broken, dataset):
-        return _script(state, data)
+        return _script(state, data, sweeps, engine)
+    from_sweeps = f" --velodyne {sweeps}" if sweeps else ""
     folder, lines = str(data), [f"printf '%s\\n' {shlex.quote(state.broken.frame)} > {_LIST}"]
     for number, (fault, _) in enumerate(_in_order(state.broken), 1):
         case = f"{fault.kind}-{fault.severity}"
         lines.append(
             f"sightline corrupt {shlex.quote(folder)} broken{number} --suite {fault.kind} "
-            f"--cases {case} --seed {fault.seed} --sample-list {_LIST}"
+            f"--cases {case} --seed {fault.seed} --sample-list {_LIST}{from_sweeps}"
         )
         folder = f"broken{number}/{case}"
     weights = " ".join(f"--{task} {shlex.quote(chosen)}" for task, chosen in state.weights)
-    lines.append(f"sightline perceive {shlex.quote(folder)} found --sample-list {_LIST} {weights}")
+    by_engine = f" --engine {engine}" if engine != "auto" else ""
+    lines.append(
+        f"sightline perceive {shlex.quote(folder)} found --sample-list {_LIST} "
+        f"{weights}{from_sweeps}{by_engine}"
+    )
     return "\n".join(lines)
+
+
+def _chosen_sweeps(dataset: SampleDataset) -> Velodyne | None:
+    """Folder of an object tree's sweeps, if it is not the default one; else None."""
+    if not isinstance(dataset, KittiObjectDataset):
+        return None
+    default = find_velodyne(dataset.root / dataset.split)
+    return None if dataset.velodyne == default else dataset.velodyne
 
 
 def _can_be_corrupted(broken: Breakage, dataset: SampleDataset) -> bool:
@@ -64,8 +82,10 @@ def _can_be_corrupted(broken: Breakage, dataset: SampleDataset) -> bool:
     )
 
 
-def _script(state: PageState, data: Path) -> str:
+def _script(state: PageState, data: Path, sweeps: Velodyne | None, engine: EngineChoice) -> str:
     broken = state.broken
+    from_sweeps = f", velodyne={sweeps!r}" if sweeps else ""
+    by_engine = f", engine={engine!r}" if engine != "auto" else ""
     faults = "".join(
         f'sample = find_kind("{each.kind}").at({each.severity})'
         f'(sample, fault_rng(sample, {each.seed}, "{each.kind}"))\n'
@@ -77,8 +97,8 @@ def _script(state: PageState, data: Path) -> str:
 from sightline.augmentation.faults import TurnedLidar, fault_rng
 from sightline.corruptions.kinds import find_kind
 
-sample = sightline.open_dataset({str(data)!r}, sample_list=[{broken.frame!r}])[0]
-{faults}perceiver = sightline.MultiTaskPredictor.load({dict(state.weights)!r})
+sample = sightline.open_dataset({str(data)!r}, sample_list=[{broken.frame!r}]{from_sweeps})[0]
+{faults}perceiver = sightline.MultiTaskPredictor.load({dict(state.weights)!r}{by_engine})
 print(perceiver(sample).to_json())"""
 
 

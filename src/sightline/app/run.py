@@ -67,6 +67,7 @@ def serve_page(
         dataset=dataset,
         title="packaged frames" if data is None else data.resolve().name,
         workers=workers,
+        engine=engine,
         hosts=LOOPBACK if host is None else _names(host),
         token=token,
     )

@@ -25,6 +25,7 @@ from sightline.app.state import PageState, parse_state
 from sightline.app.timeline import health_along
 from sightline.app.workers import Workers
 from sightline.data.open import SampleDataset
+from sightline.export.names import EngineChoice
 from sightline.files.problem import plain_line
 
 MAX_STREAMS: Final = 16
@@ -49,6 +50,7 @@ class PageSettings:
     title: str
     """Name of the data on the page."""
     workers: int = 2
+    engine: EngineChoice = "auto"
     hosts: tuple[str, ...] = ()
     """Names by which the server may be called, without port."""
     token: str | None = None
@@ -118,7 +120,9 @@ class _Page:
     async def commands(self, request: Request) -> Response:
         """Commands that reproduce a state."""
         state = self._state(request)
-        text = reproducing_commands(state, self._settings.data, self._settings.dataset)
+        text = reproducing_commands(
+            state, self._settings.data, self._settings.dataset, self._settings.engine
+        )
         return JSONResponse({"commands": text, "query": state.to_query()})
 
     async def answers(self, request: Request) -> Response:

@@ -103,7 +103,7 @@ def export_page(
         "data": data_name(folder),
     }
     with SiteFolder(site, settings) as aside:
-        writer = _Writer(aside, dataset, states, data)
+        writer = _Writer(aside, dataset, states, data, engine)
         missing = [state for state in states if not writer.is_done(state)]
         size = _estimate(maker, states) / _MEGABYTE
         announce(
@@ -176,8 +176,10 @@ class _Writer:
         dataset: SampleDataset,
         states: Sequence[PageState],
         data: Path | None,
+        engine: EngineChoice,
     ) -> None:
         self._aside, self._dataset, self._states = aside, dataset, states
+        self._engine = engine
         self._name = Path((data or PACKAGED_FRAMES).resolve().name)
         self._is_packaged = data is None
         listed = list_sample_files(dataset)
@@ -208,7 +210,7 @@ class _Writer:
                 suffix = _SUFFIXES.get(name, ".jpg")
                 named[name] = f"files/{_digest(content)}{suffix}"
                 self._write(named[name], content)
-        commands = reproducing_commands(state, self._name, self._dataset)
+        commands = reproducing_commands(state, self._name, self._dataset, self._engine)
         source = "the folder that `sightline demo` prints" if self._is_packaged else "the data"
         parts = [
             {"part": name, **answer.content, "files": sorted(answer.files)}
