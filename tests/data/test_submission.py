@@ -37,6 +37,17 @@ def test_each_frame_is_in_the_archive_as_it_is_in_order_and_empty_where_nothing_
             assert archive.read(name) == (results / name).read_bytes()
 
 
+@pytest.mark.parametrize("content", [CAR, CAR + "\N{BYTE ORDER MARK}" + CAR.replace("Car", "Van")])
+def test_byte_order_marks_are_left_out_as_the_benchmark_reads_them_as_part_of_the_class(
+    results, content
+):
+    (results / "000007.txt").write_text(content, encoding="utf-8-sig")
+    write_submission(results, results.parent / "submission.zip")
+    with ZipFile(results.parent / "submission.zip") as archive:
+        packed = archive.read("000007.txt").decode()
+    assert packed == content.replace("\N{BYTE ORDER MARK}", "")
+
+
 def test_the_same_results_give_the_same_bytes_whenever_and_in_whatever_order_they_were_written(
     results,
 ):

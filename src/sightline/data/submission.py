@@ -16,7 +16,7 @@ from sightline.data.result_boxes import SCORED_CLASSES
 from sightline.data.result_checks import doubts_about_results
 from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
-from sightline.files.plain_text import shortened
+from sightline.files.plain_text import shortened, without_marks
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
@@ -33,9 +33,9 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
     """Check all result files and pack them; return the number of frames.
 
     The archive has NNNNNN.txt of each frame at its root, in order, without dates, so that the same
-    results give the same bytes. It is written atomically. Warns of results that are probably of
-    another convention than KITTI's: 2D boxes that the 3D boxes or KITTI's cameras contradict, order
-    of sizes, centres for bottoms, frame, angles, units, scores.
+    results give the same bytes; byte order marks are left out. It is written atomically. Warns of
+    results that are probably of another convention than KITTI's: 2D boxes that the 3D boxes or
+    KITTI's cameras contradict, order of sizes, centres for bottoms, frame, angles, units, scores.
 
     Args:
         results: Folder with one result file per frame, 16 fields per line; empty without
@@ -58,6 +58,7 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
     for name in names:
         path = results / f"{name}.txt"
         content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=_REMEDY)
+        content = without_marks(content, path)  # the benchmark would read one as part of the class
         objects = parse_objects(content, path, with_scores=True)
         _check_objects(path, objects)
         contents.append(content)
