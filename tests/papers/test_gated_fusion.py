@@ -212,6 +212,13 @@ def test_every_cell_is_what_evaluate_objects_gives(with_cars_found):
     assert "ours, all points" in text(report)
 
 
+def test_a_damaged_file_of_the_run_is_to_be_removed(with_cars_found):
+    given, out = with_cars_found
+    (out / "ones" / "clean" / "000000.txt").write_text("Car 0 0")
+    with pytest.raises(ValueError, match=r"line 1 has 3 fields, .*; remove it and run the same"):
+        reproduce_gated_fusion(PACKAGED_FRAMES, given, out, sample_list=["000000"], workers=1)
+
+
 def test_another_class_and_another_overlap_take_the_same_files(with_cars_found):
     given, out = with_cars_found
     settings = {"sample_list": ["000000"], "workers": 1}

@@ -103,6 +103,23 @@ def test_the_first_stage_alone_is_its_proposals_without_overlaps(weights, tmp_pa
     assert "tiny, first stage alone: points, " in text(report).replace("\n", " ")
 
 
+def test_a_damaged_file_of_its_own_is_to_be_removed_which_mends_the_run(weights, tmp_path):
+    out = tmp_path / "out"
+
+    def run(given):
+        return reproduce_two_stage(PACKAGED_FRAMES, {"first": given}, out, workers=1)
+
+    before = text(run(weights))
+    path = out / "first" / "000001.txt"
+    path.write_text(path.read_text()[:60])
+    with pytest.raises(ValueError, match=r"line 1 has \d+ fields, .*; remove it and run the same"):
+        run(weights)
+    with pytest.raises(ValueError, match="; add "):  # results that the user made
+        run(out / "first")
+    path.unlink()
+    assert text(run(weights)) == before
+
+
 def test_rows_of_the_course_are_filled_by_its_own_networks_alone(weights, tmp_path, monkeypatch):
     given = {"first": weights, "baseline": weights}
 

@@ -126,6 +126,20 @@ def test_scores_of_answers_that_were_changed_later_are_repeated(written, tmp_pat
     assert after.record.scores["clean"] == before.record.scores["clean"]
 
 
+def test_a_damaged_answer_of_the_run_is_to_be_removed_and_given_results_mended(written, tmp_path):
+    cases, found, _ = written
+    folder = shutil.copytree(found.parent, tmp_path / "run")
+    answer = folder / "answers" / "camera_blank" / "000001.txt"
+    answer.write_text("Car 0 0")
+    later = time.time() + 10
+    os.utime(answer, (later, later))
+    settings = replace(SETTINGS, suite="levels", seed=3)
+    with pytest.raises(ValueError, match=r"line 1 has 3 fields, .*; remove it and run the same"):
+        run_bench(OracleTask(), PACKAGED_FRAMES, folder, settings, method="oracle")
+    with pytest.raises(ValueError, match=r"line 1 has 3 fields, .*; add "):
+        score_results(OracleTask(), cases, answer.parents[1], tmp_path / "out", SETTINGS)
+
+
 def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_path):
     cases, found, _ = written
     out, mine, other = (tmp_path / name for name in ("out", "mine", "other"))

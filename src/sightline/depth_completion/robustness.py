@@ -16,7 +16,7 @@ from sightline.evaluation.held_out import held_out_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
-from sightline.files.problem import FileError
+from sightline.files.problem import REMAKE, FileError
 from sightline.geometry.projection import sparse_depth_map
 from sightline.jobs.output_dirs import finished_names
 from sightline.robustness.record import number_or_none
@@ -27,7 +27,6 @@ from sightline.visualization.depth import colorize_depth
 from sightline.visualization.image import camera_picture
 
 _METRICS: Final = {"rmse_mm": "RMSE", "mae_mm": "MAE", "median_mm": "median absolute error"}
-_REMEDY = "remove it and run the same command again"
 
 
 class HeldOutScoring:
@@ -102,5 +101,5 @@ def _read(path: Path) -> tuple[float, ...]:
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         if isinstance(error, FileError):
             raise
-        raise FileError(path, "does not hold a frame's errors", _REMEDY) from error
+        raise FileError(path, "does not hold a frame's errors", REMAKE) from error
     return known

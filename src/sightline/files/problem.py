@@ -2,6 +2,8 @@
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
@@ -95,6 +97,26 @@ class FileError(ValueError):
     def __str__(self) -> str:
         """Format the problem's line."""
         return str(self.problem)
+
+
+REMAKE: Final = "remove it and run the same command again"
+"""Remedy for a damaged file that the running command made itself."""
+
+
+@contextmanager
+def remaking(folder: Path | None) -> Iterator[None]:
+    """Replace the remedies for damaged files in a folder whose files the command makes itself.
+
+    Args:
+        folder: The folder; None: the user's own files, which keep their remedies.
+    """
+    try:
+        yield
+    except FileError as error:
+        path, problem, _ = error.args
+        if folder is None or not Path(path).is_relative_to(folder):
+            raise
+        raise FileError(path, problem, REMAKE) from error
 
 
 def error_text(error: Exception) -> str:

@@ -24,6 +24,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.export.names import EngineChoice
 from sightline.files.atomic import check_links
+from sightline.files.problem import remaking
 from sightline.inference.network import load_network
 from sightline.jobs.output_dirs import acquire_output_dir, finished_names
 from sightline.jobs.progress import track
@@ -305,7 +306,8 @@ def _score(
     found: dict[Fusion, dict[str, ClassScores]] = {system.fusion: {} for system in systems}
     for system, case in track(pairs, description="scoring"):
         folder = _case_folder(out, system.fusion, case)
-        entries = class_entries(folder, dataset, class_name, "bbox", overlaps, bootstrap)
+        with remaking(folder):
+            entries = class_entries(folder, dataset, class_name, "bbox", overlaps, bootstrap)
         scores = class_scores(entries, with_all_points=bootstrap > 0)
         found[system.fusion][case.name] = scores
     return {

@@ -23,7 +23,7 @@ from sightline.detection2d.results import CAMERA_COLOR, LIDAR_COLOR, prediction_
 from sightline.evaluation.auroc import auroc, auroc_of_values
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
-from sightline.files.problem import FileError
+from sightline.files.problem import REMAKE, FileError
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample, Sensor
 from sightline.visualization.cells import PAGE
@@ -33,7 +33,6 @@ NUM_LEVELS = 1024
 _LEVELS_A_LOGIT = 32  # for log odds from -16 to 16
 _MAX_CELLS = 2**31  # in a map
 _SENSORS: Final[tuple[Sensor, ...]] = ("camera", "lidar")
-_REMEDY = "remove it and run the same command again"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -146,7 +145,7 @@ def read_gate_record(path: Path) -> Gates:
         plain = json.loads(text)
         return {sensor: _from_plain(plain[sensor]) for sensor in _SENSORS}
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise FileError(path, "is no record of gates", _REMEDY) from error
+        raise FileError(path, "is no record of gates", REMAKE) from error
 
 
 def _to_plain(gate: SensorGate) -> dict[str, object]:

@@ -23,6 +23,7 @@ from sightline.detection3d.suppression import SuppressionConfig
 from sightline.detection3d.sweeps import SweepConfig
 from sightline.evaluation.kitti_object_rules import DIFFICULTIES, STRICT, MinimumOverlaps
 from sightline.export.names import EngineChoice
+from sightline.files.problem import remaking
 from sightline.files.weights import fill_network
 from sightline.inference.network import LoadedNetwork, load_network
 from sightline.inference.predict import predict
@@ -213,7 +214,8 @@ def reproduce_two_stage(
                 velodyne=velodyne,
                 workers=workers,
             )
-        rows[row] = _score(network, folder, dataset)
+        with remaking(None if row in folders else folder):
+            rows[row] = _score(network, folder, dataset)
     drawn = DrawnFigures()
     if figures is not None and training is not None:
         drawn += draw_training(figures, run)

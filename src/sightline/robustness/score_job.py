@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from sightline.data.open import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, remaking
 from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import run_job
@@ -66,7 +66,7 @@ def score_cases(
     """
     files = {case: out / _SCORES / f"{case}.json" for case in cases}
     works = [
-        _CaseWork(scoring, dataset, case, data_path(predictions / case), path)
+        _CaseWork(scoring, dataset, case, data_path(predictions / case), path, are_given=anew)
         for case, path in files.items()
         if anew
         or _stored_scores(path, scoring) is None
@@ -110,11 +110,18 @@ class _CaseWork:
     case: str
     predictions: Path
     path: Path
+    are_given: bool
+    """Predictions of the user's; else the run's own."""
 
     def __str__(self) -> str:
         return f"case {self.case}"
 
     def run(self) -> None:
+        with remaking(None if self.are_given else self.predictions):
+            scores, content = self._scores()
+        atomic_write_text(self.path, json.dumps({**scores, **content}, indent=2) + "\n")
+
+    def _scores(self) -> tuple[Scores, dict[str, object]]:
         content: dict[str, object] = {}
         if isinstance(self.scoring, DoubtingScoring):
             scores, doubts = self.scoring.score_and_doubt(self.predictions, self.dataset)
@@ -122,4 +129,4 @@ class _CaseWork:
                 content[_DOUBTS] = doubts_to_json(doubts)
         else:
             scores = self.scoring.score(self.predictions, self.dataset)
-        atomic_write_text(self.path, json.dumps({**scores, **content}, indent=2) + "\n")
+        return scores, content
