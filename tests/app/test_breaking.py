@@ -1,3 +1,4 @@
+import json
 import shlex
 import shutil
 from pathlib import Path
@@ -96,6 +97,20 @@ def test_faults_of_a_sensor_that_the_frame_lacks_are_a_script_as_corrupt_refuses
     for query in ("frame=000001&fault=camera_blank.5.0", "frame=000000&fault=lidar_blank.5.0"):
         state = parse_state(query, data.sample_ids)
         assert "sightline corrupt" in reproducing_commands(state, folder, data, "auto")
+
+
+def test_a_script_prints_the_line_that_perceive_writes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    weights = "depth-completion=nearest&detection2d=none&detection3d=none"
+    turned, sound = (parse_state(f"{weights}&yaw={yaw}", FRAMES) for yaw in (3, 0))
+    texts = [reproducing_commands(s, PACKAGED_FRAMES, dataset(), "auto") for s in (turned, sound)]
+    exec(texts[0], {})
+    printed = capsys.readouterr().out
+    (tmp_path / "frame.txt").write_text("000000\n")
+    assert main(shlex.split(texts[1].splitlines()[-1])[1:]) == 0
+    line = (tmp_path / "found" / "perception.jsonl").read_text()
+    assert json.loads(printed).keys() == json.loads(line).keys()
+    assert json.loads(printed)["tasks"] == {"depth-completion": {"by": "nearest"}}
 
 
 @pytest.fixture

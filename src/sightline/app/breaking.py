@@ -96,10 +96,12 @@ def _script(state: PageState, data: Path, sweeps: Velodyne | None, engine: Engin
     return f"""import sightline
 from sightline.augmentation.faults import TurnedLidar, fault_rng
 from sightline.corruptions.kinds import find_kind
+from sightline.perception.lines import frame_line
 
 sample = sightline.open_dataset({str(data)!r}, sample_list=[{broken.frame!r}]{from_sweeps})[0]
 {faults}perceiver = sightline.MultiTaskPredictor.load({dict(state.weights)!r}{by_engine})
-print(perceiver(sample).to_json())"""
+made_by = {{name: each.name for name, each in perceiver.predictors.items()}}
+print(frame_line(sample, perceiver.predict_by_task(sample), made_by))"""
 
 
 def _in_order(broken: Breakage) -> list[tuple[FaultChoice, Corruption]]:
