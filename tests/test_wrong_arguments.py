@@ -52,6 +52,23 @@ _CASES = {
         "detection2d-fast-cpu is of task detection2d, not detection3d",
     'sightline.load("joined").aligned("data")':
         "JoinedPredictor.aligned: samples is of type str, expected Sequence[CameraLidarSample]",
+    'perceiver(one).aligned(given for _ in range(2))':
+        "MultiTaskPredictor.aligned: samples is of type generator, expected Sequence[CameraLidarSa",
+    'perceiver(one).aligned("drive")':
+        "MultiTaskPredictor.aligned: samples is of type str, expected Sequence[CameraLidarSample]",
+    'perceiver(one).predict([given])':
+        "MultiTaskPredictor.predict: sample is of type list, expected CameraLidarSample",
+    'perceiver(one).predict_by_task([given])':
+        "predict_by_task: sample is of type list, expected CameraLidarSample",
+    'sightline.load("joined").predict([given])':
+        "JoinedPredictor.predict: sample is of type list, expected CameraLidarSample",
+    'sightline.load("detection3d-fast-cpu").refine_boxes(given, np.zeros((1, 7)))':
+        "refine_boxes: boxes is of type numpy.ndarray, expected Detections3D",
+    'sightline.load("detection3d-fast-cpu").propose([given])':
+        "propose: sample is of type list, expected CameraLidarSample",
+    'sightline.load("detection3d-fast-cpu").both_stages([given])':
+        "both_stages: sample is of type list, expected CameraLidarSample",
+    'sightline.load("detection2d-fast-cpu", engine=5)': "load: engine is of type int, expected",
     'sightline.evaluate_realism(PACKAGED_FRAMES, None, real_labels="labels")':
         "--real-labels has no effect without real data",
     'sightline.evaluate_realism(PACKAGED_FRAMES, None, max_frames=0)': "must be at least 1, got",
@@ -152,6 +169,7 @@ perceiver = sightline.MultiTaskPredictor.load
 def predictor(task):
     return perceiver(dict.fromkeys(tasks, "none") | {task: task + "-fast-cpu"})
 tasks = ("detection2d", "detection3d", "depth-completion")
+one = dict.fromkeys(tasks, "none") | {"detection2d": "detection2d-fast-cpu"}
 picture = Image.fromarray(given.image.permute(1, 2, 0).numpy())
 def scored():
     labels, results = PACKAGED_FRAMES / "training/label_2", Path(tempfile.mkdtemp())
@@ -260,6 +278,32 @@ def test_every_documented_function_names_an_argument_of_a_wrong_type_in_one_line
         assert any(name.replace("_", " ").rstrip("s") in told for name in names) or (
             kind == "ValueError"  # which says what is expected in its own words
         ), (call, message)
+
+
+_WALK_HINTS = """
+import sightline
+from sightline.geometry.choices import hints_of
+
+def named():
+    yield from documented()
+    for name in sightline.__all__:
+        kind = getattr(sightline, name)
+        for method in vars(kind).values() if inspect.isclass(kind) else ():
+            if inspect.isfunction(method) and hasattr(method, "__wrapped__"):
+                yield method.__qualname__, method
+
+for name, function in named():
+    hints = hints_of(inspect.unwrap(getattr(function, "__func__", function)))
+    said[name] = [each for each, hint in hints.items() if isinstance(hint, str)]
+print(json.dumps(said))
+"""
+
+
+def test_types_of_arguments_are_known_at_run_time_so_that_errors_can_name_them(documents):
+    command = [sys.executable, "-c", _DOCUMENTED + _WALK_HINTS, documents]
+    said = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert "MultiTaskPredictor.aligned" in said
+    assert {name: hints for name, hints in said.items() if set(hints) - {"return"}} == {}
 
 
 _WALK_CHOICES = """

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, get_args, runtime_checkable
 
 from sightline.depth_completion.method_names import Method
+from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.weights_header import find_weights, read_description, shipped_names
 from sightline.geometry.wrong_types import named_arguments
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from sightline.detection2d import registration as detection2d
     from sightline.detection3d import registration as detection3d
     from sightline.export.graph import ExportGraph
-    from sightline.export.names import EngineChoice
     from sightline.inference.demo import DemoPart
     from sightline.inference.network import LoadedNetwork
     from sightline.inference.predictor import Output, OutputFilter, Predictor
@@ -103,7 +103,7 @@ class Task(Protocol):
         *,
         method: str | None = None,
         weights: str | Path | None = None,
-        engine: "EngineChoice" = "torch",
+        engine: EngineChoice = "torch",
         device: str = "cpu",
         threads: int | None = None,
     ) -> "Predictor":
@@ -182,7 +182,7 @@ def choose_task(name: str | None, weights: str | Path | None) -> Task:
 def load(
     weights: str | Path,
     *,
-    engine: "EngineChoice" = "auto",
+    engine: EngineChoice = "auto",
     device: str = "cpu",
     threads: int | None = None,
 ) -> "Predictor":

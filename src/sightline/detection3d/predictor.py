@@ -161,6 +161,7 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         found = [stages.refine(sweep, stages.propose(sweep)) for sweep in sweeps]
         return join_quarters(found, self._config)
 
+    @named_arguments
     def both_stages(self, sample: CameraLidarSample) -> tuple[Detections3D, Detections3D]:
         """Compute proposals and detections of a sample; see `predict`.
 
@@ -172,6 +173,7 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         refined = self._stages.refine(sweep, proposed)
         return self._unrefined(proposed, sample), self._align(refined, sample)
 
+    @named_arguments
     def propose(self, sample: CameraLidarSample) -> Detections3D:
         """Compute the first stage's proposals of a sample, without refinement or suppression.
 
@@ -180,6 +182,7 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         """
         return self._unrefined(self._stages.propose(self._sweep(sample)), sample)
 
+    @named_arguments
     def refine_boxes(self, sample: CameraLidarSample, boxes: Detections3D) -> Detections3D:
         """Refine boxes of a sample by the second stage, as if the first one had proposed them.
 

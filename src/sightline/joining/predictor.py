@@ -140,6 +140,7 @@ class JoinedPredictor(SamplePredictor[Perception]):
             "engine": self.detector3d.engine,
         }
 
+    @named_arguments
     def predict(self, sample: CameraLidarSample) -> Perception:
         """Detect in a sample.
 

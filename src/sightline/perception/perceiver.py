@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from sightline.data.open import SampleDataset
 from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, lacking_parts
@@ -31,7 +32,6 @@ from sightline.tasks import REGISTRY, find_task, task_names
 
 if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
-    from sightline.data.open import SampleDataset
 
 SWEEP_TASK: Final = "detection3d"
 _JOINED_TASKS: Final = ("detection2d", SWEEP_TASK)
@@ -170,7 +170,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
     @named_arguments
     def aligned(
         self,
-        samples: "Sequence[CameraLidarSample] | SampleDataset",
+        samples: Sequence[CameraLidarSample] | SampleDataset,
         config: AlignmentConfig | None = None,
     ) -> "MultiTaskPredictor":
         """Make a predictor whose tasks get frames with the LiDAR's measured rotation undone.
@@ -217,10 +217,12 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
         used = {part for predictor in self.predictors.values() for part in predictor.parts}
         return tuple(part for part in SENSOR_FIELDS.values() if part in used)
 
+    @named_arguments
     def predict(self, sample: CameraLidarSample) -> Perception:
         """Predict with all tasks; tasks that lack a sensor contribute nothing."""
         return self.predict_by_task(sample).perception
 
+    @named_arguments
     def predict_by_task(self, sample: CameraLidarSample) -> FramePredictions:
         """Return the tasks' own predictions and their times, without the rotation."""
         alignment = self.alignment or Alignment()
