@@ -25,6 +25,7 @@ from tests.data.recordings import (
     usual_topics,
     write_bag,
 )
+from tests.data.test_image_file import with_exif
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,20 @@ def test_a_frame_that_cannot_be_read_is_dropped_and_told(tmp_path):
     assert "warning: dropped 2 unreadable frames; the first: topic" in str(report)
     assert open_dataset(tmp_path / "out").sample_ids == ("000001", "000003")
     assert import_recording(tmp_path / "drive", tmp_path / "out").skipped == 2
+
+
+def test_exif_orientations_of_images_are_told_wherever_they_are(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for at in range(4):
+            time_ns = 2 * 10**9 + at * 10**8
+            bag.info("/front/camera_info", time_ns)
+            content = cv2.imencode(".jpg", np.roll(IMAGE, at))[1].tobytes()
+            turned = with_exif(content, "<", 6) if at == 2 else content
+            bag.jpeg("/front/image_raw/compressed", time_ns, turned)
+            bag.cloud("/points", time_ns)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "000002.jpg: has EXIF orientation 6, of 4 pictures: pixels are used as stored" in report
 
 
 def test_messages_that_cannot_be_decoded_and_stamps_that_stand_twice_are_counted(tmp_path):

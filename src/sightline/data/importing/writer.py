@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
+from sightline.data.between_frames import check_orientations
 from sightline.data.entry_checks import describe_grey
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
@@ -323,7 +324,7 @@ def names_present(out: Path, *folders: str) -> set[str]:
 
 
 def describe_view(out: Path) -> tuple[str, ...]:
-    """Lines on the fit of the written calibration, with warnings of it and of the times."""
+    """Lines on the fit of the written calibration, with warnings of it, times and images."""
     files = list_recording(out)
     frames = files.frames
     view = view_of_recording(first_complete_frame(frames))
@@ -332,5 +333,9 @@ def describe_view(out: Path) -> tuple[str, ...]:
         doubts += check_times(files.times, [frame.sample_id for frame in frames])
     described = describe_recording(frames)
     doubts += described.doubts
-    remarks = (*doubts, *describe_grey(frame.image for frame in frames))
+    remarks = (
+        *doubts,
+        *describe_grey(frame.image for frame in frames),
+        *check_orientations(frames),
+    )
     return (*described.clauses, *(f"warning: {remark}" for remark in remarks))
