@@ -219,10 +219,21 @@ def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(stree
 
 
 @pytest.mark.parametrize("below", ["training/label_2", "labels"])
-def test_a_data_set_in_the_place_of_its_labels_is_told(tmp_path, below):
+@pytest.mark.parametrize("times", ["times.txt", "Times.TXT", None])
+def test_a_data_set_in_the_place_of_its_labels_is_told(tmp_path, below, times):
     (tmp_path / "results").mkdir()
     (tmp_path / "data" / below).mkdir(parents=True)
+    if times is not None:
+        (tmp_path / "data" / times).write_text("000000 0.1\n")
     with pytest.raises(ValueError, match=f"whose labels are in {tmp_path}/data/{below}; name"):
+        evaluate_objects(tmp_path / "results", tmp_path / "data")
+
+
+def test_the_times_of_a_recording_without_labels_are_no_label_file(tmp_path):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "times.txt").write_text("000000 0.1\n")
+    with pytest.raises(ValueError, match=r"no label files .*; give KITTI's folder label_2"):
         evaluate_objects(tmp_path / "results", tmp_path / "data")
 
 

@@ -177,14 +177,16 @@ def describe_left_out(folder: Path) -> str | None:
     return ", ".join(parts) or None
 
 
-_LABEL_PLACES: Final = ("training/label_2", "label_2", "labels")
+TIMES_NAME: Final = "times.txt"
+"""File with the times of a recording's frames."""
+LABEL_PLACES: Final = ("training/label_2", "label_2", "labels")
 """Folders of labels in data sets, whose calibrations have the same names."""
 
 
 def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
     """Remedy for a folder without files of the frames: their folder, or the names found."""
     entries = sorted(folder.iterdir())
-    for below in (folder / place for place in _LABEL_PLACES):
+    for below in (folder / place for place in LABEL_PLACES):
         if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
             return f"they are probably in {below}; name that folder"
     found = [
@@ -201,7 +203,8 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
     if found:
         writer = ", as KITTI's own program writes them" * (found[0].name == "data")
         return f"they are in {found[0]}{writer}; name that folder"
-    files = [each for each in entries if each.is_file() and not each.name.startswith(".")]
+    shown = [each for each in entries if each.is_file() and not each.name.startswith(".")]
+    files = [each for each in shown if each.name.lower() != TIMES_NAME]
     others = [each for each in files if each.suffix == _SUFFIX]
     renamed = _same_frame(others, names)
     if renamed is not None:

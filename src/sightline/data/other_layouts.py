@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sightline.data.recording_files import TIMES_NAME, lacks_calibration, misnamed_files
+from sightline.data.frame_lists import TIMES_NAME
+from sightline.data.recording_files import lacks_calibration, misnamed_files
 from sightline.data.unread_files import (
     drive_folders,
     find_unread,

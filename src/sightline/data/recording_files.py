@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.frame_checks import read_or_note
+from sightline.data.frame_lists import TIMES_NAME
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.kitti_trees import (
     PART_SUFFIXES,
@@ -28,7 +29,6 @@ from sightline.jobs.output_dirs import MANIFEST_NAME
 IMAGES, POINTS, LABELS, DEPTH = "images", "points", "labels", "depth"
 CALIBRATIONS: Final = "calibration"
 """Name of the folder with one file per frame, and stem of the single file for all frames."""
-TIMES_NAME: Final = "times.txt"
 
 CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
 _CALIBRATION_STARTS: Final = ("calib", "camera_calib", "cam_calib")

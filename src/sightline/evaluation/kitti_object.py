@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sightline.data.frame_lists import (
+    LABEL_PLACES,
+    TIMES_NAME,
     capital_suffixes,
     have_equal_files,
     locate_frame_files,
@@ -29,7 +31,6 @@ from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 
 _FRAMES_AT_A_TIME = 64
-_LABEL_FOLDERS = ("training/label_2", "label_2", "labels")  # of trees and recordings
 _MAX_PAIRS = 2_000_000  # results times labels in one frame; KITTI's fullest has some thousands
 _MAX_RESAMPLES = 100_000  # this gives the interval's ends to a tenth of their last digit
 
@@ -305,9 +306,10 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
     """
     if sample_list is not None:
         return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
-    names = sorted(path.stem for path in labels_dir.glob("*.txt"))
+    paths = labels_dir.glob("*.txt")
+    names = sorted(path.stem for path in paths if path.name.lower() != TIMES_NAME)
     if not names:
-        below = next(filter(Path.is_dir, (labels_dir / each for each in _LABEL_FOLDERS)), None)
+        below = next(filter(Path.is_dir, (labels_dir / each for each in LABEL_PLACES)), None)
         elsewhere = locate_frame_files(labels_dir, ()) if labels_dir.is_dir() else None
         remedy = elsewhere or "give KITTI's folder label_2"
         if below is not None:

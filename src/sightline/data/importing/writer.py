@@ -14,6 +14,7 @@ from jaxtyping import Float32
 
 from sightline.data.between_frames import check_orientations
 from sightline.data.entry_checks import describe_grey
+from sightline.data.frame_lists import TIMES_NAME
 from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
 from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
@@ -36,7 +37,6 @@ from sightline.data.recording_files import (
     IMAGES,
     LABELS,
     POINTS,
-    TIMES_NAME,
     check_times,
     list_recording,
 )
