@@ -62,6 +62,18 @@ def test_a_depth_map_of_another_size_than_the_image_is_refused_by_name(tmp_path)
         KittiObjectDataset(root, parts={"depth"})[0]
 
 
+def test_a_tree_without_pictures_lacks_images_not_depth_by_which_their_size_could_be_known(
+    tmp_path,
+):
+    folder = write_object_tree(tmp_path, "000007")
+    shutil.rmtree(folder / "training" / "image_2")
+    with pytest.raises(ValueError, match="training lacks image_2 of 1 of 1 frames"):
+        KittiObjectDataset(folder, parts={"points"})
+    assert len(KittiObjectDataset(folder, parts={"points"}, needs={"points"})) == 1
+    write_depth_png(folder / "training" / "depth" / "000007.png", depth_map())
+    assert KittiObjectDataset(folder, parts={"points"})[0].image_size == depth_map().shape
+
+
 def test_asking_for_depth_that_the_tree_lacks_names_the_folder(tmp_path):
     with pytest.raises(ValueError, match="lacks depth of 1 of 1 frames"):
         KittiObjectDataset(write_object_tree(tmp_path, "000007"), parts={"depth"})

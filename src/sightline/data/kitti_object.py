@@ -83,8 +83,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self.velodyne = velodyne
         self.parts = frozenset(parts) - ({"objects"} if split == "testing" else set())
         folder = self.root / split
-        has_images = (folder / part_folder("image")).is_dir()
-        sized: Part = "image" if has_images or "image" in self.parts else "depth"
+        has_images, has_depth = (
+            (folder / part_folder(each)).is_dir() for each in ("image", "depth")
+        )
+        sized: Part = "image" if has_images or "image" in self.parts or not has_depth else "depth"
         listed: tuple[Part, ...] = (sized, "calibration")
         listed += tuple(part for part in ("points", "objects", "depth") if part in self.parts)
         needed: tuple[Part, ...] = listed
