@@ -24,7 +24,7 @@ from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthCompleter, DepthPredictor
 from sightline.depth_completion.street_depth import street_depth
 from sightline.evaluation.depth_breakdown import paired_difference
-from sightline.evaluation.held_out import HeldOutErrors, held_out_errors
+from sightline.evaluation.held_out import HeldOutErrors, depth_map_errors
 from sightline.evaluation.held_out_frame import HeldOutFrame, split_rings
 from sightline.export.names import EngineName
 from sightline.geometry.projection import project_points, sparse_depth_map
@@ -130,10 +130,9 @@ def _score(
         truth_m = torch.where((columns >= first) & (columns < last), frame.truth_m, 0.0)
         for part, truth in (("all", frame.truth_m), ("hidden", truth_m)):
             if truth.any():
-                part_of = replace(frame, truth_m=truth)
                 place = frame.sample.sample_id
                 scores[part].errors.append(
-                    held_out_errors(part_of, predicted, place, zero_where_nothing=True)
+                    depth_map_errors(truth, predicted, place, zero_where_nothing=True)
                 )
                 if predicted.uncertainty_m is not None:
                     expected_m = predicted.uncertainty_m[truth > 0].mean()

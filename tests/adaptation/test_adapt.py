@@ -19,7 +19,7 @@ from sightline.cli.main import main
 from sightline.files.weights import read_weights
 from sightline.joining.models import read_models
 from sightline.simulation.generate import simulate
-from sightline.simulation.rigs import Rig, named_rig
+from sightline.simulation.rigs import LidarRig, Rig, Rosette, named_rig
 from sightline.simulation.settings import SimulationConfig
 from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
@@ -30,6 +30,9 @@ from tests.joining.scenes import own_score_models
 pytestmark = pytest.mark.filterwarnings("ignore:the rig is that of")
 
 FIT_JOINED = adaptation._fit_joined
+SMALL_CAMERA = replace(
+    named_rig("robot-vlp16").camera, image_size=(240, 448), focal_px=280.0, principal_px=None
+)
 SMALL = AdaptSettings(tasks=("detection3d",), frames=4, validation_frames=1, steps=1, workers=1)
 
 
@@ -44,9 +47,8 @@ def _nothing_joined():
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """A sweep of a rig with 16 rings and a small image."""
-    named = named_rig("robot-vlp16")
-    camera = replace(named.camera, image_size=(240, 448), focal_px=280.0, principal_px=None)
-    rig = Rig(name="small", camera=camera, lidar=replace(named.lidar, azimuth_step_deg=0.4))
+    lidar = replace(named_rig("robot-vlp16").lidar, azimuth_step_deg=0.4)
+    rig = Rig(name="small", camera=SMALL_CAMERA, lidar=lidar)
     folder = tmp_path_factory.mktemp("recording") / "data"
     simulate(folder, frames=1, config=SimulationConfig(seed=7, rig=rig, camera=False), workers=1)
     return folder
@@ -83,7 +85,8 @@ def test_scores_before_and_after_are_in_the_report(adapted):
 
 @pytest.mark.parametrize("task", FINE_TUNINGS)
 def test_the_recipe_of_each_task_takes_the_settings_of_its_fine_tuning(task, tmp_path, capsys):
-    arguments = _arguments(task, tmp_path / "frames", tmp_path / "out", SMALL)
+    rig = named_rig("livox-horizon")
+    arguments = _arguments(task, tmp_path / "frames", tmp_path / "out", SMALL, rig)
     with pytest.raises(SystemExit) as end:
         run_training("fit", [*arguments, "--print_config"], PACKAGE_RECIPES)
     assert end.value.code in (None, 0)
@@ -92,6 +95,39 @@ def test_the_recipe_of_each_task_takes_the_settings_of_its_fine_tuning(task, tmp
     assert optimizer["learning_rate"] == FINE_TUNINGS[task].learning_rate
     assert printed["data"]["init_args"]["root"] == str(tmp_path / "frames")
     assert printed["trainer"]["max_steps"] == SMALL.steps
+    with_rings = _arguments(task, tmp_path, tmp_path / "out", SMALL, named_rig("robot-vlp16"))
+    assert not any("faults" in each for each in with_rings)
+
+
+def test_a_lidar_without_rings_is_adapted_to_without_faults_and_scores_of_rings(tmp_path):
+    lidar = LidarRig(rosette=Rosette(width_deg=80.0, height_deg=25.0, points=20_000))
+    rig = Rig(name="solid", camera=SMALL_CAMERA, lidar=lidar)
+    config = SimulationConfig(seed=7, rig=rig, camera=False)
+    simulate(tmp_path / "data", frames=1, config=config, workers=1)
+    settings = replace(SMALL, tasks=("detection2d", "depth-completion"))
+    out = tmp_path / "out"
+    with pytest.warns(UserWarning, match="no rings are found"):
+        report = adapt(tmp_path / "data", out, settings)
+    assert report.weights.keys() == set(settings.tasks)
+    trained = yaml.safe_load((out / "detection2d" / "config.yaml").read_text())
+    assert trained["data"]["init_args"]["preparation"]["init_args"]["faults"] == []
+    notes = json.loads((out / "adapt.json").read_text())["notes"]
+    assert notes[1:] == [
+        "detection2d is trained without lost rings: the LiDAR has none",
+        "depth-completion is scored on simulated depth, not on held-out rings",
+    ]
+    assert report.table().caption == "\n".join(notes[1:])
+
+
+def test_depth_is_scored_on_held_out_rings_where_they_are_in_view(adapted, tmp_path):
+    out, report = adapted
+    scoring = adaptation._depth_scoring(out / "frames", report.rig)
+    assert scoring.name == "held-out rings"
+    four = replace(report.rig.lidar, model=None, elevations_deg=(0.0, -2.0, -4.0, -6.0))
+    rig = replace(report.rig, lidar=four)
+    config = SimulationConfig(seed=7, rig=rig, camera=False)
+    simulate(tmp_path, frames=2, validation_frames=1, config=config, workers=1)
+    assert adaptation._depth_scoring(tmp_path, rig).name == "simulated depth in reach"
 
 
 def test_finished_steps_are_not_repeated_and_other_settings_are_refused(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.rings import count_rings
-from sightline.evaluation.held_out_frame import CROP_SIZE, check_rings, split_rings
+from sightline.evaluation.held_out_frame import CROP_SIZE, check_rings, split_depth, split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.ops.parallax import Parallax
 from sightline.structures.sample import CameraLidarSample
@@ -189,6 +189,20 @@ def test_above_the_highest_return_of_the_columns_around_nothing_is_scored():
             assert found[row, column] == bool((around > 0).any())
     assert found.any()
     assert not found.all()
+
+
+def test_without_rings_the_whole_sweep_is_the_input_and_the_depth_in_reach_the_truth():
+    sample = replace(wall_sample(), depth=torch.full(SMALL, 20.0))
+    given, truth_m = split_depth(sample)
+    expected = split_rings(sample, truth="depth_in_reach")
+    assert torch.equal(truth_m, expected.truth_m)
+    shuffled = sample.points[torch.randperm(len(sample.points))]
+    again, same_m = split_depth(replace(sample, points=shuffled))
+    assert torch.equal(again.points, shuffled)
+    assert torch.equal(same_m, truth_m)
+    assert given.depth is None
+    with pytest.raises(ValueError, match="no depth up to 80 m below the highest return"):
+        split_depth(replace(sample, points=torch.tensor([[-9.0, 0, 0, 0]])))
 
 
 @pytest.mark.parametrize("points", [None, torch.zeros(0, 4)])

@@ -5,12 +5,13 @@ import json
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sightline.data.kitti_trees import Part
 from sightline.data.open import open_dataset
+from sightline.depth_completion.robustness import HeldOutScoring, SimulatedDepthScoring
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.files.atomic import atomic_write_text
@@ -22,6 +23,7 @@ from sightline.joining.fit_pair import fit_pair
 from sightline.joining.models import JOINED, read_models
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
+from sightline.robustness.scoring import Scoring
 from sightline.simulation.generate import simulate
 from sightline.simulation.measured_rig import measure_rig, rig_text
 from sightline.simulation.rigs import Rig, read_rig
@@ -58,11 +60,18 @@ class FineTuning:
     """A quarter of the recipe's or less."""
     settings: Mapping[str, str]
     """Further settings of the recipe, as of the command line."""
+    without_rings: Mapping[str, str] = field(default_factory=dict)
+    """Settings in addition for a LiDAR without rings, which cannot lose some of them."""
 
 
 # Beams of 64 are all of a sweep's: the rig has its own rings, and none is left out.
 FINE_TUNINGS: Final[Mapping[str, FineTuning]] = {
-    "detection2d": FineTuning(recipe="detection2d-best", learning_rate=3e-4, settings={}),
+    "detection2d": FineTuning(
+        recipe="detection2d-best",
+        learning_rate=3e-4,
+        settings={},
+        without_rings={"data.init_args.preparation.init_args.faults": "[]"},
+    ),
     "detection3d": FineTuning(
         recipe="detection3d-best",
         learning_rate=5e-4,
@@ -123,7 +132,12 @@ class AdaptReport:
         from rich.table import Table
 
         table = Table(
-            "task", "metric", "before", "after", title=f"simulated frames of {self.rig.name}"
+            "task",
+            "metric",
+            "before",
+            "after",
+            title=f"simulated frames of {self.rig.name}",
+            caption="\n".join(self._notes_on_rings()) or None,
         )
         for task, record in self.before.items():
             for metric in record.setting.metrics[:_SHOWN]:
@@ -145,8 +159,18 @@ class AdaptReport:
                 for task in self.before
             },
             "joined": None if self.joined is None else str(self.joined),
-            "notes": [self.rig.source] if self.rig.source else [],
+            "notes": [*filter(None, [self.rig.source]), *self._notes_on_rings()],
         }
+
+    def _notes_on_rings(self) -> list[str]:
+        """List the differences from the adaptation to a LiDAR with rings."""
+        notes = []
+        for task, record in self.before.items():
+            if not _has_rings(self.rig) and FINE_TUNINGS[task].without_rings:
+                notes.append(f"{task} is trained without lost rings: the LiDAR has none")
+            if record.setting.scoring == SimulatedDepthScoring.name:
+                notes.append(f"{task} is scored on simulated depth, not on held-out rings")
+        return notes
 
     def is_better(self, task: str) -> bool:
         """Whether a task's most important metric with a score has improved."""
@@ -156,6 +180,11 @@ class AdaptReport:
             if before is not None and after is not None:
                 return metric.lead(after, before) > 0
         return False
+
+
+def _has_rings(rig: Rig) -> bool:
+    """Test whether a rig's LiDAR has rings."""
+    return rig.lidar.rosette is None
 
 
 def _format(score: float | None) -> str:
@@ -214,9 +243,9 @@ def adapt(
         default = find_task(name).default_weights
         assert default is not None, "each of FINE_TUNINGS has one"
         shipped = find_weights(default)
-        before[name] = _score(name, shipped, frames, out / "before" / name, settings)
-        weights[name] = _fine_tune(name, frames, out / name, settings)
-        after[name] = _score(name, weights[name], frames, out / "after" / name, settings)
+        before[name] = _score(name, shipped, frames, out / "before" / name, settings, rig)
+        weights[name] = _fine_tune(name, frames, out / name, settings, rig)
+        after[name] = _score(name, weights[name], frames, out / "after" / name, settings, rig)
     joined = _fit_joined(weights, frames, out / JOINED_NAME)
     report = AdaptReport(rig=rig, before=before, after=after, weights=weights, joined=joined)
     atomic_write_text(out / REPORT_NAME, json.dumps(report.to_json(), indent=2) + "\n")
@@ -268,7 +297,9 @@ def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, 
     return measured.rig, measured.notes
 
 
-def _score(name: str, weights: Path, frames: Path, out: Path, settings: AdaptSettings) -> Record:
+def _score(
+    name: str, weights: Path, frames: Path, out: Path, settings: AdaptSettings, rig: Rig
+) -> Record:
     """Score a network on the simulated validation frames.
 
     Raises:
@@ -283,6 +314,7 @@ def _score(name: str, weights: Path, frames: Path, out: Path, settings: AdaptSet
             weights=weights,
             engine="torch",
             device=settings.device,
+            scoring=_depth_scoring(frames, rig) if name == "depth-completion" else None,
         )
     record = read_record(out / RECORD_NAME)
     if record.made_by.get("weights_sha256") != _checksum(weights):
@@ -291,14 +323,29 @@ def _score(name: str, weights: Path, frames: Path, out: Path, settings: AdaptSet
     return record
 
 
-def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> Path:
+def _depth_scoring(frames: Path, rig: Rig) -> Scoring:
+    """Scoring by held-out rings if all validation frames show some, else by simulated depth."""
+    scoring, without_rings = HeldOutScoring(), SimulatedDepthScoring()
+    if not _has_rings(rig):  # any that are found are none
+        return without_rings
+    dataset = open_dataset(frames, sample_list="val", parts=scoring.parts)
+    for index in range(len(dataset)):
+        sample = dataset[index]
+        try:
+            scoring.prepare(sample)
+        except ValueError:
+            return without_rings
+    return scoring
+
+
+def _fine_tune(name: str, frames: Path, folder: Path, settings: AdaptSettings, rig: Rig) -> Path:
     """Train a task's shipped network on; returns the weights of the last step."""
     weights = folder / _WEIGHTS
     finished = folder / _FINISHED
     if finished.exists():
         _check_weights(weights, finished)
         return weights
-    arguments = _arguments(name, frames, folder, settings)
+    arguments = _arguments(name, frames, folder, settings, rig)
     if (folder / _LAST_CHECKPOINT).exists():
         arguments.append("--ckpt_path=last")
     try:
@@ -342,7 +389,9 @@ def _checksum(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _arguments(name: str, frames: Path, folder: Path, settings: AdaptSettings) -> list[str]:
+def _arguments(
+    name: str, frames: Path, folder: Path, settings: AdaptSettings, rig: Rig
+) -> list[str]:
     tuning = FINE_TUNINGS[name]
     chosen = {
         "run_folder": str(folder),
@@ -357,6 +406,7 @@ def _arguments(name: str, frames: Path, folder: Path, settings: AdaptSettings) -
         "trainer.limit_val_batches": "0",
         "trainer.accelerator": "cpu" if settings.device == "cpu" else "auto",
         **tuning.settings,
+        **({} if _has_rings(rig) else tuning.without_rings),
     }
     flags = [f"--{key}={value}" for key, value in chosen.items()]
     return ["--config", tuning.recipe, *flags]

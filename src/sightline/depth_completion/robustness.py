@@ -1,4 +1,4 @@
-"""Scoring of depth completion under sensor faults, on held-out LiDAR rings.
+"""Scoring of depth completion under sensor faults, on held-out LiDAR rings or simulated depth.
 
 The truth is the same for all faults; only the input gets worse. Rings are held out first and the
 rest is corrupted afterwards, so the input contains no truth and the truth no faults.
@@ -12,8 +12,8 @@ from typing import Final, Never
 
 from sightline.data.kitti_trees import Part
 from sightline.data.open import SampleDataset
-from sightline.evaluation.held_out import held_out_errors
-from sightline.evaluation.held_out_frame import HeldOutFrame, check_rings, split_rings
+from sightline.evaluation.held_out import depth_map_errors
+from sightline.evaluation.held_out_frame import check_rings, split_depth, split_rings
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import REMAKE, FileError
@@ -56,13 +56,13 @@ class HeldOutScoring:
         """Separate the input rings, cropped by the protocol, from the truth."""
         frame = split_rings(sample)
         check_rings(frame)
-        return BenchFrame(frame.with_beams(frame.sensor_beams), frame)
+        return BenchFrame(frame.with_beams(frame.sensor_beams), frame.truth_m)
 
     def store(self, path: Path, prediction: BenchPrediction) -> None:
         """Write the frame's errors."""
-        frame: HeldOutFrame = prediction.frame.truth
-        place = f"sample {frame.sample.sample_id}"
-        errors = held_out_errors(frame, prediction.output, place, zero_where_nothing=True)
+        sample, truth_m = prediction.frame
+        place = f"sample {sample.sample_id}"
+        errors = depth_map_errors(truth_m, prediction.output, place, zero_where_nothing=True)
         atomic_write_text(path, json.dumps(asdict(errors)) + "\n")
 
     def finished(self, folder: Path) -> frozenset[str]:
@@ -88,6 +88,17 @@ class HeldOutScoring:
             panels.append(Panel("sweep", colorize_depth(sparse, point_size_px=5)))
         panels.append(Panel("completed depth", colorize_depth(depth_map.depth_m * depth_map.valid)))
         return tuple(Panel(name, scaled_to_width(picture, width_px)) for name, picture in panels)
+
+
+class SimulatedDepthScoring(HeldOutScoring):
+    """`Scoring` by the simulated depth below the highest return: the LiDAR needs no rings."""
+
+    name = "simulated depth in reach"
+    parts: tuple[Part, ...] = ("points", "depth")
+
+    def prepare(self, sample: CameraLidarSample) -> BenchFrame:
+        """Separate the input, cropped as for held-out rings, from the depth map."""
+        return BenchFrame(*split_depth(sample))
 
 
 def _read(path: Path) -> tuple[float, ...]:

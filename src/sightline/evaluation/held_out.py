@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from scipy import ndimage
+from torch import Tensor
 
 from sightline.data.rings import NUM_RINGS
 from sightline.evaluation.held_out_frame import (
@@ -228,7 +229,7 @@ def _score_frame(frame: HeldOutFrame, complete: Complete, beams: int) -> HeldOut
     prediction.depth_m.cpu()  # copied inside the timing, so that a GPU has really finished
     milliseconds = (time.perf_counter() - start) * 1e3
     place = f"sample {given.sample_id} with {beams} beams"
-    errors = held_out_errors(frame, prediction, place)
+    errors = depth_map_errors(frame.truth_m, prediction, place)
     return HeldOutScore(
         beams=beams,
         rmse_mm=errors.rmse_mm,
@@ -260,16 +261,20 @@ def _to_json(score: HeldOutScore) -> dict[str, float]:
     }
 
 
-def held_out_errors(
-    frame: HeldOutFrame, prediction: DepthMap, place: str, *, zero_where_nothing: bool = False
+def depth_map_errors(
+    true_depth_m: Float32[Tensor, "height width"],
+    prediction: DepthMap,
+    place: str,
+    *,
+    zero_where_nothing: bool = False,
 ) -> HeldOutErrors:
     """Score a method's depth map on a frame's truth.
 
     Pixels without a prediction take the nearest one (Euclidean, in the image).
 
     Args:
-        frame: Frame with the truth.
-        prediction: Depth map of the frame's image size.
+        true_depth_m: The frame's truth; 0 = none.
+        prediction: Depth map of the same size.
         place: Name of the frame in error messages, e.g. "sample 000001 with 64 beams".
         zero_where_nothing: Whether a map without any depth counts as 0 m everywhere, so that its
             error is the truth itself; otherwise it is refused.
@@ -278,7 +283,7 @@ def held_out_errors(
         ValueError: The map is of another size, or has a depth that is not finite, or none at all.
     """
     depth_m = prediction.depth_m.cpu().numpy().astype(np.float64)
-    size = frame.sample.image_size
+    size = true_depth_m.shape
     if depth_m.shape != size:
         raise ValueError(
             f"the method gave a depth map of {depth_m.shape[0]}x{depth_m.shape[1]} for {place}, "
@@ -287,7 +292,7 @@ def held_out_errors(
     if not np.isfinite(depth_m).all():
         raise ValueError(f"the method gave depths that are not finite for {place}; use 0 for none")
     is_predicted = depth_m > 0
-    truth_m = frame.truth_m.numpy().astype(np.float64)
+    truth_m = true_depth_m.numpy().astype(np.float64)
     scored = truth_m > 0
     if is_predicted.any():
         if not is_predicted[scored].all():

@@ -161,6 +161,29 @@ def split_rings(
     )
 
 
+def split_depth(
+    sample: CameraLidarSample, *, crop_size: tuple[int, int] = CROP_SIZE
+) -> tuple[CameraLidarSample, Float32[Tensor, "height width"]]:
+    """Split a frame without rings: the whole sweep is the input, `depth_in_reach` the truth.
+
+    Both are cropped as by `split_rings`. Labels stay in the sample, depth does not.
+
+    Raises:
+        ValueError: The sample has no points or depth map, or no depth below the highest return.
+    """
+    top, left, height, width = _crop(sample.image_size, crop_size)
+    in_reach = replace(sample, depth=dense_truth_in_reach(sample))
+    cropped = crop(in_reach, top=top, left=left, height=height, width=width)
+    assert cropped.depth is not None, "set above"
+    if not cropped.depth.any():
+        raise ValueError(
+            f"sample {sample.sample_id} has no depth up to {_FARTHEST_DENSE_M:g} m below the "
+            "highest return in the image, so there is nothing to score: check that camera and "
+            "LiDAR see the same part of the scene, or leave the sample out"
+        )
+    return replace(cropped, depth=None), cropped.depth.contiguous()
+
+
 def _rings_in_view(
     sample: CameraLidarSample, sweep: Float32[Tensor, "num_points 4"]
 ) -> tuple[Float32[Tensor, "num_in_view 4"], Int64[Tensor, " num_in_view"], int, bool]:

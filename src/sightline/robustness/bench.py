@@ -143,6 +143,7 @@ def run_bench(
     weights: str | Path | None = None,
     engine: EngineChoice = "auto",
     device: str = "cpu",
+    scoring: Scoring | None = None,
 ) -> RobustnessReport:
     """Run a method in every case, and measure the loss in each.
 
@@ -157,6 +158,7 @@ def run_bench(
         weights: Weights of a network. Neither: the task's default.
         engine: Inference engine: by default openvino on the CPU, if it is installed.
         device: Device of the networks.
+        scoring: Scoring of the predictions. None: the task's own.
 
     Raises:
         ValueError: There is no such suite, case, method or frame; the data lack a part needed by a
@@ -171,7 +173,7 @@ def run_bench(
     check_outside_dataset(data, [out])
     baseline = read_baseline(settings.baseline)
     healthy = read_healthy(settings.healthy)
-    scoring = task.scoring()
+    scoring = scoring or task.scoring()
     methods = [(method, weights)]
     if baseline is None and settings.baseline is not None:
         is_method = settings.baseline in task.methods
