@@ -1,6 +1,7 @@
 """Training by torchrun, with the guide's script: ranks and machines that die change nothing."""
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -11,6 +12,7 @@ import pytest
 import torch
 import yaml
 
+from sightline.training.command import run_training
 from sightline.training.run_log import read_run_log
 from tests.training.conftest import RECIPE
 from tests.training.deaths import ROLE
@@ -90,6 +92,39 @@ def test_a_rank_and_then_a_machine_die_in_the_second_epoch_and_nothing_changes(
             agent.wait(60)
 
     assert_same(part, whole)
+
+
+def as_by_torchrun(monkeypatch, ranks, of_machine):
+    numbers = {"WORLD_SIZE": ranks, "LOCAL_WORLD_SIZE": of_machine, "RANK": 0, "LOCAL_RANK": 0}
+    for name, number in numbers.items():
+        monkeypatch.setenv(name, str(number))
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "none")
+
+
+@pytest.mark.parametrize(
+    ("ranks", "of_machine", "remedy"),
+    [
+        (2, 2, "--trainer.devices 2 --trainer.strategy ddp"),
+        (8, 4, "--trainer.devices 4 --trainer.strategy ddp --trainer.num_nodes 2"),
+    ],
+)
+@pytest.mark.parametrize("subcommand", ["fit", "validate"])
+def test_ranks_that_would_not_work_together_are_refused(
+    recipes, monkeypatch, subcommand, ranks, of_machine, remedy
+):
+    if subcommand == "validate":
+        run_training("fit", ["--config", "toy"], recipes)
+    as_by_torchrun(monkeypatch, ranks, of_machine)
+    told = f"torchrun started {ranks} ranks, but the trainer has 1: add {remedy}, or start one"
+    with pytest.raises(ValueError, match=re.escape(told)):
+        run_training(subcommand, ["--config", "toy"], recipes)
+
+
+def test_one_rank_or_a_number_left_by_another_program_trains_as_ever(recipes, monkeypatch):
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    assert run_training("fit", ["--config", "toy", "--run_folder", "left"], recipes) == 0
+    as_by_torchrun(monkeypatch, 1, 1)
+    assert run_training("fit", ["--config", "toy", "--run_folder", "one"], recipes) == 0
 
 
 def assert_same(part, whole):

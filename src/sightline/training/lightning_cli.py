@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import signal
 import sys
@@ -15,6 +16,7 @@ from typing import Any, NoReturn
 from jsonargparse import Namespace
 from lightning import LightningModule, Trainer
 from lightning.fabric.plugins import CheckpointIO
+from lightning.fabric.plugins.environments.torchelastic import TorchElasticEnvironment
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ProgressBar
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI, SaveConfigCallback
@@ -202,6 +204,26 @@ def _check_outside_data(subcommand: str | None, settings: Namespace, folder: Pat
             check_outside_dataset(Path(settings["root"], given["path"]), [folder])
 
 
+def _check_ranks(trainer: Trainer) -> None:
+    """Refuse ranks started by torchrun that would not work together, each on all frames.
+
+    Raises:
+        ValueError: The trainer has another number of ranks.
+    """
+    numbers = {name: os.environ.get(name, "") for name in ("WORLD_SIZE", "LOCAL_WORLD_SIZE")}
+    if not TorchElasticEnvironment.detect() or not all(map(str.isdecimal, numbers.values())):
+        return
+    started, of_machine = map(int, numbers.values())
+    if started == trainer.world_size:
+        return
+    machines = f" --trainer.num_nodes {started // of_machine}" if started > of_machine else ""
+    raise ValueError(
+        f"torchrun started {started} ranks, but the trainer has {trainer.world_size}: add "
+        f"--trainer.devices {of_machine} --trainer.strategy ddp{machines}, or start one process "
+        "without torchrun"
+    )
+
+
 class _TrainingCLI(LightningCLI):
     """Lightning's command line with our run folder, checkpoints and logger."""
 
@@ -320,7 +342,9 @@ class _TrainingCLI(LightningCLI):
         plugins = list(plugins) if isinstance(plugins, list) else [plugins]
         if not any(isinstance(each, CheckpointIO) for each in plugins):
             kwargs["plugins"] = [*plugins, AtomicCheckpointIO()]
-        return super().instantiate_trainer(**kwargs)
+        trainer = super().instantiate_trainer(**kwargs)
+        _check_ranks(trainer)
+        return trainer
 
     def before_fit(self) -> None:
         """Score weights from elsewhere before they are changed."""
