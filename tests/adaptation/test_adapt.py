@@ -201,13 +201,15 @@ def test_an_interruption_says_how_to_go_on(adapted, recording, monkeypatch):
         (["--tasks", "[tracking]"], "tasks must be some of"),
         (["--steps", "0"], "steps must be at least 1"),
         (["--frames", "3"], "frames must be at least 4"),
+        (["--device", "cuda"], "device cuda cannot be used (no GPU found); choose cpu"),
         (["--rig", "no.yaml"], "there is no file no.yaml"),
         (["--rig", "/"], "/ is a folder; give the file of a rig in YAML, such as a copy of OUT"),
     ],
 )
 def test_wrong_arguments_are_refused_before_the_work(
-    recording, tmp_path, capsys, arguments, message
+    recording, tmp_path, capsys, monkeypatch, arguments, message
 ):
+    monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
     out = tmp_path / "out"
     assert main(["adapt", str(recording), str(out), *arguments]) == 2
     assert message in capsys.readouterr().err

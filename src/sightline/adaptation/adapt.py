@@ -14,6 +14,7 @@ from sightline.data.open import open_dataset
 from sightline.depth_completion.robustness import HeldOutScoring, SimulatedDepthScoring
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.export.process_engine import check_device
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
@@ -208,12 +209,13 @@ def adapt(
         rig_file: Rig in YAML, in place of the measured one.
 
     Raises:
-        ValueError: An extra is not installed, the rig cannot be measured or simulated, or `out`
-            holds another adaptation.
+        ValueError: An extra is not installed, the device cannot be used, the rig cannot be measured
+            or simulated, or `out` holds another adaptation.
         Interruption: Ctrl-C or SIGTERM; the same command goes on.
     """
     check_outside_dataset(data, [out])
     require_library("lightning", "train")  # before the simulation, which takes long
+    check_device(settings.device)
     rig, notes = _rig(data, out, rig_file)
     for note in notes:  # before the work, which a wrong rig makes worthless
         warnings.warn(note, stacklevel=2)

@@ -50,7 +50,7 @@ class ProcessEngine:
             raise ValueError(
                 f"{chosen} runs on the cpu only, got {device}; choose the engine torch"
             )
-        _check_device(device)
+        check_device(device)
         self._graph = graph
         self._device = device
         self._threads = threads
@@ -97,8 +97,12 @@ class ProcessEngine:
             return open_engine(path, self.name, threads=self._threads)
 
 
-def _check_device(device: str) -> None:
-    """Refuse a missing device without initialising it: a fork could not use it afterwards."""
+def check_device(device: str) -> None:
+    """Refuse a missing device without initialising it: a fork could not use it afterwards.
+
+    Raises:
+        SetupError: There is no such device, or it is neither a CPU nor a GPU of CUDA.
+    """
     try:
         kind = torch.device(device).type
     except RuntimeError as error:
