@@ -201,6 +201,9 @@ def test_an_interruption_says_how_to_go_on(adapted, recording, monkeypatch):
         (["--tasks", "[tracking]"], "tasks must be some of"),
         (["--steps", "0"], "steps must be at least 1"),
         (["--frames", "3"], "frames must be at least 4"),
+        (["--seed", "-1"], "seed must not be negative, got -1"),
+        (["--frames", "1000000"], "a simulation has at most 1000000 frames"),
+        (["--rig", "{folder}/narrow.yaml"], "so no command would read the data; choose a larger"),
         (["--device", "cuda"], "device cuda cannot be used (no GPU found); choose cpu"),
         (["--rig", "no.yaml"], "there is no file no.yaml"),
         (["--rig", "/"], "/ is a folder; give the file of a rig in YAML, such as a copy of OUT"),
@@ -210,8 +213,11 @@ def test_wrong_arguments_are_refused_before_the_work(
     recording, tmp_path, capsys, monkeypatch, arguments, message
 ):
     monkeypatch.setattr("torch.cuda.device_count", lambda: 0)
+    camera = "{image_size: {width: 32, height: 32}, focal_px: 20000}"
+    (tmp_path / "narrow.yaml").write_text(f"camera: {camera}\nlidar: {{model: vlp-16}}\n")
     out = tmp_path / "out"
-    assert main(["adapt", str(recording), str(out), *arguments]) == 2
+    given = [each.format(folder=tmp_path) for each in arguments]
+    assert main(["adapt", str(recording), str(out), *given]) == 2
     assert message in capsys.readouterr().err
     assert not out.exists()
 

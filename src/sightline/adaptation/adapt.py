@@ -5,7 +5,7 @@ import json
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -25,7 +25,7 @@ from sightline.joining.models import JOINED, read_models
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.record import RECORD_NAME, Record, read_record
 from sightline.robustness.scoring import Scoring
-from sightline.simulation.generate import simulate
+from sightline.simulation.generate import check_simulation, simulate
 from sightline.simulation.measured_rig import measure_rig, rig_text
 from sightline.simulation.rigs import Rig, read_rig
 from sightline.simulation.settings import SimulationConfig
@@ -219,6 +219,9 @@ def adapt(
     rig, notes = _rig(data, out, rig_file)
     for note in notes:  # before the work, which a wrong rig makes worthless
         warnings.warn(note, stacklevel=2)
+    frames = settings.frames + settings.validation_frames
+    config = SimulationConfig(seed=settings.seed, rig=rig)
+    check_simulation(config, frames, validation_frames=settings.validation_frames)
     claim = {
         "adapt": data_name(data),
         "rig": rig_text(rig),
@@ -230,12 +233,12 @@ def adapt(
     acquire_output_dir(out, claim, results=("frames", *FINE_TUNINGS))
     atomic_write_text(out / RIG_NAME, rig_text(rig))
     rig = read_rig(out / RIG_NAME)  # a later run reads it, too, by the same name
-    frames = out / "frames"
+    simulated = out / "frames"
     simulate(
-        frames,
-        frames=settings.frames + settings.validation_frames,
+        simulated,
+        frames=frames,
         validation_frames=settings.validation_frames,
-        config=SimulationConfig(seed=settings.seed, rig=rig),
+        config=replace(config, rig=rig),
         workers=settings.workers,
     )
     before, after, weights = {}, {}, {}
@@ -245,10 +248,10 @@ def adapt(
         default = find_task(name).default_weights
         assert default is not None, "each of FINE_TUNINGS has one"
         shipped = find_weights(default)
-        before[name] = _score(name, shipped, frames, out / "before" / name, settings, rig)
-        weights[name] = _fine_tune(name, frames, out / name, settings, rig)
-        after[name] = _score(name, weights[name], frames, out / "after" / name, settings, rig)
-    joined = _fit_joined(weights, frames, out / JOINED_NAME)
+        before[name] = _score(name, shipped, simulated, out / "before" / name, settings, rig)
+        weights[name] = _fine_tune(name, simulated, out / name, settings, rig)
+        after[name] = _score(name, weights[name], simulated, out / "after" / name, settings, rig)
+    joined = _fit_joined(weights, simulated, out / JOINED_NAME)
     report = AdaptReport(rig=rig, before=before, after=after, weights=weights, joined=joined)
     atomic_write_text(out / REPORT_NAME, json.dumps(report.to_json(), indent=2) + "\n")
     return report

@@ -291,26 +291,8 @@ def simulate(
             invalid. Errors about a frame contain its name; finished frames are kept.
     """
     check_workers(workers, driver)
-    if frames < 1 or not 0 <= validation_frames <= frames:
-        raise ValueError(
-            f"a simulation needs at least 1 frame, got {frames}, and no more validation_frames, "
-            f"got {validation_frames}: set both, as a preset has numbers of its own"
-        )
-    max_frames = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
-    if frames > max_frames:
-        raise ValueError(
-            f"a simulation has at most {max_frames} frames, as many as it has names for, got "
-            f"{frames}; make several folders, each with another seed"
-        )
+    check_simulation(config, frames, validation_frames=validation_frames, velodyne=velodyne)
     shard((), shard_index, num_shards)  # rejects invalid values before the folder is claimed
-    whole = config.camera and not validation_frames and velodyne == "velodyne"
-    if config.sequence_length > 1 and not whole:
-        raise ValueError(
-            "drives have images, whole sweeps and no validation_frames; keep to that, or make "
-            "single frames with a sequence_length of 1"
-        )
-    require_library("embreex", "simulate")
-    _check_readable(sensors_of(config, 0))
     settings = {  # all that affects the bytes, except the number of frames
         "revision": SIMULATOR_REVISION,
         "streets": f"{streets.__module__}.{streets.__qualname__}",
@@ -344,6 +326,40 @@ def simulate(
     if isinstance(layout, ObjectLayout):
         layout.write_lists(frames, validation_frames)
     return JobResult(written=len(pending), skipped=len(indices) - len(pending))
+
+
+@named_arguments
+def check_simulation(
+    config: SimulationConfig,
+    frames: int,
+    *,
+    validation_frames: int = 0,
+    velodyne: Velodyne = "velodyne",
+) -> None:
+    """Check the settings of `simulate`, before a folder is claimed for them.
+
+    Raises:
+        ValueError: embreex is not installed, or the numbers or the rig are invalid.
+    """
+    if frames < 1 or not 0 <= validation_frames <= frames:
+        raise ValueError(
+            f"a simulation needs at least 1 frame, got {frames}, and no more validation_frames, "
+            f"got {validation_frames}: set both, as a preset has numbers of its own"
+        )
+    max_frames = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
+    if frames > max_frames:
+        raise ValueError(
+            f"a simulation has at most {max_frames} frames, as many as it has names for, got "
+            f"{frames}; make several folders, each with another seed"
+        )
+    whole = config.camera and not validation_frames and velodyne == "velodyne"
+    if config.sequence_length > 1 and not whole:
+        raise ValueError(
+            "drives have images, whole sweeps and no validation_frames; keep to that, or make "
+            "single frames with a sequence_length of 1"
+        )
+    require_library("embreex", "simulate")
+    _check_readable(sensors_of(config, 0))
 
 
 def _check_readable(sensors: Sensors) -> None:
