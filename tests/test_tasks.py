@@ -1,12 +1,16 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
 from sightline import tasks
+from sightline.cli.main import main
 from sightline.files.weights_header import shipped_names
 from sightline.tasks import Task, choose_task, find_task, task_names, weights_of
 from tests.depth_completion.networks import write_tiny_weights
+from tests.toy_task import registration
+from tests.toy_task.registration import FinderTask
 
 
 @pytest.mark.parametrize("name", task_names())
@@ -50,6 +54,47 @@ def test_the_registry_and_what_tasks_declare_need_no_heavy_library():
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout == "[]\n"
+
+
+def _place(monkeypatch, **members):
+    """Declare the toy task with other members; those that are None are left out."""
+    own = {name: member for name, member in vars(FinderTask).items() if name[0] != "_"} | members
+    declared = {
+        name: member for name, member in own.items() if member is not None or name not in members
+    }
+    monkeypatch.setattr(registration, "TASK", type("Declared", (), declared)())
+    monkeypatch.setitem(tasks.REGISTRY, "toy-finder", "tests.toy_task.registration:TASK")
+
+
+@pytest.mark.parametrize(
+    ("members", "fault"),
+    [
+        ({"detects_around": None, "demo": None}, "lacks detects_around, demo of sightline.tasks"),
+        ({"outputs": FinderTask.outputs * 2}, "has two outputs of one name: cells, highest, cells"),
+        (
+            {"outputs": (replace(FinderTask.outputs[0], suffix="npy"),)},
+            "has the output cells with suffix 'npy', expected a dot first",
+        ),
+        (
+            {"outputs": (replace(FinderTask.outputs[0], further="depth"),)},
+            "has the output cells with the key depth, which lines of perceive use already",
+        ),
+    ],
+)
+def test_a_task_that_is_declared_wrongly_is_told(monkeypatch, capsys, members, fault):
+    _place(monkeypatch, **members)
+    with pytest.raises(ValueError, match=f"^tests.toy_task.registration:TASK {fault}"):
+        find_task("toy-finder")
+    assert main(["tasks"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["weights", "out", "workers"])
+def test_an_output_with_the_name_of_an_option_is_told(monkeypatch, capsys, name):
+    first, second = FinderTask.outputs
+    _place(monkeypatch, outputs=(first, replace(second, name=name)))
+    assert main(["predict", "toy-finder", "D", "O"]) == 2
+    assert f"toy-finder has an output or switch named {name}, which" in capsys.readouterr().err
 
 
 def test_every_place_in_the_registry_is_in_the_package():

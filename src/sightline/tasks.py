@@ -37,6 +37,22 @@ PACKAGE_RECIPES: Final = Path(__file__).parent / "recipes"
 """Recipes that `sightline fit --config` knows by name."""
 
 
+LINE_KEYS: Final = (
+    "frame",
+    "timestamp_s",
+    "image_size_px",
+    "sensors",
+    "num_points",
+    "tasks",
+    "undone_turn",
+    "objects",
+    "detections2d",
+    "detections3d",
+    "depth",
+)
+"""Keys of a line of `perceive`, which outputs of tasks (`Output.further`) must not use."""
+
+
 @runtime_checkable
 class Task(Protocol):
     """Declaration of a task: an object in its folder's `registration` module."""
@@ -146,8 +162,33 @@ def find_task(name: str) -> Task:
         raise ValueError(f"there is no task {name}; name one of {', '.join(REGISTRY)}")
     module, _, attribute = REGISTRY[name].partition(":")
     task = getattr(importlib.import_module(module), attribute)
-    assert isinstance(task, Task), f"{REGISTRY[name]} implements `Task`"
-    return task
+    fault = _task_fault(task)
+    if fault is not None:
+        raise ValueError(f"{REGISTRY[name]} {fault}; see docs/adding.md, A task")
+    declared: Task = task
+    return declared
+
+
+def _task_fault(task: Any) -> str | None:  # noqa: ANN401 - perhaps no task
+    """Describe how an object breaks `Task`, as the rest of a sentence; None: it does not."""
+    members = [member for member in vars(Task) if not member.startswith("_")]
+    absent = [member for member in members if not hasattr(task, member)]
+    if absent:
+        return f"lacks {', '.join(absent)} of sightline.tasks.Task"
+    names = [output.name for output in task.outputs]
+    if len(set(names)) < len(names):
+        return f"has two outputs of one name: {', '.join(names)}"
+    for output in task.outputs:
+        if not output.suffix.startswith("."):
+            return (
+                f"has the output {output.name} with suffix {output.suffix!r}, expected a dot first"
+            )
+        if output.further in LINE_KEYS:
+            return (
+                f"has the output {output.name} with the key {output.further}, which lines of "
+                "perceive use already; choose another"
+            )
+    return None
 
 
 def further_keys(names: Iterable[str]) -> tuple[str, ...]:

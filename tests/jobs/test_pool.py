@@ -34,6 +34,17 @@ def every_piece_ends_its_process(position: int) -> str:
     return f"{position}"
 
 
+def one_piece_exhausts_an_iterator(position: int) -> str:
+    return next(iter([] if position == 1 else ["done"]))
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_piece_that_exhausts_an_iterator_ends_no_job_without_a_word(workers):
+    with pytest.raises(RuntimeError, match="StopIteration"):
+        list(run_pieces(one_piece_exhausts_an_iterator, 3, workers))
+
+
 class EndsOnce:
     """Pieces of which one ends its process when it runs for the first time, and says its number."""
 

@@ -87,13 +87,17 @@ def _options(task: Task) -> dict[str, tuple[Any, object]]:
     method: dict[str, tuple[Any, object]] = {}
     if task.methods:
         method["method"] = (Literal[task.methods] | None, None)
-    return method | {
-        "weights": (str | None, None),
-        "engine": (EngineChoice, "auto"),
-        "device": (Device, "cpu"),
+    own: dict[str, tuple[Any, object]] = {
         **{output.name: (Path | None, None) for output in task.outputs[1:]},
         **({"around": (Around, "auto")} if task.detects_around else {}),
         **{switch.name: (bool, False) for switch in task.switches},
+    }
+    network: dict[str, tuple[Any, object]] = {
+        "weights": (str | None, None),
+        "engine": (EngineChoice, "auto"),
+        "device": (Device, "cpu"),
+    }
+    job: dict[str, tuple[Any, object]] = {
         "sample_list": (str | None, None),
         "velodyne": (Velodyne | None, None),
         "workers": (int, 2),
@@ -103,6 +107,13 @@ def _options(task: Task) -> dict[str, tuple[Any, object]]:
         "num_shards": (int, 1),
         "pack": (bool, False),
     }
+    taken = {"data", "out", *method, *network, *job} & own.keys()
+    if taken:
+        raise ValueError(
+            f"the task {task.name} has an output or switch named {' and '.join(sorted(taken))}, "
+            "which predict takes for something else; choose another name"
+        )
+    return method | network | own | job
 
 
 def _run(

@@ -148,7 +148,8 @@ def run_pieces(
     """
     if driver == "local" and workers == 1:
         with one_blas_thread():
-            yield from map(piece, range(count))
+            for position in range(count):  # not map: a StopIteration of a piece would end it
+                yield piece(position)
     elif count:
         yield from run_on_crew(_crew(piece, driver), count, workers)
 
