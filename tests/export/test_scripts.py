@@ -210,6 +210,13 @@ def test_the_scripts_completion_between_rings_is_sightlines(keep_every, edition)
     assert (is_trusted == expected.valid.numpy()).all()
 
 
+def test_a_network_without_a_sweep_is_refused_by_the_script_of_others():
+    from adaptive_fill import fill
+
+    with pytest.raises(SystemExit, match=r"from the image; use onnx_image_depth\.py$"):
+        fill(np.ones((4, 5), np.float32), {"method": "street"})
+
+
 def test_a_sweep_that_shows_nothing_has_no_boxes_in_space_and_no_depth(tmp_path, depth_weights):
     from onnx_depth import complete
     from onnx_detection3d import detect

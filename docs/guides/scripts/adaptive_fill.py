@@ -1,5 +1,7 @@
 """Completion of a sparse depth map between the rings of a sweep: the filled_depth_m of networks."""
 
+import sys
+
 import numpy as np
 
 from depth_maps import bridge_rows, fill_columns, smooth_rows
@@ -10,6 +12,8 @@ from morphology import largest_around, mix_with_morphology, soften
 
 def fill(sparse_m: Array, rule: Steps) -> tuple[Array, Array]:
     """Complete a map that measures something; give depth [m] and where it can be trusted."""
+    if rule["method"] == "street":
+        sys.exit("this network guesses depth from the image; use onnx_image_depth.py")
     inverse = inverted(sparse_m)  # planes are linear in it
     rows, columns = np.nonzero(inverse)
     widest = rule["widest_spacing_px"]
