@@ -1,6 +1,7 @@
 """`sightline validate` and `sightline test`: scored weights and report."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -106,3 +107,50 @@ def test_a_run_given_as_its_checkpoint_is_told_its_file(recipes, given, told):
     run_training("fit", ["--config", "toy"], recipes)
     with pytest.raises(ValueError, match=told):
         run_training("validate", ["--config", "toy", "--ckpt_path", given], recipes)
+
+
+def scored_after_training(recipes, capsys, trained, scored, *changes):
+    """Lines on stderr of a test, after a training."""
+    Path("six.txt").write_text("".join(f"{number:06}\n" for number in range(6)))
+    Path("rest.txt").write_text("".join(f"{number:06}\n" for number in range(5, 9)))
+    config = ["--config", "toy", f"--data.training={trained}", "--data.validation=[]"]
+    run_training("fit", config, recipes)
+    capsys.readouterr()
+    config = ["--config", "runs/toy/config.yaml", "--run_folder", "runs/toy", *changes]
+    assert run_training("test", [*config, f"--data.test={scored}"], recipes) == 0
+    return [line for line in capsys.readouterr().err.splitlines() if "training" in line]
+
+
+SIX = "{path: ., sample_list: six.txt}"
+REST = "[{path: ., sample_list: rest.txt}]"
+
+
+@pytest.mark.parametrize(
+    ("scored", "expected"), [(REST, "1 of 4 test"), ("[{path: training}]", "6 of 9 test")]
+)
+def test_scored_frames_that_the_checkpoint_was_trained_on_are_counted(
+    recipes, capsys, scored, expected
+):
+    (line,) = scored_after_training(recipes, capsys, f"[{SIX}]", scored)
+    assert line.startswith(f"{expected} frames of")
+    assert "are also training frames (00000" in line
+
+
+def test_scoring_does_not_need_the_training_sources(recipes, capsys, frames):
+    there = Path(shutil.copytree(frames, "there"))
+    trained = f"[{SIX}, {{path: {there.resolve()}}}]"
+    shown = scored_after_training(recipes, capsys, trained, REST)
+    shutil.rmtree(there)
+    config = ["--config", "runs/toy/config.yaml", "--run_folder", "runs/toy"]
+    assert run_training("test", [*config, f"--data.test={REST}"], recipes) == 0
+    again = [line for line in capsys.readouterr().err.splitlines() if "training" in line]
+    assert len(shown) == 1
+    assert again == shown
+
+
+def test_other_data_at_the_place_of_the_training_data_are_not_taken_for_them(
+    recipes, capsys, tmp_path
+):
+    elsewhere = toy.write_frames(tmp_path / "elsewhere", count=4)
+    changes = ["--data.root", str(elsewhere)]
+    assert not scored_after_training(recipes, capsys, "[{path: .}]", "[{path: .}]", *changes)

@@ -6,8 +6,9 @@ processes or on interruptions.
 
 import hashlib
 import sys
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -248,6 +249,7 @@ class CameraLidarData(lightning.LightningDataModule):
         self.samples_per_epoch = samples_per_epoch
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
         self._training_frames: dict[Path, set[str]] = {}  # names of the training frames by folder
+        self._checkpoint_frames: dict[Path, set[str]] = {}  # those of a scored checkpoint
         self._printed: set[str] = set()
         self._warned: set[tuple[str, str]] = set()
 
@@ -283,20 +285,43 @@ class CameraLidarData(lightning.LightningDataModule):
 
     def state_dict(self) -> dict[str, Any]:
         """Number and digest of the training frames, for checkpoints."""
-        names = [name for ids in self._training_frames.values() for name in sorted(ids)]
-        digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
-        return {"num_training_frames": len(names), "training_frames": digest}
+        return _frames_state(self._training_frames)
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Warn of a run that is resumed with other training frames than it had."""
+        """Compare the training frames with a checkpoint's; resuming with others prints a warning.
+
+        Where the checkpoint is only scored, keep them: they must not be among the scored frames.
+        """
+        if not self._training_frames:
+            self._checkpoint_frames = self._frames_of_checkpoint(state_dict)
+            return
         now = self.state_dict()
-        if self._training_frames and state_dict["training_frames"] != now["training_frames"]:
+        if state_dict["training_frames"] != now["training_frames"]:
             had, has = state_dict["num_training_frames"], now["num_training_frames"]
             numbers = f"{has} others" if had == has else f"{has}"
             self._print_once(
                 f"warning: the run had {had} training frames when its checkpoint was written, and "
                 f"now has {numbers}: check the lists, or begin a new run"
             )
+
+    def _frames_of_checkpoint(self, state: dict[str, Any]) -> dict[Path, set[str]]:
+        """List the training frames of a checkpoint by folder, of sources that can be opened.
+
+        Empty if all can be opened and have other frames than the checkpoint had: then they are
+        other data, for example below another root.
+        """
+        frames: dict[Path, set[str]] = {}
+        is_complete = True
+        with warnings.catch_warnings(action="ignore"):  # these data are only listed
+            for source in self.sources["training"]:
+                try:
+                    dataset = self._open_source(source, notify=lambda _: None)
+                except (ValueError, OSError):  # scoring does not need them
+                    is_complete = False
+                else:
+                    tree = data_tree(source, self.root)
+                    frames.setdefault(tree, set()).update(dataset.sample_ids)
+        return {} if is_complete and _frames_state(frames) != state else frames
 
     def _training_samples(self) -> tuple[PreparedSamples, TrainingBatches]:
         samples = self._open("training", training=True)
@@ -331,18 +356,21 @@ class CameraLidarData(lightning.LightningDataModule):
             tree = data_tree(source, self.root)
             try:
                 with warning_once(self._warned, str(tree)):  # a folder is opened for each use
-                    dataset = open_source(
-                        source,
-                        self.root,
-                        self.preparation.parts,
-                        held_out_for=self._held_out_uses(tree),
-                        notify=self._print_once,
-                    )
+                    dataset = self._open_source(source, notify=self._print_once)
             except ValueError as error:
                 flags = f"--data.init_args.root and --data.init_args.{name}"
                 raise ValueError(f"{error} (the {name} samples: {flags})") from error
             datasets.append((dataset, source))
         return datasets
+
+    def _open_source(self, source: SourceConfig, notify: Callable[[str], None]) -> SampleDataset:
+        return open_source(
+            source,
+            self.root,
+            self.preparation.parts,
+            held_out_for=self._held_out_uses(data_tree(source, self.root)),
+            notify=notify,
+        )
 
     def _open(self, name: str, *, training: bool) -> PreparedSamples:
         opened = self.open_sources(name)
@@ -391,7 +419,7 @@ class CameraLidarData(lightning.LightningDataModule):
 
     def _print_num_trained(self, name: str, sample_ids: Sequence[str], tree: Path) -> None:
         """Print the number of scored frames that are training frames, if any."""
-        training_frames = self._training_frames.get(tree, set())
+        training_frames = (self._training_frames or self._checkpoint_frames).get(tree, set())
         shared = [each for each in sample_ids if each in training_frames]
         if shared:
             self._print_once(
@@ -410,3 +438,10 @@ class CameraLidarData(lightning.LightningDataModule):
         if self.trainer is None:
             return 0, 1
         return self.trainer.global_rank, self.trainer.world_size
+
+
+def _frames_state(frames_by_tree: dict[Path, set[str]]) -> dict[str, Any]:
+    """Number and digest of frames."""
+    names = [name for ids in frames_by_tree.values() for name in sorted(ids)]
+    digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
+    return {"num_training_frames": len(names), "training_frames": digest}
