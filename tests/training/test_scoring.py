@@ -40,13 +40,25 @@ def test_weights_files_can_be_tested_without_a_run(recipes):
     assert reports[0] == reports[1]
 
 
-def test_faulty_training_sources_are_told_before_the_first_weights_are_scored(recipes, capsys):
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("training=[]", "there are no sources of training samples"),
+        ("batch_size=10", "an epoch of 9 samples does not fill a batch of 10; set a smaller"),
+        ("samples_per_epoch=10", "only 9 training samples"),
+    ],
+)
+def test_faulty_training_sources_are_told_before_the_first_weights_are_scored(
+    recipes, capsys, change, told
+):
     run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
     capsys.readouterr()
     config = ["--config", "toy", "--model.initial_weights", "first/weights.safetensors"]
-    with pytest.raises(ValueError, match="there are no sources of training samples"):
-        run_training("fit", [*config, "--data.init_args.training", "[]"], recipes)
-    assert "validation/" not in capsys.readouterr().out
+    progress = ["--trainer.enable_progress_bar", "true"]
+    with pytest.raises(ValueError, match=told):
+        run_training("fit", [*config, f"--data.init_args.{change}", *progress], recipes)
+    printed = capsys.readouterr()
+    assert "validation" not in printed.out + printed.err
 
 
 def test_a_device_that_is_not_there_is_named_by_its_option(recipes):

@@ -325,16 +325,17 @@ class CameraLidarData(lightning.LightningDataModule):
 
     def _training_samples(self) -> tuple[PreparedSamples, TrainingBatches]:
         samples = self._open("training", training=True)
-        rank, world = self._rank_and_world()
-        batches = TrainingBatches(
-            len(samples),
+        return samples, self._training_batches(len(samples), *self._rank_and_world())
+
+    def _training_batches(self, num_samples: int, rank: int, world: int) -> TrainingBatches:
+        return TrainingBatches(
+            num_samples,
             self.batch_size,
             seed=self.seed,
             samples_per_epoch=self.samples_per_epoch,
             rank=rank,
             world=world,
         )
-        return samples, batches
 
     def _scoring_loader(self, name: str) -> DataLoader[Any]:
         samples = self._open(name, training=False)
@@ -342,7 +343,21 @@ class CameraLidarData(lightning.LightningDataModule):
         batches = ScoringBatches(len(samples), self.validation_batch_size, rank=rank, world=world)
         return BatchLoader(samples, batches, workers=self.workers, seed=self.seed)
 
-    def open_sources(self, name: str) -> list[tuple[SampleDataset, SourceConfig]]:
+    def check_training_sources(self, *, world: int) -> None:
+        """Check the training sources without reading samples, for errors before a long scoring.
+
+        Args:
+            world: Number of devices.
+
+        Raises:
+            ValueError: A source cannot be opened, or there are too few samples for a batch on each
+                device.
+        """
+        opened = self._open_sources("training")
+        num_samples = sum(len(dataset) * source.repeat for dataset, source in opened)
+        self._training_batches(num_samples, 0, world)
+
+    def _open_sources(self, name: str) -> list[tuple[SampleDataset, SourceConfig]]:
         """Open the sources of training, validation or test samples.
 
         Raises:
@@ -373,7 +388,7 @@ class CameraLidarData(lightning.LightningDataModule):
         )
 
     def _open(self, name: str, *, training: bool) -> PreparedSamples:
-        opened = self.open_sources(name)
+        opened = self._open_sources(name)
         for dataset, source in opened:
             tree = data_tree(source, self.root)
             if training:

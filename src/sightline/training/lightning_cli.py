@@ -351,7 +351,7 @@ class _TrainingCLI(LightningCLI):
         self.model.is_resumed = self.config[self.subcommand]["ckpt_path"] is not None
         is_scored = self._initial_weights is not None and not self.model.is_resumed
         if is_scored and self.datamodule.sources["validation"]:
-            self.datamodule.open_sources("training")  # else their faults are told late
+            self.datamodule.check_training_sources(world=self.trainer.world_size)
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
     def after_fit(self) -> None:
