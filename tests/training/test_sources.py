@@ -6,6 +6,7 @@ import pytest
 
 from sightline.data.kitti_trees import find_velodyne
 from sightline.data.sharding import write_shards
+from sightline.training.data import CameraLidarData
 from sightline.training.sources import SourceConfig, absent_classes, open_source
 from tests.data import recordings, trees
 from tests.training import toy
@@ -231,3 +232,43 @@ def test_objects_without_the_box_that_a_network_learns_do_not_count_for_their_cl
     assert absent_classes([dataset], names) == ()
     assert absent_classes([dataset], names, "2D") == ("Cyclist",)
     assert absent_classes([dataset], names, "3D") == ("Car",)
+
+
+@pytest.mark.filterwarnings("ignore:.*far outside the image")  # the pictures are small
+@pytest.mark.parametrize(
+    ("listed", "absent", "training_effect", "scoring_effect"),
+    [
+        ((0, 1), None, None, None),
+        ((0, 2), "Cyclist", "these classes are learned as background", "the scores of these cla"),
+        ((2,), "Car, Cyclist", "there is nothing to learn", "the scores say nothing"),
+    ],
+)
+def test_classes_without_a_labelled_object_are_told_in_training_and_scoring(
+    tree, capsys, listed, absent, training_effect, scoring_effect
+):
+    class Learning(toy.ToyPreparation):
+        learned_box = "2D"
+        parts = frozenset({"image", "points", "objects"})
+
+        def learned_classes(self):
+            return "Car", "Cyclist"
+
+    for number, names in enumerate((["Car"], ["Cyclist"], [])):
+        write_label(tree, number, *names)
+    write_list(tree, "some", listed)
+    some = (SourceConfig(path=Path(), sample_list="some"),)
+    sources = {"training": some, "validation": some, "test": some}
+    data = CameraLidarData(Learning(), root=tree, batch_size=1, workers=0, **sources)
+    for use, load, effect in (
+        ("validation", data.val_dataloader, scoring_effect),
+        ("test", data.test_dataloader, scoring_effect),
+        ("training", data.train_dataloader, training_effect),
+    ):
+        load()
+        told = capsys.readouterr().err
+        if absent is None:
+            assert not told
+        else:
+            start = f"warning: the labels of the {use} frames have no object of {absent} with a 2D"
+            assert told.startswith(start)
+            assert f" box: {effect}" in told

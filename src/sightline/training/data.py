@@ -397,8 +397,8 @@ class CameraLidarData(lightning.LightningDataModule):
                 self._print_num_trained(name, dataset.sample_ids, tree)
         datasets = [(dataset, source.repeat if training else 1) for dataset, source in opened]
         preparation = self.preparation
+        self._print_absent_classes(name, [dataset for dataset, _ in datasets])
         if training:
-            self._print_absent_classes([dataset for dataset, _ in datasets])
             rng = np.random.default_rng((self.seed, 0, 0, _TRAINING_STREAM))
             preparation = preparation.for_training([dataset for dataset, _ in datasets], rng)
         return PreparedSamples(datasets, preparation, seed=self.seed, training=training)
@@ -414,20 +414,24 @@ class CameraLidarData(lightning.LightningDataModule):
             )
         ]
 
-    def _print_absent_classes(self, datasets: Sequence[SampleDataset]) -> None:
-        """Print the classes that the network cannot learn, as no training frame shows them."""
+    def _print_absent_classes(self, name: str, datasets: Sequence[SampleDataset]) -> None:
+        """Print the classes that no frame shows: not learned in training, else not scored."""
         learned = self.preparation.learned_classes()
         box = self.preparation.learned_box
-        absent = absent_classes(datasets, learned, box)
+        absent = absent_classes(datasets, learned, box) if learned else ()
         if absent:
             with_box = "" if box is None else f" with a {box} box"
-            effect = (
-                "there is nothing to learn"
-                if len(absent) == len(learned)
-                else "these classes are learned as background"
-            )
+            are_all = len(absent) == len(learned)
+            if name == "training":
+                effect = (
+                    "there is nothing to learn"
+                    if are_all
+                    else "these classes are learned as background"
+                )
+            else:
+                effect = f"the scores{'' if are_all else ' of these classes'} say nothing"
             self._print_once(
-                "warning: the labels of the training frames have no object of "
+                f"warning: the labels of the {name} frames have no object of "
                 f"{', '.join(absent)}{with_box}: {effect}; check the labels and the names of "
                 "their classes (sightline check)"
             )
