@@ -153,3 +153,23 @@ def test_a_resumed_run_names_the_steps_of_its_scores(recipes, capsys):
     run_training("fit", [*run, "--ckpt_path", "last"], recipes)
     scores = [line for line in capsys.readouterr().err.splitlines() if "mse" in line]
     assert [line.partition(": ")[0] for line in scores] == ["step 4", "step 8"]
+
+
+def test_a_finished_run_that_is_resumed_in_another_folder_is_an_error_with_two_remedies(
+    recipes, capsys
+):
+    run_training("fit", ["--config", "toy"], recipes)
+    config = ["--config", "runs/toy/config.yaml", "--run_folder"]
+    resume = ["--ckpt_path", "runs/toy/last.ckpt"]
+    with pytest.raises(
+        ValueError, match=r"^other: no weights were written: .* after the 8 of runs/toy/last\.ckpt"
+    ):
+        run_training("fit", [*config, "other", *resume], recipes)
+    Path("runs/toy/weights.safetensors").unlink()
+    for remedy in (
+        ["runs/toy", *resume],
+        ["further", "--model.init_args.initial_weights", "runs/toy/last.ckpt"],
+    ):
+        capsys.readouterr()
+        assert run_training("fit", [*config, *remedy], recipes) == 0
+        assert f"{remedy[0]}: the weights are in" in capsys.readouterr().out

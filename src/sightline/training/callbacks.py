@@ -184,9 +184,11 @@ class WriteWeights(Checkpoint):
             self._write(trainer, pl_module, best, {str(self._best.monitor): score})
 
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Write if nothing was validated, even if the resumed run was already complete."""
+        """Write if nothing was validated, or if a complete run is resumed and has no weights."""
         if self._best is None or self._best.best_model_score is None:
             self._write(trainer, pl_module, self._last.path, {})
+        elif not self.path.is_file():
+            self.on_validation_end(trainer, pl_module)
 
     def _write(
         self,

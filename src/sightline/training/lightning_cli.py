@@ -358,17 +358,25 @@ class _TrainingCLI(LightningCLI):
         """Print the path of the weights.
 
         Raises:
-            ValueError: There was no step of training.
+            ValueError: There was no step of training, and there are no weights.
         """
         folder = self._run.folder
+        is_written = (folder / RUN_WEIGHTS).is_file()  # not by a trial run (fast_dev_run)
         if not self.trainer.global_step:
             raise ValueError(
                 f"{folder}: the training ended without a step and has no weights; give "
                 "--trainer.max_steps or --trainer.max_epochs of at least 1, and no limit of "
                 "batches or time that leaves none"
             )
+        if self.trainer.global_step == self.model.resumed_step and not is_written:
+            checkpoint = self.config[self.subcommand]["ckpt_path"]
+            raise ValueError(
+                f"{folder}: no weights were written: the training ended without a step after the "
+                f"{self.trainer.global_step} of {checkpoint}; resume in the folder of that run, or "
+                f"start from its weights: --model.init_args.initial_weights {checkpoint} in place "
+                "of --ckpt_path"
+            )
         if self.trainer.is_global_zero:
-            is_written = (folder / RUN_WEIGHTS).is_file()  # not by a trial run (fast_dev_run)
             kept = f"the weights are in {RUN_WEIGHTS}" if is_written else "no weights were written"
             print(f"{folder}: {kept}")
 

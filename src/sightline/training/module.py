@@ -71,6 +71,8 @@ class TrainingModule(lightning.LightningModule, ABC):
     is_resumed: bool = False
     """Set before a fit that resumes from a checkpoint, which replaces the weights; Lightning loads
     it after `setup`."""
+    resumed_step: int = 0
+    """Number of steps of the checkpoint that a fit resumed from."""
 
     def __init__(
         self,
@@ -260,6 +262,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             return
         if self._trainer.state.fn is TrainerFn.FITTING:
             _check_resumable(checkpoint)
+            self.resumed_step = checkpoint["global_step"]
         else:
             self._scored_at = (int(checkpoint["epoch"]), int(checkpoint["global_step"]))
 
