@@ -190,7 +190,7 @@ def test_key_frames_whose_files_were_not_extracted_are_dropped_and_told(tmp_path
     assert open_dataset(tmp_path / "out").sample_ids == ("scene-0001-000", "scene-0001-002")
     for path in (tmp_path / "data" / "samples" / "CAM_FRONT").iterdir():
         path.unlink()
-    with pytest.raises(ValueError, match=r"lacks the files of all 3 key frames of CAM_FRONT and"):
+    with pytest.raises(ValueError, match=r"lacks files of all 3 key frames of CAM_FRONT and LIDAR"):
         import_recording(tmp_path / "data", tmp_path / "other")
 
 

@@ -1,6 +1,7 @@
 """Tables of other data sets in nuScenes' format: Lyft's, TIER IV's, and tables with faults."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -166,3 +167,22 @@ def test_tables_that_are_a_link_go_with_the_data_around_the_link(tmp_path):
     import_recording(tmp_path / "link", tmp_path / "other")
     names = [path.name for path in (tmp_path / "out" / "images").iterdir()]
     assert names == [path.name for path in (tmp_path / "other" / "images").iterdir()] != []
+
+
+@pytest.mark.parametrize(
+    ("emptied", "example", "archives"),
+    [
+        (["CAM_FRONT"], "CAM_FRONT/0.jpg", "CAM_FRONT"),
+        (["LIDAR_TOP"], "LIDAR_TOP/0.pcd.bin", "LIDAR_TOP"),
+        (["CAM_FRONT", "LIDAR_TOP"], "CAM_FRONT/0.jpg", "CAM_FRONT and LIDAR_TOP"),
+    ],
+)
+def test_channels_whose_archives_were_not_extracted_are_named(
+    data, tmp_path, emptied, example, archives
+):
+    for channel in emptied:
+        for path in (data / "samples" / channel).iterdir():
+            path.unlink()
+    named = f"e.g. {data}/samples/{example}; extract the archives with {archives} into it"
+    with pytest.raises(ValueError, match=re.escape(named)):
+        import_recording(data, tmp_path / "out")

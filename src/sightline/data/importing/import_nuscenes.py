@@ -86,10 +86,7 @@ def import_nuscenes(
     listed = key_frames.moments
     moments = [each for each in listed if each.image.is_file() and each.sweep.is_file()]
     if not moments:
-        raise ValueError(
-            f"{tables.root} lacks the files of all {len(listed)} key frames of {camera} and "
-            f"{lidar}, e.g. {listed[0].image}; extract the archives with {camera} into it"
-        )
+        raise _no_files_error(tables.root, listed, camera, lidar)
     _check_time_unit(moments, tables.folder / "sample_data.json")
     settings = {
         "sightline": version("sightline"),
@@ -144,6 +141,20 @@ def import_nuscenes(
             *clouds.lines(),
             *describe_view(out),
         ),
+    )
+
+
+def _no_files_error(root: Path, moments: Sequence[Moment], camera: str, lidar: str) -> ValueError:
+    """Error for key frames that all lack their image or sweep."""
+    files = {camera: [each.image for each in moments], lidar: [each.sweep for each in moments]}
+    absent = {
+        channel: next((path for path in paths if not path.is_file()), None)
+        for channel, paths in files.items()
+    }
+    channels = [channel for channel, path in absent.items() if path is not None]
+    return ValueError(
+        f"{root} lacks files of all {len(moments)} key frames of {camera} and {lidar}, e.g. "
+        f"{absent[channels[0]]}; extract the archives with {' and '.join(channels)} into it"
     )
 
 
