@@ -155,6 +155,25 @@ def test_tables_without_annotations_give_no_labels_and_nothing_to_doubt(tmp_path
     assert "0 frames written, 2 were there already" in again
 
 
+def test_frames_without_annotations_among_others_are_a_warning(tmp_path):
+    data = write_nuscenes(tmp_path / "data", num_samples=3)
+    assert "have no annotation" not in str(import_recording(data, tmp_path / "sound"))
+    first = json.loads((data / "v1.0-mini" / "sample.json").read_text())[0]["token"]
+    edit_table(
+        data,
+        "sample_annotation",
+        lambda rows: rows.__setitem__(
+            slice(None), [row for row in rows if row["sample_token"] == first]
+        ),
+    )
+    report = str(import_recording(data, tmp_path / "out"))
+    assert (
+        "warning: 2 of 3 frames have no annotation and get empty label files, e.g. scene-0001-001:"
+    ) in report
+    files = sorted((tmp_path / "out" / "labels").iterdir())
+    assert [path.stat().st_size > 0 for path in files] == [True, False, False]
+
+
 def test_tables_that_are_a_link_go_with_the_data_around_the_link(tmp_path):
     data, elsewhere = tmp_path / "data", tmp_path / "metadata"
     write_nuscenes(data, num_samples=1)

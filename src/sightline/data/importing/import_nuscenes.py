@@ -137,7 +137,7 @@ def import_nuscenes(
             *_dropped_notes(key_frames, len(listed) - len(moments)),
             *_time_notes(moments),
             *_rotation_notes(moments, camera),
-            *(tally.lines() if pending else ()),
+            *((*tally.lines(), *_unannotated_notes(moments)) if pending else ()),
             *clouds.lines(),
             *describe_view(out),
         ),
@@ -219,6 +219,17 @@ def _time_notes(moments: Sequence[Moment]) -> Iterator[str]:
 def _rotation_notes(moments: Sequence[Moment], camera: str) -> Iterator[str]:
     for turn in sorted({round(turn_ahead(moment.mount)[1]) for moment in moments} - {0}):
         yield f"clouds are rotated by {-turn} degrees, so that x points where {camera} looks"
+
+
+def _unannotated_notes(moments: Sequence[Moment]) -> Iterator[str]:
+    """Yield a warning of frames without annotations among frames with some."""
+    names = [moment.name for moment in moments if not moment.annotations]
+    if 0 < len(names) < len(moments):
+        yield (
+            f"warning: {len(names)} of {len(moments)} frames have no annotation and get empty "
+            f"label files, e.g. {names[0]}: they count as frames without objects; if they were "
+            "not annotated, train and score by a sample list of the other frames"
+        )
 
 
 @dataclass(frozen=True, slots=True)
