@@ -1,7 +1,10 @@
+import tarfile
+
 import pytest
 
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from tests.data.recordings import write_recording
 from tests.data.trees import write_drive, write_object_tree
@@ -82,6 +85,36 @@ def test_shards_without_their_list_are_told_as_such(tmp_path):
     assert "archives that are not unpacked, such as 000000.tar" in told(tmp_path)
     (tmp_path / "000000.json").write_text("{}")
     assert "holds shards without shards.json, the list of them; copy the whole" in told(tmp_path)
+
+
+@pytest.mark.parametrize("write", [write_recording, lambda data: write_object_tree(data, "000000")])
+@pytest.mark.parametrize("compress", [True, False])
+def test_shards_without_their_indexes_are_told_as_such(tmp_path, write, compress):
+    write(tmp_path / "data")
+    write_shards(tmp_path / "data", tmp_path / "out", frames_per_shard=2, compress=compress)
+    for path in (tmp_path / "out").glob("*.json"):
+        path.unlink()
+    remedy = "copy the whole folder again, or pack the data again (sightline shard)"
+    assert told(tmp_path / "out") == (
+        f"{tmp_path / 'out'}: holds shards of `sightline shard` without their indexes, such as "
+        f"000000.tar without 000000.json; {remedy}"
+    )
+    assert told(tmp_path / "out" / "000000.tar") == (
+        f"{tmp_path / 'out' / '000000.tar'}: is a shard of `sightline shard` without its index, "
+        f"000000.json beside it; {remedy}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "mtime"), [("training/image_2/000000.png", 0), ("000000.image.png", 1)]
+)
+def test_other_tars_are_archives_to_unpack(tmp_path, name, mtime):
+    with tarfile.open(tmp_path / "000000.tar", "w") as archive:
+        member = tarfile.TarInfo(name)
+        member.mtime = mtime
+        archive.addfile(member)
+    assert "archives that are not unpacked, such as 000000.tar" in told(tmp_path)
+    assert "000000.tar: is no folder; give the folder" in told(tmp_path / "000000.tar")
 
 
 @pytest.mark.parametrize("name", ["v1.0-mini/scene.json", "drive.mcap", "drive.bag"])

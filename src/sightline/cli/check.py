@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from sightline.cli.output import gathered_warnings, say
 from sightline.cli.report import check_places
 from sightline.files.atomic import atomic_write_text
-from sightline.files.problem import shown_place
 from sightline.tasks import find_task, task_names
 
 if TYPE_CHECKING:
@@ -30,11 +29,10 @@ def check(data: Path, *, workers: int = 2, json: Path | None = None) -> int:
         json: File for the summaries, the problems and the distance of the rig.
     """
     from sightline.data.check import check_tree, summarize_tree
-    from sightline.files.shard_path import data_path
+    from sightline.data.open import existing_folder
     from sightline.inference.rig_distance import rig_distance
 
-    if not data_path(data).is_dir():
-        raise ValueError(f"{shown_place(data)} is no folder; give the folder of a data set")
+    existing_folder(data)
     check_places({"--json": json}, data=[data])
     problems = []
     with gathered_warnings():

@@ -1,5 +1,6 @@
 """Problems of folders that are no data set, with the likely cause and the remedy."""
 
+import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -14,6 +15,7 @@ from sightline.data.unread_files import (
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
+from sightline.files.shard_index import index_path
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _ARCHIVES: Final = (".zip", ".tar", ".gz", ".tgz", ".7z")
@@ -30,6 +32,7 @@ _LAYOUT_NAMES: Final = (
     {"calib.txt", "image_2"},
 )
 """Names that occur together in the folders of data sets."""
+_SHARDS_REMEDY: Final = "copy the whole folder again, or pack the data again (sightline shard)"
 _MAX_SEARCHED = 200  # largest number of searched subfolders
 _EXPECTED: Final = (
     "a recording (calibration.yaml, images, points), or KITTI's object tree "
@@ -57,11 +60,19 @@ def no_data_set(path: Path) -> Problem:
         if problem is not None:
             return problem
     archives = [each for each in _entries(path) if each.suffix.lower() in _ARCHIVES]
-    if any(each.suffix == ".tar" and each.with_suffix(".json").is_file() for each in archives):
+    if any(each.suffix == ".tar" and index_path(each).is_file() for each in archives):
         return Problem(
             path=path,
             problem="holds shards without shards.json, the list of them",
-            remedy="copy the whole folder again, or pack the data again (sightline shard)",
+            remedy=_SHARDS_REMEDY,
+        )
+    shard = next(filter(_is_shard, archives), None)
+    if shard is not None:
+        return Problem(
+            path=path,
+            problem="holds shards of `sightline shard` without their indexes, such as "
+            f"{shortened(shard.name)} without {shortened(index_path(shard).name)}",
+            remedy=_SHARDS_REMEDY,
         )
     if archives:
         problem_text = (
@@ -80,8 +91,27 @@ def _no_folder(path: Path) -> Problem | None:
         return None
     if path.suffix.lower() in _BAGS and path.exists():
         return _to_import(path, "is a ROS bag")
+    if _is_shard(path):
+        name = shortened(index_path(path).name)
+        problem = f"is a shard of `sightline shard` without its index, {name} beside it"
+        return Problem(path=path, problem=problem, remedy=_SHARDS_REMEDY)
     problem = "is no folder" if path.exists() else "does not exist"
     return Problem(path=path, problem=problem, remedy="give the folder of a data set")
+
+
+def _is_shard(path: Path) -> bool:
+    """Test whether a file is a tar of frames as `sightline shard` packs them.
+
+    Its members have no times, and the names of their folders: training/000000.image_2.png.
+    """
+    if path.suffix != ".tar" or not path.is_file():
+        return False
+    try:
+        with tarfile.open(path, "r:") as archive:
+            first = archive.next()
+    except (OSError, tarfile.TarError):
+        return False
+    return first is not None and not first.mtime and len(Path(first.name).suffixes) > 1
 
 
 def _odometry(path: Path) -> Problem | None:
