@@ -13,6 +13,7 @@ import pytest
 import torch
 
 from sightline.cli.main import main
+from sightline.data.check import check_tree
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.files import byte_source
@@ -90,6 +91,17 @@ def test_shards_on_a_server_give_the_samples_of_the_tree(folder, address):
     assert torch.equal(one[2].points, other[2].points)
     sample_ids = open_dataset(f"{address}/shards/000001.tar").sample_ids
     assert sample_ids == ("000002",)
+
+
+def test_check_finds_damage_of_the_files_of_no_frame_on_a_server(folder, address):
+    (folder / "tree" / "ImageSets").mkdir()
+    (folder / "tree" / "ImageSets" / "val.txt").write_text("000001\n")
+    write_shards(folder / "tree", folder / "other", frames_per_shard=2)
+    before = list(check_tree(f"{address}/other"))
+    (folder / "other" / "shared.tar").unlink()
+    problem, *others = check_tree(f"{address}/other")
+    assert others == before
+    assert str(problem).startswith(f"{address}/other/shared.tar: is absent; copy it to the server")
 
 
 def test_a_frame_is_read_without_its_shard(folder, address):

@@ -513,3 +513,21 @@ def test_a_truncated_first_picture_is_named_with_its_cause(shards):
     tar.write_bytes(tar.read_bytes()[:2000])
     with pytest.raises(ValueError, match=r"000000\.\w+: cannot be read: 000000\.tar ends at byte"):
         open_dataset(shards / "000000.tar", parts=("image",))[0]
+
+
+@pytest.mark.parametrize("place", [".", "training", "000001.tar", "000001.tar/training"])
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (Path.unlink, "is missing, or no regular file; copy it again"),
+        (lambda tar: tar.write_bytes(tar.read_bytes() + b"0"), "bytes long, expected 10240; copy"),
+        (lambda tar: tar.write_bytes(bytes(10240)), "is damaged: it has another checksum; copy"),
+    ],
+)
+def test_check_finds_damage_of_the_files_of_no_frame(shards, place, damage, told):
+    before = list(check_tree(shards / place))
+    damage(shards / "shared.tar")
+    problem, *others = check_tree(shards / place)
+    assert others == before
+    assert problem.path == shards / "shared.tar"
+    assert told in str(problem)

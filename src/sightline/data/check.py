@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from sightline.data.other_layouts import no_data_set
+from sightline.data.sharding import shared_problem
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 from sightline.files.problem import GIVE_ACCESS, Problem
 from sightline.files.shard_path import data_path
@@ -48,6 +49,9 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     workers = (os.cpu_count() or 1) if num_workers is None else num_workers
     check_threads(workers)
     root = data_path(root)
+    damage = shared_problem(root)
+    if damage is not None:
+        yield damage
     trees = find_trees(root)
     if not trees:
         yield no_data_set(root)

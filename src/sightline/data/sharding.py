@@ -25,7 +25,7 @@ from sightline.files.atomic import (
 )
 from sightline.files.byte_source import url_of
 from sightline.files.plain_file import read_bytes
-from sightline.files.problem import FileError, error_text
+from sightline.files.problem import FileError, Problem, error_text
 from sightline.files.safe_names import relative_parts
 from sightline.files.shard_index import (
     FORMAT,
@@ -41,6 +41,7 @@ from sightline.files.shard_index import (
     read_manifest,
     tars_of,
 )
+from sightline.files.shard_path import shared_tar
 from sightline.jobs.output_dirs import (
     KITTI_SPLITS,
     acquire_output_dir,
@@ -412,6 +413,40 @@ def _fault(index: ShardIndex) -> str | None:
     return None if digest == index.sha256 else "is damaged: it has another checksum"
 
 
+def shared_problem(data: Path) -> Problem | None:
+    """Problem of the tar of files that belong to no frame; None: it is whole, or not in use.
+
+    On this machine its checksum is compared; at an address, each of its files is read.
+
+    Raises:
+        FileError: The shards are damaged or cannot be read.
+    """
+    tar = shared_tar(data)
+    index = None if tar is None else read_index(tar)
+    if index is None:
+        return None
+    try:
+        if url_of(index.tar) is None:
+            _check_whole(index)
+        else:
+            for member in index.files.values():
+                member.read()
+    except FileError as error:
+        return error.problem
+    return None
+
+
+def _check_whole(index: ShardIndex) -> None:
+    """Refuse a tar that differs from its index.
+
+    Raises:
+        FileError: It is missing, damaged or cannot be read.
+    """
+    fault = _fault(index)
+    if fault is not None:
+        raise FileError(index.tar, fault, SHARD_REMEDY)
+
+
 def _check_members(index: ShardIndex) -> None:
     """Refuse an index that does not list exactly the files of its tar."""
     listed = [(each.name, each.offset, each.stored) for each in index.files.values()]
@@ -445,9 +480,7 @@ def _unpack(tar: Path, out: Path) -> bool | None:
     index = read_index(tar)
     if index is None:
         raise FileError(index_path(tar), "is missing", SHARD_REMEDY)
-    fault = _fault(index)
-    if fault is not None:
-        raise FileError(tar, fault, SHARD_REMEDY)
+    _check_whole(index)
     _check_members(index)
     is_written = False
     for path, member in index.files.items():

@@ -12,7 +12,7 @@ from typing import Any
 from sightline.files.byte_source import RefusedError, url_of
 from sightline.files.plain_file import as_path
 from sightline.files.problem import FileError, shown_place
-from sightline.files.shard_index import Member, ShardTree, open_tree
+from sightline.files.shard_index import SHARED, Member, ShardTree, open_tree
 
 
 def data_path(path: Path | str) -> Path:
@@ -48,6 +48,21 @@ def data_path(path: Path | str) -> Path:
 def is_single_shard(path: Path) -> bool:
     """Test whether a file is read from one tar, which may be some of a data set's frames."""
     return isinstance(path, ShardPath) and any(each.suffix == ".tar" for each in path.parents)
+
+
+def shared_tar(path: Path) -> Path | None:
+    """Tar of the files that belong to no frame, in the shards of a path; None: it is in none.
+
+    Raises:
+        FileError: The shards are damaged or cannot be read.
+    """
+    plain = Path(str(path))
+    found = _tree_of(plain)
+    if found is None:
+        return None
+    depth = len(Path(found[1]).parts)
+    root = (plain, *plain.parents)[depth]
+    return (root.parent if root.suffix == ".tar" else root) / f"{SHARED}.tar"
 
 
 _ROOT_PARTS = 2  # of an address without a path: the scheme, and the server or bucket
