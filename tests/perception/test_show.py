@@ -11,6 +11,7 @@ from sightline.cli.main import main
 from sightline.data.image_file import read_rgb
 from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
 from sightline.detection3d.files import write_results
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
@@ -198,3 +199,29 @@ def test_joined_objects_are_drawn_as_results_of_both_detectors(data, results):
     perception = read_perception(opened, open_dataset(data)[1])
     assert perception.detections2d.boxes.tensor.tolist() == [[1.0, 2.0, 4.0, 12.0]]
     assert perception.detections3d.class_names == ("Car",)
+
+
+def test_packed_results_are_drawn_as_those_of_files(data, tmp_path):
+    shards = tmp_path / "shards"
+    write_shards(data, shards, frames_per_shard=2)
+    other = ["--detection2d", "none", "--detection3d", "none", "--workers", "1"]
+    perceive = ["perceive", str(shards), "--depth-completion", "nearest", *other]
+    predict = ["predict", "depth-completion", str(shards), "--method", "nearest", "--workers", "1"]
+    for name, command in (("a", perceive), ("b", predict)):
+        assert main([*command, str(tmp_path / name)]) == 0
+        assert main([*command, str(tmp_path / f"{name}-packed"), "--pack"]) == 0
+    folders = ["a", "a-packed", "a-packed/depth-completion", "b", "b-packed", "b-packed/000000.tar"]
+    pictures = set()
+    for folder in folders:
+        out = tmp_path / "out.png"
+        arguments = ["show", str(shards), "000001", "--results", str(tmp_path / folder)]
+        assert main([*arguments, "--out", str(out)]) == 0
+        pictures.add(out.read_bytes())
+    assert len(pictures) == 1
+
+
+def test_packed_boxes_are_read_back(data, results, tmp_path):
+    write_shards(results, tmp_path / "packed", frames_per_shard=2)
+    sample = open_dataset(data)[1]
+    perception = read_perception(open_results([tmp_path / "packed"]), sample)
+    assert perception.detections2d.boxes.tensor.tolist() == [[1.0, 2.0, 4.0, 12.0]]

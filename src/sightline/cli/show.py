@@ -34,7 +34,7 @@ def show(
         frames: Names of the frames, e.g. 000008 000010.
         out: PNG or JPEG file to write. Default: FRAME.png in the current folder, or FIRST-LAST.png.
         results: Folders of result files to draw instead of running a task: from perceive or
-            predict, or other files in KITTI's formats.
+            predict, packed or not, or other files in KITTI's formats.
         task: Task whose prediction is drawn; `sightline tasks` lists them. Default: the task of the
             weights, or depth-completion.
         method: Method without a network.

@@ -9,6 +9,7 @@ from typing import Final
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, shown_place
 from sightline.files.safe_names import checked_name
+from sightline.files.shard_path import data_path
 from sightline.inference.predictor import Output
 from sightline.jobs.output_dirs import MANIFEST_NAME, read_claim
 from sightline.joining.models import JOINED
@@ -59,14 +60,14 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
 
     A folder's sightline.json describes its files. Without it, all tasks that write the same suffix
     read them: .txt as KITTI's results in 2D and 3D, .png as depth maps. Outputs that are not drawn,
-    such as gates, are ignored.
+    such as gates, are ignored. Packed results are read from their shards.
 
     Raises:
         ValueError: A folder is missing or contains nothing to draw, or two contain the same kind of
             results.
     """
     opened: list[ResultFolder] = []
-    for folder in folders:
+    for folder in map(data_path, folders):
         if not folder.is_dir():
             raise ValueError(f"{shown_place(folder)} is no folder; give one of result files")
         claim = read_claim(folder)
