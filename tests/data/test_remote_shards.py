@@ -17,7 +17,7 @@ from sightline.data.check import check_tree
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.files import byte_source
-from sightline.files.byte_source import url_of
+from sightline.files.byte_source import read_range, url_of
 from tests.data.trees import write_object_tree
 
 
@@ -102,6 +102,15 @@ def test_check_finds_damage_of_the_files_of_no_frame_on_a_server(folder, address
     problem, *others = check_tree(f"{address}/other")
     assert others == before
     assert str(problem).startswith(f"{address}/other/shared.tar: is absent; copy it to the server")
+
+
+def test_a_remote_file_that_ends_before_a_range_is_told_as_it_is():
+    place = "memory://end/000000.tar"
+    with fsspec.open(place, "wb") as file:
+        file.write(bytes(100))
+    for start, end in ((90, "at byte 100"), (200, "before byte 201")):
+        with pytest.raises(ValueError, match=f"ends {end}, expected 30 bytes from {start}"):
+            read_range(Path(place), start, 30)
 
 
 def test_a_frame_is_read_without_its_shard(folder, address):

@@ -16,7 +16,7 @@ from sightline.cli.main import main
 from sightline.data.check import check_tree
 from sightline.data.open import list_sample_files, open_dataset
 from sightline.data.sharding import unpack_shards, write_shards
-from sightline.files.byte_source import read_small
+from sightline.files.byte_source import read_range, read_small
 from sightline.files.shard_path import ShardPath, data_path
 from tests.data.recordings import write_recording
 from tests.data.trees import (
@@ -434,6 +434,14 @@ def test_check_lists_the_files_of_a_truncated_shard_and_goes_on(shards, capsys):
     assert "ends at byte" in printed.out
     assert printed.out.splitlines()[-1].endswith("problems")
     assert "Errno" not in printed.err
+
+
+@pytest.mark.parametrize("end", [0, 1_000, 10_000, 10_001])
+def test_the_end_of_a_truncated_file_is_told_as_it_is(tmp_path, end):
+    path = tmp_path / "000000.tar"
+    path.write_bytes(bytes(end))
+    with pytest.raises(ValueError, match=f"ends at byte {end}, expected 30 bytes from 10000"):
+        read_range(path, 10_000, 30)
 
 
 def test_an_absent_shard_is_named_before_the_work(shards):

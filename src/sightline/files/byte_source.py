@@ -77,7 +77,7 @@ def read_range(path: Path, start: int, length: int) -> bytes:
     if len(content) < length:
         raise FileError(
             path,
-            f"ends at byte {start + len(content)}, expected {length} bytes from {start}",
+            f"ends {_end(path, start, len(content))}, expected {length} bytes from {start}",
             _LOCAL_REMEDY,
         )
     return content
@@ -113,6 +113,15 @@ def read_small(path: Path, max_bytes: int) -> bytes | None:
         raise FileError(path, problem, "get the data from a source that you trust")
     content = read_range(path, 0, size)
     return None if url is not None and content.lstrip().startswith(b"<") else content
+
+
+def _end(path: Path, start: int, num_read: int) -> str:
+    """Place of the end of a file of which fewer bytes were read than requested."""
+    if num_read:
+        return f"at byte {start + num_read}"
+    if url_of(path) is None:
+        return f"at byte {path.stat().st_size}"
+    return f"before byte {start + 1}"
 
 
 def _tried(request: Callable[[], _Answer]) -> _Answer:
