@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 
 from sightline.data.other_layouts import no_data_set
-from sightline.data.sharding import shared_problem
 from sightline.data.tree_checks import Check, TreeSummary, find_trees
 from sightline.files.problem import GIVE_ACCESS, Problem
+from sightline.files.shard_checks import shared_problem
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track

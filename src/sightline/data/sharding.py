@@ -1,7 +1,6 @@
 """Packing of data sets into shards, tars in webdataset's layout, and unpacking."""
 
 import gzip
-import hashlib
 import io
 import os
 import re
@@ -25,8 +24,9 @@ from sightline.files.atomic import (
 )
 from sightline.files.byte_source import url_of
 from sightline.files.plain_file import read_bytes
-from sightline.files.problem import FileError, Problem, error_text
+from sightline.files.problem import FileError, error_text
 from sightline.files.safe_names import relative_parts
+from sightline.files.shard_checks import check_whole, is_whole, tar_digest
 from sightline.files.shard_index import (
     FORMAT,
     MANIFEST,
@@ -41,7 +41,6 @@ from sightline.files.shard_index import (
     read_manifest,
     tars_of,
 )
-from sightline.files.shard_path import shared_tar
 from sightline.jobs.output_dirs import (
     KITTI_SPLITS,
     acquire_output_dir,
@@ -353,7 +352,7 @@ def pack_files(
             for path in files:
                 name = path if tar.stem == SHARED else _member_name(path)
                 members[path] = _add(archive, root / path, tar, name, compress=compress)
-        sha256, num_bytes = _digest(temporary)
+        sha256, num_bytes = tar_digest(temporary)
     index = ShardIndex(
         tar=tar,
         sha256=sha256,
@@ -383,70 +382,6 @@ def _add(archive: tarfile.TarFile, source: Path, tar: Path, name: str, *, compre
     )
 
 
-def is_whole(tar: Path, *, source_sha256: str | None = None) -> bool:
-    """Test whether a shard is whole: tar and index exist, and the checksum is the index's.
-
-    One of results must also be of the given shard of frames, unless that is None.
-    """
-    try:
-        index = read_index(tar)
-        return (
-            index is not None
-            and source_sha256 in (None, index.source_sha256)
-            and _fault(index) is None
-        )
-    except ValueError:
-        return False
-
-
-def _fault(index: ShardIndex) -> str | None:
-    """Difference of a tar to its index; None: it is whole."""
-    try:
-        if not index.tar.is_file():  # a device, say, may have no end
-            return "is missing, or no regular file"
-        length = index.tar.stat().st_size
-        if length != index.num_bytes:
-            return f"is {length} bytes long, expected {index.num_bytes}"
-        digest, _ = _digest(index.tar)
-    except OSError as error:
-        return f"cannot be read: {(error.strerror or str(error)).lower()}"
-    return None if digest == index.sha256 else "is damaged: it has another checksum"
-
-
-def shared_problem(data: Path) -> Problem | None:
-    """Problem of the tar of files that belong to no frame; None: it is whole, or not in use.
-
-    On this machine its checksum is compared; at an address, each of its files is read.
-
-    Raises:
-        FileError: The shards are damaged or cannot be read.
-    """
-    tar = shared_tar(data)
-    index = None if tar is None else read_index(tar)
-    if index is None:
-        return None
-    try:
-        if url_of(index.tar) is None:
-            _check_whole(index)
-        else:
-            for member in index.files.values():
-                member.read()
-    except FileError as error:
-        return error.problem
-    return None
-
-
-def _check_whole(index: ShardIndex) -> None:
-    """Refuse a tar that differs from its index.
-
-    Raises:
-        FileError: It is missing, damaged or cannot be read.
-    """
-    fault = _fault(index)
-    if fault is not None:
-        raise FileError(index.tar, fault, SHARD_REMEDY)
-
-
 def _check_members(index: ShardIndex) -> None:
     """Refuse an index that does not list exactly the files of its tar."""
     listed = [(each.name, each.offset, each.stored) for each in index.files.values()]
@@ -469,18 +404,12 @@ def _check_members(index: ShardIndex) -> None:
         )
 
 
-def _digest(tar: Path) -> tuple[str, int]:
-    """Checksum (SHA-256) and length of a file."""
-    with tar.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest(), file.tell()
-
-
 def _unpack(tar: Path, out: Path) -> bool | None:
     """Write the files of a tar, except those that are there and the same; None: it has none."""
     index = read_index(tar)
     if index is None:
         raise FileError(index_path(tar), "is missing", SHARD_REMEDY)
-    _check_whole(index)
+    check_whole(index)
     _check_members(index)
     is_written = False
     for path, member in index.files.items():

@@ -8,10 +8,11 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.open import SampleDataset
-from sightline.data.sharding import files_below, is_whole, pack_files
+from sightline.data.sharding import files_below, pack_files
 from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of
 from sightline.files.problem import FileError, SetupError, error_text
+from sightline.files.shard_checks import is_whole
 from sightline.files.shard_index import (
     FORMAT,
     MANIFEST,
