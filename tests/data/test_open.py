@@ -11,7 +11,8 @@ from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.map_png import write_depth_png
-from sightline.data.open import describe_sparse_maps, open_dataset, warn_of_missing_sensors
+from sightline.data.open import open_dataset
+from sightline.data.sample_files import describe_sparse_maps, warn_of_missing_sensors
 from sightline.files.problem import FileError
 from tests.data.trees import IMAGE_SIZE, write_depth_drive, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.open import NamedSubset, open_dataset
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import NamedSubset
 from sightline.geometry.arguments import sample_index
 from sightline.simulation.packaged import PACKAGED_FRAMES
 

@@ -12,7 +12,8 @@ from sightline.corruptions.corruption import Corruption
 from sightline.corruptions.kinds import find_kind
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_trees import Part, Velodyne, find_velodyne
-from sightline.data.open import SampleDataset, has_file
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import has_file
 from sightline.export.names import EngineChoice
 from sightline.structures.sample import CameraLidarSample, Sensor
 

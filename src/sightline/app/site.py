@@ -20,7 +20,9 @@ from sightline.app.timeline import health_along
 from sightline.app.workers import Workers
 from sightline.corruptions.kinds import SEVERITIES, find_kind
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.open import SampleDataset, list_sample_files, open_dataset
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import list_sample_files
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outside_dataset, data_name

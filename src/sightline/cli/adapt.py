@@ -126,7 +126,8 @@ def fit_joined(
     check_places({"OUT": out}, data=[data, *given])
     if out.suffix.lower() != ".json":
         raise ValueError(f"a file of models ends in .json, got {out}; rename it")
-    from sightline.data.open import dataset_title, open_dataset
+    from sightline.data.open import open_dataset
+    from sightline.data.sample_files import dataset_title
     from sightline.detection2d.predictor import DetectionPredictor
     from sightline.detection3d.predictor import Detection3DPredictor
     from sightline.joining.fit_pair import fit_pair

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import Part
-from sightline.data.open import NamedSubset, SampleDataset, list_sample_files
+from sightline.data.sample_dataset import NamedSubset, SampleDataset
+from sightline.data.sample_files import list_sample_files
 
 _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}
 

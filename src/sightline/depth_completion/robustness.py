@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final, Never
 
 from sightline.data.kitti_trees import Part
-from sightline.data.open import SampleDataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.evaluation.held_out import depth_map_errors
 from sightline.evaluation.held_out_frame import check_rings, split_depth, split_rings
 from sightline.files.atomic import atomic_write_text

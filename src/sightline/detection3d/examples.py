@@ -21,7 +21,7 @@ from sightline.augmentation.sweep_changes import (
 )
 from sightline.data.kitti_conversion import kitti_from_labels
 from sightline.data.kitti_labels import KittiObjects
-from sightline.data.open import SampleDataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.detection3d.checks import check_numbers
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.object_sampling import (

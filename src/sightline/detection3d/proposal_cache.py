@@ -28,7 +28,8 @@ from torch import Tensor
 
 from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.newer_frames import warn_of_newer_frames
-from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.predictor import StageRunners

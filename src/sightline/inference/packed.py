@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.open import SampleDataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.data.sharding import files_below, pack_files
 from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of

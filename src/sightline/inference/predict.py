@@ -9,13 +9,10 @@ from typing import Any
 
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.newer_frames import warn_of_newer_frames
-from sightline.data.open import (
-    SampleDataset,
-    open_dataset,
-    sweeps_folder,
-    warn_of_missing_sensors,
-)
+from sightline.data.open import open_dataset
 from sightline.data.pixels import is_in_view
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import sweeps_folder, warn_of_missing_sensors
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor
 from sightline.jobs.crew import Driver

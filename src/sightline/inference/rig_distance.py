@@ -13,7 +13,8 @@ import numpy as np
 
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_trees import Part, Velodyne
-from sightline.data.open import NamedSubset, SampleDataset, open_dataset
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import NamedSubset, SampleDataset
 from sightline.files.weights_header import WEIGHTS_FOLDER
 from sightline.simulation.measured_rig import (
     measure_camera,

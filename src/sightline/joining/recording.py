@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from sightline.data.open import SampleDataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.joining.alignment import (
     Alignment,
     AlignmentConfig,

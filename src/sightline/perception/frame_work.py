@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.open import SampleDataset, has_file
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import has_file
 from sightline.files.atomic import atomic_write_text
 from sightline.inference.predict import (
     Places,

@@ -10,12 +10,9 @@ from typing import Final
 
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.newer_frames import warn_of_newer_frames
-from sightline.data.open import (
-    SampleDataset,
-    open_dataset,
-    sweeps_folder,
-    warn_of_missing_sensors,
-)
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import sweeps_folder, warn_of_missing_sensors
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments

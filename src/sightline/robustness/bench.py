@@ -13,7 +13,8 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.kitti_trees import Velodyne, suggest_frames
-from sightline.data.open import SampleDataset, dataset_title, sweeps_folder
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import dataset_title, sweeps_folder
 from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line

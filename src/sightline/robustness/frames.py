@@ -8,7 +8,9 @@ from typing import Any, Final
 
 from sightline.corruptions.suites import Case
 from sightline.data.kitti_trees import Part, Velodyne
-from sightline.data.open import SampleDataset, list_sample_files, open_dataset, refuses_gaps
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import list_sample_files, refuses_gaps
 from sightline.structures.sample import SENSOR_FIELDS
 
 _INPUT_PARTS: Final[tuple[Part, ...]] = ("image", "points", "objects")

@@ -21,7 +21,7 @@ from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPredictio
 
 if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
-    from sightline.data.open import SampleDataset
+    from sightline.data.sample_dataset import SampleDataset
     from sightline.evaluation.object_report import ObjectEntry, ObjectReport
     from sightline.evaluation.object_tally import ResultDoubt
     from sightline.structures.sample import CameraLidarSample
@@ -192,7 +192,7 @@ def _centre_name(class_name: str, difficulty: Difficulty, distance: str) -> str:
 
 
 def _labels_folder(dataset: "SampleDataset") -> Path:
-    from sightline.data.open import label_file
+    from sightline.data.sample_files import label_file
 
     files = (label_file(dataset, index) for index in range(len(dataset)))
     labelled = next(filter(None, files), None)

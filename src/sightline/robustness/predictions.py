@@ -7,7 +7,7 @@ from pathlib import Path
 from sightline.corruptions.suites import Case
 from sightline.data.kitti_trees import Part
 from sightline.data.newer_frames import warn_of_newer_frames
-from sightline.data.open import SampleDataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.inference.predictor import Predictor
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job

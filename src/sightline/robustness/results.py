@@ -11,7 +11,8 @@ from typing import Any, Final, get_args
 from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.open import SampleDataset, open_dataset
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.problem import plain_line
 from sightline.files.shard_path import data_path

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from sightline.corruptions.corruption import Corrupted
     from sightline.data.kitti_trees import Part
-    from sightline.data.open import SampleDataset
+    from sightline.data.sample_dataset import SampleDataset
     from sightline.structures.sample import CameraLidarSample
 
 Scores = Mapping[str, float | None]

@@ -18,7 +18,7 @@ from lightning.pytorch.utilities import rank_zero_only
 from torch.utils.data import DataLoader, Dataset
 
 from sightline.data.kitti_trees import Part
-from sightline.data.open import SampleDataset
+from sightline.data.sample_dataset import SampleDataset
 from sightline.files.problem import error_text
 from sightline.files.settings import NetworkConfig
 from sightline.geometry.wrong_types import named_arguments

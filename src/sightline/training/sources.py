@@ -13,7 +13,9 @@ from jaxtyping import Bool
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_labels import KittiObjects, read_labels
 from sightline.data.kitti_trees import Part, Velodyne
-from sightline.data.open import NamedSubset, SampleDataset, label_file, open_dataset
+from sightline.data.open import open_dataset
+from sightline.data.sample_dataset import NamedSubset, SampleDataset
+from sightline.data.sample_files import label_file
 from sightline.files.plain_text import shortened
 from sightline.files.shard_path import data_path
 from sightline.geometry.choices import check_choices

@@ -1,0 +1,148 @@
+"""Files of an open data set's samples, in any layout."""
+
+import warnings
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Final
+
+from sightline.data.entry_checks import is_corrupted
+from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.kitti_raw import KittiRawDrive
+from sightline.data.kitti_trees import (
+    DepthFrame,
+    Part,
+    Velodyne,
+    describe_raw_drives,
+    list_object_frames,
+)
+from sightline.data.point_files import holds_no_point
+from sightline.data.recording import RecordingDataset
+from sightline.data.sample_dataset import ExaminedDataset, NamedSubset, SampleDataset
+from sightline.files.shard_path import data_path
+from sightline.jobs.output_dirs import data_name
+
+SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
+"""Nouns for the data of sensors."""
+
+
+def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
+    """Whether a data set of `open_dataset` has a file for a part of a sample; reads none."""
+    return _listed_file(dataset, index, part) is not None
+
+
+def _listed_file(dataset: SampleDataset, index: int, part: Part) -> Path | None:
+    if isinstance(dataset, NamedSubset):
+        return _listed_file(dataset.dataset, dataset.positions[index], part)
+    assert isinstance(
+        dataset, ExaminedDataset | KittiObjectDataset | KittiDepthDataset | KittiRawDrive
+    ), f"{type(dataset).__name__} lists no files: it needs `frames` and `examine`"
+    frame = dataset.frames[index]
+    in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
+    return getattr(frame, in_frame, None)
+
+
+def warn_of_missing_sensors(
+    dataset: SampleDataset,
+    path: Path,
+    parts: Collection[Part],
+    *,
+    stacklevel: int,
+    needs_sweeps: bool = True,
+) -> None:
+    """Warn of frames without data of a sensor that predictions use: the other one decides there.
+
+    These are frames without its file, or whose point cloud holds no point (unless `sightline
+    corrupt` made it). Sparse depth maps in place of whole sweeps that are there are told, too.
+
+    Args:
+        dataset: Data set of `open_dataset`.
+        path: Its folder.
+        parts: Used parts.
+        stacklevel: See `warnings.warn`.
+        needs_sweeps: Whether whole sweeps are better than sparse depth maps.
+    """
+    sparse_maps = describe_sparse_maps(dataset, path) if "points" in parts else None
+    if needs_sweeps and sparse_maps is not None and describe_raw_drives(data_path(path)):
+        warnings.warn(sparse_maps, stacklevel=stacklevel)
+    effect, total = "there predictions go by the other sensor alone", f"{len(dataset):,} frames"
+    for part in [each for each in SENSOR_NOUNS if each in parts]:
+        files = [_listed_file(dataset, index, part) for index in range(len(dataset))]
+        lacking = [index for index, file in enumerate(files) if file is None]
+        may_be_empty = part == "image" or is_corrupted(path)
+        empty = [
+            index
+            for index, file in enumerate([] if may_be_empty else files)
+            if file is not None and holds_no_point(file)
+        ]
+        if lacking:
+            problem = f"there are no {SENSOR_NOUNS[part]} for {len(lacking):,} of {total}"
+            first = f"the first is {dataset.sample_ids[lacking[0]]}"
+            remedy = "give them if there are any"
+            warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+        if empty:
+            problem = f"the point clouds of {len(empty):,} of {total} hold no point"
+            first = f"the first is {dataset.sample_ids[empty[0]]}"
+            remedy = "check whether the LiDAR delivered points"
+            warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+
+
+def describe_sparse_maps(dataset: SampleDataset, path: Path) -> str | None:
+    """Say that sparse depth maps are used as sweeps, and which raw drives have those; else None."""
+    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    if not isinstance(whole, KittiDepthDataset):
+        return None
+    said = f"{path} is a depth completion tree, whose sparse depth maps are used as sweeps"
+    return "; ".join((said, *describe_raw_drives(data_path(path))))
+
+
+def label_file(dataset: SampleDataset, index: int) -> Path | None:
+    """Path of a sample's labels in KITTI's format; None: no labels, or they are not loaded."""
+    if isinstance(dataset, NamedSubset):
+        return label_file(dataset.dataset, dataset.positions[index])
+    if isinstance(dataset, KittiObjectDataset | RecordingDataset):
+        return dataset.label_file(index)
+    return dataset.frames[index].objects if isinstance(dataset, ExaminedDataset) else None
+
+
+def refuses_gaps(dataset: SampleDataset) -> bool:
+    """Whether the data set was refused if one of its frames lacked a part in `needs`.
+
+    The others find a missing file, other than an image or a sweep, only when they read the frame.
+    """
+    return isinstance(dataset, KittiObjectDataset | RecordingDataset)
+
+
+def list_sample_files(dataset: SampleDataset) -> list[dict[str, Path]]:
+    """List the existing files of each sample by part, loaded or not, in the order of the samples.
+
+    The parts are images, sweeps, labels and calibrations, or all that the layout lists.
+    """
+    if isinstance(dataset, NamedSubset):
+        listed = list_sample_files(dataset.dataset)
+        return [listed[place] for place in dataset.positions]
+    frames: Sequence[Any] = getattr(dataset, "frames", ())
+    if isinstance(dataset, KittiObjectDataset):
+        folder = dataset.root / dataset.split
+        parts: tuple[Part, ...] = ("image", "points", "objects", "calibration")
+        found = list_object_frames(folder, parts, dataset.velodyne)
+        frames = [found[name] for name in dataset.sample_ids]
+    return [
+        {
+            each.name: path
+            for each in fields(frame)
+            if isinstance(path := getattr(frame, each.name), Path)
+        }
+        for frame in frames
+    ]
+
+
+def dataset_title(dataset: SampleDataset, data: Path) -> str:
+    """Name a data set at `data` in records: the same name for an object tree and for its split."""
+    return data_name(dataset.root if isinstance(dataset, KittiObjectDataset) else data)
+
+
+def sweeps_folder(dataset: SampleDataset) -> Velodyne:
+    """Name of an object tree's folder of sweeps, for records; the default for other data."""
+    return dataset.velodyne if isinstance(dataset, KittiObjectDataset) else "velodyne"
