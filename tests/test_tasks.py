@@ -70,6 +70,15 @@ def _place(monkeypatch, **members):
     ("members", "fault"),
     [
         ({"detects_around": None, "demo": None}, "lacks detects_around, demo of sightline.tasks"),
+        ({"outputs": ()}, "has no outputs"),
+        (
+            {"outputs": (replace(FinderTask.outputs[0], name="x/y"),)},
+            "has an output named 'x/y', expected letters, digits and _",
+        ),
+        (
+            {"outputs": (FinderTask.outputs[0], replace(FinderTask.outputs[0], name="more"))},
+            "has two outputs of one key: likely_cells, likely_cells",
+        ),
         ({"outputs": FinderTask.outputs * 2}, "has two outputs of one name: cells, highest, cells"),
         (
             {"outputs": (replace(FinderTask.outputs[0], suffix="npy"),)},
@@ -89,7 +98,7 @@ def test_a_task_that_is_declared_wrongly_is_told(monkeypatch, capsys, members, f
     assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("name", ["weights", "out", "workers"])
+@pytest.mark.parametrize("name", ["weights", "out", "workers", "method", "config", "help"])
 def test_an_output_with_the_name_of_an_option_is_told(monkeypatch, capsys, name):
     first, second = FinderTask.outputs
     _place(monkeypatch, outputs=(first, replace(second, name=name)))

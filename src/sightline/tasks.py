@@ -175,10 +175,17 @@ def _task_fault(task: Any) -> str | None:  # noqa: ANN401 - perhaps no task
     absent = [member for member in members if not hasattr(task, member)]
     if absent:
         return f"lacks {', '.join(absent)} of sightline.tasks.Task"
-    names = [output.name for output in task.outputs]
-    if len(set(names)) < len(names):
-        return f"has two outputs of one name: {', '.join(names)}"
+    if not task.outputs:
+        return "has no outputs, expected one at least"
+    for noun, names in (
+        ("name", [output.name for output in task.outputs]),
+        ("key", [output.further for output in task.outputs if output.further]),
+    ):
+        if len(set(names)) < len(names):
+            return f"has two outputs of one {noun}: {', '.join(names)}"
     for output in task.outputs:
+        if not output.name.isidentifier():
+            return f"has an output named {output.name!r}, expected letters, digits and _"
         if not output.suffix.startswith("."):
             return (
                 f"has the output {output.name} with suffix {output.suffix!r}, expected a dot first"

@@ -85,6 +85,8 @@ def test_shards_without_their_list_are_told_as_such(tmp_path):
     assert "archives that are not unpacked, such as 000000.tar" in told(tmp_path)
     (tmp_path / "000000.json").write_text("{}")
     assert "holds shards without shards.json, the list of them; copy the whole" in told(tmp_path)
+    (tmp_path / "shards.json").write_text("{")
+    assert "holds shards whose list, shards.json, is damaged; copy the whole" in told(tmp_path)
 
 
 @pytest.mark.parametrize("write", [write_recording, lambda data: write_object_tree(data, "000000")])

@@ -25,11 +25,24 @@ from tests.data.recordings import (
 )
 
 
+@pytest.mark.parametrize("entry", ["distortion_model: plumb_bob", "camera_name: a", "P2: [1]"])
+def test_an_unknown_entry_of_a_recordings_own_calibration_is_named(tmp_path, entry):
+    path = tmp_path / "calibration.yaml"
+    path.write_text(f"camera_matrix: [[700]]\ncamera_from_lidar: [[0]]\n{entry}\n")
+    with pytest.raises(FileError, match=f"has the unknown entry '{entry.partition(':')[0]}'"):
+        read_recording_calibration(path)
+    path.write_text(f"camera_from_lidar: [[0]\n{entry}\n")
+    with pytest.raises(FileError, match="is neither YAML nor JSON: line 2"):
+        read_recording_calibration(path)
+
+
 @pytest.mark.parametrize(
     ("text", "program"),
     [
         ("%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n", "OpenCV"),
         ("P0: 7.2e+02 0.0 6.0e+02 0.0 0.0 7.2e+02 1.7e+02 0.0 0.0 0.0 1.0 0.0\nP1: 1 2 3", "KITTI"),
+        ("calib_time: 15-Mar-2012\nR: 7e-3 1e-2 1.5\nT: -4e-3 7e-2 -0.2\n", "KITTI"),
+        ('{"K": {"type_id": "opencv-matrix", "rows": 3}}', "OpenCV"),
         ("cam0:\n  T_cam_imu: [[1]]\n", "Kalibr"),
         ("image_width: 640\ncamera_name: left\ncamera_matrix: {rows: 3}\n", "ROS"),
     ],

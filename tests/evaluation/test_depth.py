@@ -379,10 +379,21 @@ def test_drive_and_camera_need_be_told_by_one_folder_alone(tmp_path, kind):
         ("other", annotated),
         ("other/image_02", "link"),
         ("found", f"train/D/proj_depth/{kind}/../{kind}/image_02"),
+        ("found", "train"),
+        ("found", "train/D"),
+        ("other", "train"),
     ):
         for pair in ((one, other), (other, one)):
             (image,) = evaluate_depth(*(tmp_path / each for each in pair)).images
             assert image.name.endswith("0000000005") is (pair[1] == one)
+
+
+def test_numbers_without_a_camera_are_told_where_there_are_two(tmp_path):
+    annotated = tmp_path / "train" / "D" / "proj_depth" / "groundtruth"
+    for folder in (annotated / "image_02", annotated / "image_03", tmp_path / "found"):
+        write_depth_png(folder / "0000000005.png", np.ones((3, 4)))
+    with pytest.raises(ValueError, match=f"or score against {annotated / 'image_02'}$"):
+        evaluate_depth(tmp_path / "found", tmp_path / "train")
 
 
 def test_frames_of_other_drives_are_no_predictions(tmp_path):

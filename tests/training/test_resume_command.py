@@ -29,6 +29,23 @@ class PressCtrlCAtOnce(Callback):
         os.kill(os.getpid(), signal.SIGINT)
 
 
+def test_the_best_weights_stay_in_a_run_folder_that_was_moved(recipes):
+    rising = ["--model.optimizer.learning_rate", "3", "--trainer.max_epochs", "4"]
+    run_training("fit", ["--config", "toy", "--run_folder", "run", *rising], recipes)
+    best = Path("run/weights.safetensors").read_bytes()
+    assert (
+        read_weights("run/last.ckpt").provenance["steps"]
+        != read_weights("run/weights.safetensors").provenance["steps"]
+    ), "the last weights are not the best"
+    weights = Path("run").rename("moved") / "weights.safetensors"
+    resume = ["--config", "moved/config.yaml", "--run_folder", "moved", "--ckpt_path", "last"]
+    run_training("fit", resume, recipes)
+    assert weights.read_bytes() == best
+    weights.unlink()
+    run_training("fit", resume, recipes)
+    assert weights.read_bytes() == best
+
+
 @pytest.mark.parametrize("averaged", [[], ["--trainer.callbacks+=EMAWeightAveraging"]])
 def test_ctrl_c_tells_how_to_go_on_and_going_on_is_exact(recipes, averaged):
     press = "--trainer.callbacks+=tests.training.test_resume_command.PressCtrlC"

@@ -165,4 +165,14 @@ def test_other_data_at_the_place_of_the_training_data_are_not_taken_for_them(
 ):
     elsewhere = toy.write_frames(tmp_path / "elsewhere", count=4)
     changes = ["--data.root", str(elsewhere)]
-    assert not scored_after_training(recipes, capsys, "[{path: .}]", "[{path: .}]", *changes)
+    (line,) = scored_after_training(recipes, capsys, "[{path: .}]", "[{path: .}]", *changes)
+    assert line.startswith("the checkpoint's 9 training frames are not the 4 of these settings, so")
+
+
+@pytest.mark.parametrize("others", [REST, f"[{REST[1:-1]}, {{path: absent}}, {SIX}]"])
+def test_training_frames_of_other_settings_are_not_taken_for_the_checkpoints(
+    recipes, capsys, others
+):
+    changes = [f"--data.training={others}"]
+    (line,) = scored_after_training(recipes, capsys, f"[{SIX}]", REST, *changes)
+    assert "the checkpoint's 6 training frames are not the" in line

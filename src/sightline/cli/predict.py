@@ -107,7 +107,8 @@ def _options(task: Task) -> dict[str, tuple[Any, object]]:
         "num_shards": (int, 1),
         "pack": (bool, False),
     }
-    taken = {"data", "out", *method, *network, *job} & own.keys()
+    others = {"data", "out", "method", "config", "print_config", "help"}
+    taken = {*others, *network, *job} & own.keys()
     if taken:
         raise ValueError(
             f"the task {task.name} has an output or switch named {' and '.join(sorted(taken))}, "

@@ -15,7 +15,7 @@ from sightline.data.unread_files import (
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
-from sightline.files.shard_index import index_path
+from sightline.files.shard_index import MANIFEST, SHARED, index_path
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _ARCHIVES: Final = (".zip", ".tar", ".gz", ".tgz", ".7z")
@@ -61,9 +61,15 @@ def no_data_set(path: Path) -> Problem:
             return problem
     archives = [each for each in _entries(path) if each.suffix.lower() in _ARCHIVES]
     if any(each.suffix == ".tar" and index_path(each).is_file() for each in archives):
+        is_there = (path / MANIFEST).is_file()
+        fault = (
+            f"whose list, {MANIFEST}, is damaged"
+            if is_there
+            else f"without {MANIFEST}, the list of them"
+        )
         return Problem(
             path=path,
-            problem="holds shards without shards.json, the list of them",
+            problem=f"holds shards {fault}",
             remedy=_SHARDS_REMEDY,
         )
     shard = next(filter(_is_shard, archives), None)
@@ -111,7 +117,8 @@ def _is_shard(path: Path) -> bool:
             first = archive.next()
     except (OSError, tarfile.TarError):
         return False
-    return first is not None and not first.mtime and len(Path(first.name).suffixes) > 1
+    is_named_so = path.stem == SHARED or (first is not None and len(Path(first.name).suffixes) > 1)
+    return first is not None and not first.mtime and is_named_so
 
 
 def _odometry(path: Path) -> Problem | None:

@@ -36,8 +36,8 @@ _KEYS: Final = (
     "max_intensity",
 )
 _OTHER_FORMATS: Final = {
-    "OpenCV": r"^%YAML:1\.0|!!opencv-matrix",
-    "KITTI": r"^(?:P[0-3]|P_rect_0\d|R0_rect|Tr_velo\w*):",
+    "OpenCV": r"^%YAML:1\.0|opencv-matrix|<opencv_storage>",
+    "KITTI": r"^(?:P[0-3]|P_rect_0\d|R0_rect|Tr\w*|R|T):",
     "Kalibr": r"^cam\d:",
     "ROS": r"^(?:camera_name|distortion_model|projection_matrix|rectification_matrix):",
 }
@@ -108,7 +108,10 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
 
 
 def _refuse_other_format(path: Path | str) -> None:
+    """Refuse another program's file by its name, unless it has a recording's extrinsics."""
     text = read_text(path)
+    if "camera_from_lidar" in text:
+        return
     for program, pattern in _OTHER_FORMATS.items():
         if re.search(pattern, text, re.MULTILINE):
             raise FileError(

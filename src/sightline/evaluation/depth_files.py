@@ -32,8 +32,8 @@ def match_depth_files(
     """Match the depth maps of each frame in folders, and count the other predictions.
 
     Frames have the same name if their maps have the same place in their folders, or in one of the
-    layouts of KITTI's depth benchmark. A folder within an annotated drive tells drive and camera,
-    which other folders need not.
+    layouts of KITTI's depth benchmark. Where one folder tells drive and camera, as those of
+    annotated drives do, the other need not, if the files' names then differ.
 
     Raises:
         ValueError: A folder is missing or empty, two of its maps are of one frame, or it lacks a
@@ -45,10 +45,11 @@ def match_depth_files(
     for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
         missing = sorted(true.files.keys() - files.keys())
         if folder is not None and missing:
+            other = _find_maps(truth) or _folder_of_camera(true)
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true.files)} images with "
                 f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
-                f"score against {_find_maps(truth) or 'a folder with the truth of fewer images'}"
+                f"score against {other or 'a folder with the truth of fewer images'}"
             )
     frames = [
         DepthFiles(name, predicted[name], path, given.get(name))
@@ -66,6 +67,15 @@ class _Maps:
     frames: dict[str, str] = field(default_factory=dict)
     """Frames by the file's place in the folder, without suffix."""
 
+    def by_file_name(self) -> dict[str, str]:
+        """Frames by the file's name without suffix; empty if two have one name."""
+        names = {Path(place).name: frame for place, frame in self.frames.items()}
+        return names if len(names) == len(self.frames) else {}
+
+    def tells_drives(self) -> bool:
+        """Check if files are in folders of annotated drives."""
+        return any(_is_of_drive(path) for path in self.files.values())
+
 
 def _as_named(maps: _Maps, true: _Maps) -> Mapping[str, Path]:
     """Name maps as the ground truth, if only one of both folders tells drive and camera."""
@@ -76,7 +86,19 @@ def _as_named(maps: _Maps, true: _Maps) -> Mapping[str, Path]:
         by_place = {place: maps.files[frame] for place, frame in maps.frames.items()}
         if not by_place.keys().isdisjoint(true.files):
             return by_place
+        names, true_names = maps.by_file_name(), true.by_file_name()
+        if names and true_names and maps.tells_drives() != true.tells_drives():
+            return {true_names.get(name, frame): maps.files[frame] for name, frame in names.items()}
     return maps.files
+
+
+def _folder_of_camera(true: _Maps) -> Path | None:
+    """Folder of one camera of one annotated drive; None: the maps are in none."""
+    return next((path.parent for path in true.files.values() if _is_of_drive(path)), None)
+
+
+def _is_of_drive(path: Path) -> bool:
+    return _OF_DRIVE.search(f"{os.path.realpath(path.parent)}/{path.stem}") is not None
 
 
 def _find_maps(folder: Path) -> Path | None:

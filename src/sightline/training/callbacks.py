@@ -159,6 +159,30 @@ def _is_logged(trainer: Trainer, step: int) -> bool:
     return interval > 0 and step % interval == 0
 
 
+class _BestCheckpoint(ModelCheckpoint):
+    """Checkpoint of the best score, which survives a move of the run's folder."""
+
+    @property
+    def state_key(self) -> str:
+        """Key in checkpoints: that of `ModelCheckpoint`."""
+        return super().state_key.replace(type(self).__qualname__, ModelCheckpoint.__qualname__, 1)
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Load the state; Lightning forgets the score if the folder has another path."""
+        best = Path(self.dirpath or "") / Path(state_dict["best_model_path"]).name
+        is_moved = state_dict["dirpath"] != self.dirpath and state_dict["best_model_path"]
+        if is_moved and best.is_file():
+            moved = str(best)
+            state_dict = state_dict | {
+                "dirpath": self.dirpath,
+                "best_model_path": moved,
+                "kth_best_model_path": moved,
+                "best_k_models": {moved: state_dict["best_model_score"]},
+                "last_model_path": "",
+            }
+        super().load_state_dict(state_dict)
+
+
 class WriteWeights(Checkpoint):
     """Callback that writes weights.safetensors: the best so far, or without `best` the last ones.
 
@@ -230,7 +254,7 @@ def checkpoint_callbacks(
     last = LastCheckpoint(folder, every_n_steps=every_n_steps)
     if monitored is None:
         return [RandomState(), last, WriteWeights(folder, last, None)]
-    best = ModelCheckpoint(
+    best = _BestCheckpoint(
         folder,
         "best",
         monitor=monitored[0],

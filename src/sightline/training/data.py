@@ -307,8 +307,8 @@ class CameraLidarData(lightning.LightningDataModule):
     def _frames_of_checkpoint(self, state: dict[str, Any]) -> dict[Path, set[str]]:
         """List the training frames of a checkpoint by folder, of sources that can be opened.
 
-        Empty if all can be opened and have other frames than the checkpoint had: then they are
-        other data, for example below another root.
+        Empty if they cannot be those of the checkpoint, which is printed: other settings, or other
+        data below another root.
         """
         frames: dict[Path, set[str]] = {}
         is_complete = True
@@ -321,7 +321,16 @@ class CameraLidarData(lightning.LightningDataModule):
                 else:
                     tree = data_tree(source, self.root)
                     frames.setdefault(tree, set()).update(dataset.sample_ids)
-        return {} if is_complete and _frames_state(frames) != state else frames
+        listed = _frames_state(frames)
+        num_listed, num_trained = listed["num_training_frames"], state["num_training_frames"]
+        if listed == state or (not is_complete and num_listed < num_trained):
+            return frames
+        self._print_once(
+            f"the checkpoint's {num_trained:,} training frames are not the {num_listed:,} of these "
+            "settings, so those among the scored ones are not counted; give the config.yaml and "
+            "the data of its run"
+        )
+        return {}
 
     def _training_samples(self) -> tuple[PreparedSamples, TrainingBatches]:
         samples = self._open("training", training=True)
