@@ -59,6 +59,7 @@ def test_files_of_settings_before_the_command_are_refused(capsys, words, example
         ("check", "data: 010", "data in a file of settings: expected a name"),
         ("health", "data: D\nsample_list: 010", "sample_list in a file of settings: expected a na"),
         ("robustness", "data: D\ncases: [1.50]", "expected a name, got what YAML reads as another"),
+        ("robustness", "out_folder: 010", "out_folder in a file of settings: expected a name"),
         ("check", "", "--config names a file without settings"),
         ("check", "[a, b]", "--config names a file without settings"),
     ],
@@ -100,6 +101,16 @@ def test_a_setting_of_a_pipe_that_the_command_lacks_is_told(capsys):
         with pytest.raises(SystemExit, match="2"):
             main(given)
     assert "--config has a setting that predict does not take" in capsys.readouterr().err
+
+
+def test_a_place_that_may_be_left_out_is_not_lost_in_a_pipe(capsys):
+    source, sink = os.pipe()
+    with os.fdopen(source, "rb"), os.fdopen(sink, "wb") as file:
+        file.write(b"data_set: KITTI")
+        file.close()
+        with pytest.raises(SystemExit, match="2"):
+            main(["serve", "--config", f"/dev/fd/{source}"])
+    assert "is a pipe: give DATA_SET on the command line, or a file" in capsys.readouterr().err
 
 
 def test_the_command_line_replaces_settings_of_a_file(tmp_path, capsys):

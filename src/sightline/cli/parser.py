@@ -215,9 +215,17 @@ def _split_word(word: str) -> list[str]:
 
 
 def _path_in_files(name: str, files: Sequence[Any] | None) -> Path | None:
-    """Find an argument in files of settings, the last first; None: it is in none."""
+    """Find an argument in files of settings, the last first; None: it is in none.
+
+    Raises:
+        argparse.ArgumentError: A file is a pipe, which can be read once.
+    """
     for file in map(Path, map(str, reversed(files or ()))):
-        settings = load_value(read_text(file)) if file.is_file() else None
+        if not file.is_file():
+            raise argparse.ArgumentError(
+                None, f"{file} is a pipe: give {name.upper()} on the command line, or a file"
+            )
+        settings = load_value(read_text(file))
         if isinstance(settings, dict) and settings.get(name) is not None:
             return Path(str(settings[name]))
     return None

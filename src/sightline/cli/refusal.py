@@ -40,7 +40,7 @@ def _wrong_value(commands: Sequence[str], key: str, kinds: str, value: str) -> _
         expected = "one of " + literals.group(1).replace("'", "")
     elif numbers:
         expected = numbers[0]
-    elif "<class 'str'>" in kinds:
+    elif "<class 'str'>" in kinds or "Path" in kinds:
         return _no_name(commands, key)
     else:
         expected = "another value"

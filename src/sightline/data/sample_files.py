@@ -28,7 +28,7 @@ SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point c
 
 
 def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
-    """Whether a data set of `open_dataset` has a file for a part of a sample; reads none."""
+    """Test if a part of a sample has a file, without reading it."""
     return _listed_file(dataset, index, part) is not None
 
 
@@ -107,7 +107,7 @@ def label_file(dataset: SampleDataset, index: int) -> Path | None:
 
 
 def refuses_gaps(dataset: SampleDataset) -> bool:
-    """Whether the data set was refused if one of its frames lacked a part in `needs`.
+    """Test if `open_dataset` refuses data of this layout with a frame that lacks a part in `needs`.
 
     The others find a missing file, other than an image or a sweep, only when they read the frame.
     """

@@ -75,7 +75,7 @@ class LidarConfig:
     order: PointOrder = "rings"
     """Order of the points in a sweep."""
     rolling_shutter: bool = False
-    """Whether the sensor moves during its turn, which distorts the sweep as in reality."""
+    """Motion of the sensor during its turn, which distorts the sweep as in reality."""
 
     def __post_init__(self) -> None:
         """Check the ranges, and that rings come from the top, as in KITTI's files."""

@@ -170,7 +170,7 @@ class _BestCheckpoint(ModelCheckpoint):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Load the state; Lightning forgets the score if the folder has another path."""
         best = Path(self.dirpath or "") / Path(state_dict["best_model_path"]).name
-        is_moved = state_dict["dirpath"] != self.dirpath and state_dict["best_model_path"]
+        is_moved = state_dict.get("dirpath") != self.dirpath and state_dict["best_model_path"]
         if is_moved and best.is_file():
             moved = str(best)
             state_dict = state_dict | {
