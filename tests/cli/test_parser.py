@@ -1,3 +1,5 @@
+import os
+import threading
 from pathlib import Path
 
 import jsonargparse
@@ -159,6 +161,43 @@ def test_settings_that_are_nested_deeply_or_multiply_are_refused_in_one_line(
 ):
     path = tmp_path / "settings.yaml"
     path.write_text(settings)
-    with pytest.raises(SystemExit):
-        main(["predict", "depth-completion", "KITTI", "out", "--config", str(path)])
+    given = ["predict", "depth-completion", "KITTI", "out", "--config", str(path)]
+    assert main(given) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ("out: a\nworkers: 2\nout: b\n", "line 3 has out a second time"),
+        ("data: {seed: 1, 'seed': 2}\n", "line 1 has seed a second time"),
+        ("data:\n- {a: 1}\n- a: 1\n  b: 2\n  a: 2\n", "line 5 has a a second time"),
+        ("out: [1\nworkers: 2\n", "is no YAML: line 2, column 8: "),
+    ],
+)
+@pytest.mark.parametrize("is_pipe", [False, True])
+def test_settings_that_stand_twice_or_are_no_yaml_are_refused_with_their_line(
+    tmp_path, capsys, settings, problem, is_pipe
+):
+    path, place = tmp_path / "settings.yaml", "--config"
+    if is_pipe:
+        os.mkfifo(path)
+        threading.Thread(target=path.write_text, args=(settings,)).start()
+    else:
+        path.write_text(settings)
+        place = str(path)
+    try:
+        status = main(["predict", "depth-completion", "KITTI", "out", "--config", str(path)])
+    except SystemExit as end:
+        status = end.code
+    assert status == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"sightline: {place}: {problem}")
+    assert "; correct the settings" in told
+
+
+def test_settings_of_a_training_that_stand_twice_are_refused(tmp_path, capsys):
+    path = tmp_path / "mine.yaml"
+    path.write_text("trainer:\n  max_epochs: 1\n  precision: 32\n  max_epochs: 2\n")
+    assert main(["fit", "--config", str(path), "--run_folder", str(tmp_path / "run")]) == 2
+    assert "sightline: --config: line 4 has max_epochs a second time" in capsys.readouterr().err

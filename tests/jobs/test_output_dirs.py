@@ -1,6 +1,7 @@
 import json
 import multiprocessing
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -251,13 +252,27 @@ def test_a_manifest_that_cannot_be_read_is_refused_in_one_line(tmp_path, kind):
 class Failing:
     """A piece whose disk is full, or whose memory runs out."""
 
-    error: Exception
+    error: BaseException
 
     def __str__(self) -> str:
         return "note 0"
 
     def run(self) -> None:
         raise self.error
+
+
+@pytest.mark.parametrize("status", [None, 0, 3])
+def test_a_piece_that_ends_python_fails_the_job(status):
+    problem = re.escape(f"note 0: its code ends Python by sys.exit({status!r}), expected an ")
+    with pytest.raises(ValueError, match=f"^{problem}exception. 0 of 2 are done and stay, 2 are"):
+        run_job([Failing(SystemExit(status))] * 2, 1, description="noting")
+
+
+def test_a_piece_that_ends_python_after_an_interruption_is_none_that_fails():
+    end = SystemExit(130)
+    end.__context__ = KeyboardInterrupt()
+    with pytest.raises(SystemExit, match="130"):
+        run_job([Failing(end)] * 2, 1, description="noting")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import difflib
 import inspect
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +71,10 @@ def _split(words: Sequence[str]) -> tuple[list[str], list[str]]:
 def _check_keys(path: Path, command: Any) -> None:  # noqa: ANN401 - any function
     if not path.is_file():  # a pipe can be read once; a missing file is refused by the parser
         return
-    with suppress(yaml.YAMLError):  # which the parser refuses, too
+    try:
         _check_names(path, load_value(read_text(path)), command)
+    except yaml.YAMLError as error:
+        raise FileError(path, str(error), "correct the settings") from error
 
 
 def _check_names(path: Path, settings: object, command: Any) -> None:  # noqa: ANN401

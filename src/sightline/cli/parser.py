@@ -48,17 +48,29 @@ _MAX_DEPTH, _MAX_VALUES = 50, 2**16
 """Limits of nesting depth and number of values in one argument or settings file."""
 
 _load_yaml = jsonargparse.get_loader("yaml")
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def load_value(value: str) -> Any:  # noqa: ANN401 - as YAML has it
-    """Read an argument as YAML, or as text if it is a name that is not UTF-8."""
+    """Read an argument or a file of settings as YAML, or as text if it is not UTF-8.
+
+    Raises:
+        yaml.YAMLError: It is no YAML, is nested deeply or large, or has a name twice.
+    """
     try:
         value.encode()
     except UnicodeEncodeError:
         return value
-    _check_depth(value)
-    loaded = _load_yaml(value)
+    try:
+        _check_depth(value)
+        loaded = _load_yaml(value)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = "" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: "
+        raise yaml.YAMLError(f"is no YAML: {where}{error.problem}") from error
     _check_extent(loaded)
+    if isinstance(loaded, dict | list):
+        _check_keys(yaml.compose(value, Loader=_Loader))
     return loaded
 
 
@@ -67,7 +79,7 @@ def _check_depth(value: str) -> None:
     if len(value) <= _MAX_DEPTH:
         return
     depth = 0
-    for event in yaml.parse(value, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    for event in yaml.parse(value, Loader=_Loader):
         is_start = isinstance(event, yaml.CollectionStartEvent)
         depth += is_start - isinstance(event, yaml.CollectionEndEvent)
         if depth > _MAX_DEPTH:
@@ -88,6 +100,22 @@ def _check_extent(loaded: object) -> None:
             pending += [(each, depth + 1) for each in value.values()]
         elif isinstance(value, list):
             pending += [(each, depth + 1) for each in value]
+
+
+def _check_keys(root: yaml.Node) -> None:
+    """Refuse a name that stands twice in one mapping: YAML would take the last value."""
+    pending = [root]
+    for node in pending:
+        values = node.value if isinstance(node, yaml.CollectionNode) else ()
+        if isinstance(node, yaml.MappingNode):
+            names: set[str] = set()
+            for key, _ in values:
+                name, line = str(key.value), key.start_mark.line + 1
+                if name in names:
+                    raise yaml.YAMLError(f"line {line} has {name} a second time")
+                names.add(name)
+            values = [value for _, value in values]
+        pending += values
 
 
 jsonargparse.set_loader("yaml", load_value, (yaml.YAMLError,))

@@ -58,6 +58,10 @@ def _no_settings(commands: Sequence[str]) -> _Refusal:
     )
 
 
+def _faulty_settings(commands: Sequence[str], problem: str) -> _Refusal:
+    return f"--config: {problem}; correct the settings", commands
+
+
 def _no_list(commands: Sequence[str], key: str) -> _Refusal:
     return f"{key.upper()} in a file of settings: expected a list, such as [a, b]", commands
 
@@ -91,6 +95,7 @@ _RULES: Final[tuple[tuple[str, Callable[..., _Refusal]], ...]] = (
     (r'Parser key "(\w+)":.*(?:not int|not float|not bool|not list|not dict|not date)', _no_name),
     (rf'Parser key "(\w+)": {re.escape(UNQUOTED)}', _no_name),
     (r"Unexpected config:.*", _no_settings),
+    (r"Problems parsing config:\s+(.*)", _faulty_settings),
     (r"'([\w-]+)'", _unknown_setting),  # of a KeyError that names the command
     (r"the following arguments are required: (.*)", _missing),
     (r'expected "([\w.-]+\.)?subcommand" to be one of \{(.*)\}, but it was not .*', _no_command),

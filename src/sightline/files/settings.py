@@ -114,6 +114,7 @@ def shorten_parser_error(message: str) -> str:
         if not line.startswith(_TYPE_LINES)
         and not (line.startswith(_VALUE_LINE) and (has_value or len(line) >= _LONG_VALUE))
     )
+    text = text.replace("Problems parsing config:", "--config:")
     for python, plain in _PLAIN_NAMES.items():
         text = text.replace(f"Expected a <class '{python}'>", f"Expected {plain}")
     return re.sub(r"Expected a typing\.Literal\[(.*?)\]", r"Expected one of \1", text)

@@ -205,6 +205,11 @@ class _Attempt:
             text = error_text(error)
             named = text if text.startswith(f"{work} ") else f"{work}: {text}"
             return f"{named}\n{self.way_on}"
+        except SystemExit as end:
+            if isinstance(end.__context__, KeyboardInterrupt):
+                raise
+            problem = f"its code ends Python by sys.exit({end.code!r}), expected an exception"
+            return f"{work}: {problem}\n{self.way_on}"
         except Exception as error:
             if (fault := memory_fault(error)) is None:
                 raise
