@@ -20,7 +20,7 @@ from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 from sightline.tasks import find_task, task_names, weights_of
 
-_HELP = """Runs all tasks on every frame; writes their result files and one line of JSON per frame.
+_HELP = """Run all tasks on every frame; write their result files and one line of JSON per frame.
 
 Each frame is loaded once. OUT gets a folder for each task, as from `sightline predict`, and
 perception.jsonl; docs/perception.md describes its lines. For a frame without a sensor, only the

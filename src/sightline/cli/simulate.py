@@ -14,7 +14,7 @@ from sightline.jobs.crew import Driver
 from sightline.simulation.rigs import choose_rig
 from sightline.simulation.settings import PresetName, SimulatedSet, SimulationConfig, choose_set
 
-_HELP = """Simulates street frames or drives in KITTI's format, with dense depth and labels.
+_HELP = """Simulate street frames or drives in KITTI's format, with dense depth and labels.
 
 The same settings give the same files for any number of workers. To resume an interrupted run, or
 to extend it by more frames, run it again.

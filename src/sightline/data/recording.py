@@ -37,7 +37,7 @@ from sightline.data.recording_checks import (
     first_complete_frame,
     reference_images,
     size_mismatch,
-    view_of_recording,
+    view_of_drive,
 )
 from sightline.data.recording_files import (
     list_recording,
@@ -251,7 +251,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 
     def _warn_of_rig(self) -> None:
         first = first_complete_frame(self.frames)
-        view = view_of_recording(first)
+        view = view_of_drive(self.frames)
         path = None if first is None else first.calibration
         contents = read_or_note(read_recording_calibration, path, [])
         if first is not None and contents is not None:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, cast, get_args
+from typing import Any, Final
 
 import numpy as np
 import yaml
@@ -13,7 +13,15 @@ from jaxtyping import Float64
 
 from sightline.data.image_header import MAX_PIXELS
 from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.undistortion import LENS_REMEDY, LensModel, check_lens, distorts, lens_fault
+from sightline.data.undistortion import (
+    COEFFICIENTS,
+    LENS_REMEDY,
+    LensModel,
+    check_lens,
+    distorts,
+    lens_fault,
+    lens_model,
+)
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
@@ -280,14 +288,15 @@ def _lens(value: object) -> Lens | None:
     if not isinstance(value["coefficients"], list):
         raise ValueError("lens has invalid coefficients, expected a list of numbers")
     coefficients = tuple(_number(each, "lens: coefficients") for each in value["coefficients"])
-    model = value.get("model", "plumb_bob")
-    if model not in get_args(LensModel):
+    name = str(value.get("model", "plumb_bob"))
+    model = lens_model(name, len(coefficients))
+    if model is None:
         raise ValueError(
-            f"lens has the unknown model {str(model)[:40]!r}, expected one of "
-            f"{', '.join(get_args(LensModel))} (radtan is plumb_bob, fisheye equidistant)"
+            f"lens has the unknown model {name[:40]!r}, expected one of "
+            f"{', '.join(COEFFICIENTS)} (also radtan, equi, fisheye)"
         )
-    check_lens(cast("LensModel", model), coefficients)
-    if not distorts(cast("LensModel", model), coefficients):
+    check_lens(model, coefficients)
+    if not distorts(model, coefficients):
         return None
     if value.get("undistort") is not True:
         raise ValueError(

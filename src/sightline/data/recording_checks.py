@@ -79,6 +79,12 @@ def first_complete_frame(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
     return next((each for each in with_points if each.image), next(iter(with_points), None))
 
 
+def view_of_drive(frames: Sequence[ObjectFrame]) -> RecordingView | None:
+    """Agreement of the first frame with points, of the first complete one and some of the drive."""
+    tried = dict.fromkeys([first_complete_frame(frames), *frames_with_clouds(frames)])
+    return next((view for each in tried if (view := view_of_recording(each)) is not None), None)
+
+
 def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     """Agreement of a frame's parts; None: it lacks a part, has no point, or is unreadable."""
     if frame is None or frame.points is None or frame.calibration is None:
@@ -127,7 +133,7 @@ class RecordingDescription(NamedTuple):
 def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
     """Describe the agreement of a recording's parts and its LiDAR's height, in a clause each."""
     first = first_complete_frame(frames)
-    view = view_of_recording(first)
+    view = view_of_drive(frames)
     calibration = (
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )

@@ -1,6 +1,7 @@
 """Undistortion of pictures by OpenCV's lens models."""
 
 import math
+import re
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, Literal, SupportsFloat
@@ -23,6 +24,13 @@ COEFFICIENTS: Final[dict[LensModel, tuple[int, ...]]] = {
     "equidistant": (4,),
 }
 """Possible numbers of coefficients of each model."""
+
+_LENS_NAMES: Final[dict[str, LensModel]] = {
+    **dict.fromkeys(("plumbbob", "radtan", "radialtangential"), "plumb_bob"),
+    "rationalpolynomial": "rational_polynomial",
+    **dict.fromkeys(("equidistant", "equi", "fisheye", "kannalabrandt", "kb4"), "equidistant"),
+}
+"""Names of the models in ROS, OpenCV and Kalibr, lower case, letters and digits alone."""
 
 LENS_REMEDY: Final = (
     "give the coefficients in the order of the model (k1, k2, p1, p2, k3 ..), as calibrated for "
@@ -89,6 +97,18 @@ def undistort(
     columns_px, rows_px = _maps(rows, coefficients, model, (image.shape[0], image.shape[1]))
     straight = cv2.remap(image, columns_px, rows_px, cv2.INTER_LINEAR)
     return straight.astype(np.uint8, copy=False)
+
+
+def lens_model(name: str, num_coefficients: int) -> LensModel | None:
+    """Find a lens model by its name in ROS, OpenCV or Kalibr, in any spelling; None: unknown.
+
+    Both polynomials have the same coefficients in the same order: their number tells which it is.
+    """
+    model = _LENS_NAMES.get(re.sub("[^a-z0-9]", "", name.lower()))
+    if model in (None, "equidistant"):
+        return model
+    polynomials: tuple[LensModel, ...] = ("plumb_bob", "rational_polynomial")
+    return next((each for each in polynomials if num_coefficients in COEFFICIENTS[each]), model)
 
 
 def check_lens(model: LensModel, coefficients: Sequence[float]) -> None:

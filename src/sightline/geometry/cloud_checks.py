@@ -29,7 +29,7 @@ _DISTINCT_SHARE: Final = 0.4
 _MAX_NEAREST_M: Final = 30.0  # sweeps of a road begin before 10 m
 _MIN_REACH_M: Final = 1.0
 """Smallest reach of a cloud in metres; every LiDAR on a road sees farther."""
-_USUAL_SCALES: Final = (1.0, 100.0, 255.0, 65535.0)
+_USUAL_SCALES: Final = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 """Usual intensities of a reflectance of 1."""
 _MAX_MEDIAN_CM: Final = 4000.0
 """Largest median range in centimetres; that of real sweeps is 6 to 18 m."""

@@ -75,16 +75,16 @@ _SCORED_CHECKPOINT = """Checkpoint to score. (default: best, else last, or with
       the weights of --model.init_args.initial_weights)"""
 _TASKS: dict[Subcommand, tuple[str, str]] = {
     "fit": (
-        "Trains a network. Its run folder gets the settings, TensorBoard's events, last.ckpt,\n"
+        "Train a network. Its run folder gets the settings, TensorBoard's events, last.ckpt,\n"
         "best.ckpt and weights.safetensors.",
         "Checkpoint to resume from; last is the last one in the run's folder.",
     ),
     "validate": (
-        "Scores a network of a run on its validation data.",
+        "Score a network of a run on its validation data.",
         _SCORED_CHECKPOINT,
     ),
     "test": (
-        "Scores a network of a run on test data.",
+        "Score a network of a run on test data.",
         _SCORED_CHECKPOINT,
     ),
 }

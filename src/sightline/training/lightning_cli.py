@@ -61,7 +61,7 @@ _CONFIG_NAMES = {
 
 
 def run_lightning(subcommand: Subcommand, arguments: Sequence[str], run_folder: Path) -> None:
-    """Trains, validates or tests with Lightning's arguments.
+    """Train, validate or test with Lightning's arguments.
 
     Args:
         subcommand: fit, validate or test.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, cast, get_args
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,19 +13,15 @@ from sightline.data.importing.camera_region import ImageRegion, region_of_image
 from sightline.data.importing.frames import Rigid
 from sightline.data.kitti_calibration import check_intrinsics
 from sightline.data.recording_calibration import Lens, checked_matrices
-from sightline.data.undistortion import LensModel, check_lens
+from sightline.data.undistortion import check_lens, lens_model
 from sightline.files.plain_text import shortened
 from sightline.geometry.rotations import rotation_fault
 
 CALIBRATION_REMEDY: Final = (
     "give a calibration file by --calibration (docs/recordings.md has an example)"
 )
-_LENS_MODELS: Final[dict[str, LensModel]] = {"fisheye": "equidistant", "": "plumb_bob"}
-_STRAIGHT_MODELS: Final = (
-    *("", "none", "pinhole", "perspective"),
-    *("plumb_bob", "rational_polynomial", "radtan"),
-)
-"""Names of models that do not distort without coefficients, or with zeros; a fisheye does."""
+_STRAIGHT_MODELS: Final = ("none", "pinhole", "perspective")
+"""Names of models that do not distort; known lens models may have zeros as coefficients, too."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -183,14 +179,15 @@ def _lens(info: Any) -> Lens | None:  # noqa: ANN401 - a message
             sentence that begins with the topic.
     """
     coefficients = tuple(_field(info, "d").tolist())
-    model_name = str(info.distortion_model)
-    if model_name.lower() in _STRAIGHT_MODELS and not any(coefficients):
+    name = str(info.distortion_model) or "plumb_bob"
+    model = lens_model(name, len(coefficients))
+    is_straight = name.lower() in _STRAIGHT_MODELS or model not in (None, "equidistant")
+    if is_straight and not any(coefficients):
         return None
-    model = _LENS_MODELS.get(model_name, model_name)
-    if model not in get_args(LensModel):
-        raise ValueError(f"the lens model {shortened(model_name, 40)!r} is unknown")
-    check_lens(cast("LensModel", model), coefficients)
-    return Lens(model=cast("LensModel", model), coefficients=coefficients)
+    if model is None:
+        raise ValueError(f"the lens model {shortened(name, 40)!r} is unknown")
+    check_lens(model, coefficients)
+    return Lens(model=model, coefficients=coefficients)
 
 
 def _field(info: Any, name: str) -> Float64[np.ndarray, " count"]:  # noqa: ANN401

@@ -1,5 +1,6 @@
 """Choice of a bag's topics of camera, LiDAR and the camera's calibration."""
 
+import re
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -34,9 +35,11 @@ class ChosenTopics:
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the images are rectified, by ROS's topic names: image_rect, image_rect_color."""
-        words = _image_name(self.camera.name).split("_")
-        return any(word.startswith("rect") for word in words)  # image_direct is not rectified
+        """Whether the images are rectified, by the topic's name: image_rect, rectified/image .."""
+        image = _image_name(self.camera.name)
+        # image_direct and /rectifier/image_raw are not, RealSense's image_rect_raw is
+        words = re.split("[/_]", image if "raw" in image.split("_") else self.camera.name)
+        return any(word.startswith(("rect", "undistort")) for word in words)
 
 
 def choose_topics(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 
 from sightline.data.frame_checks import is_blank
 from sightline.data.image_file import write_rgb
@@ -59,16 +59,18 @@ from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.geometry.cloud_checks import cloud_fault, echoes
 from sightline.geometry.mount import turn_ahead
+from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
 from sightline.jobs.progress import track
 
 _CALIBRATION_REMEDY: Final = (
     "correct the calibration file, or give one by --calibration (docs/recordings.md has an example)"
 )
-_INTENSITIES: Final = (1.0, 255.0, 65535.0)
-"""Usual intensities of a reflectance of 1."""
-_NUM_SWEEPS_FOR_SCALE: Final = 5
-"""Number of sweeps for guessing the scale: the first may be empty, or of a garage."""
+_Cloud = Float32[np.ndarray, "_num_points 4"]
+_INTENSITIES: Final = (1.0, 255.0, 1023.0, 4095.0, 65535.0)
+"""Usual intensities of a reflectance of 1: shares, and whole numbers of 8, 10, 12 and 16 bits."""
+_NUM_TRIED_SWEEPS: Final = 5
+"""Number of sweeps for guessing the scale of intensities and the direction of up."""
 _MAX_TRIED_FRAMES: Final = 5
 """Number of frames tried at the start of a drive: if none is readable, nothing is written."""
 
@@ -106,9 +108,14 @@ def import_bag(
         notes += (*bag.kind_notes(read), *bag.publisher_notes(read))
         notes += bag.count_notes(bag.num_read)
         intensity = max_intensity or given.max_intensity
+        clouds = _some_clouds(bag, topics, pairs)
         if max_intensity is None and intensity == 1:
-            intensity = _guess_intensity(bag, topics, pairs)
-        new_from_old, angle_deg = turn_ahead(given.matrices.camera_from_lidar)
+            intensity = _guess_intensity(clouds)
+        upright_from_old = turn_upright(clouds, given.matrices.camera_from_lidar)
+        new_from_upright, angle_deg = turn_ahead(
+            given.matrices.camera_from_lidar @ upright_from_old.T
+        )
+        new_from_old = new_from_upright @ upright_from_old
         written = replace(turned_calibration(given, new_from_old), max_intensity=1.0)
         settings = {
             "sightline": version("sightline"),
@@ -147,6 +154,7 @@ def import_bag(
             *pairs.notes,
             *notes,
             *frames.notes(),
+            *describe_upright_turn(upright_from_old),
             *describe_rotation(angle_deg, "clouds are written"),
             *describe_view(out),
         ),
@@ -173,23 +181,27 @@ class _Frames:
     def try_first(
         self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]], source: Path
     ) -> None:
-        """Check the first readable frame before any is written to the recording.
+        """Check readable frames up to the first with points before any is written.
 
         Raises:
-            ValueError: No frame can be read, or the calibration does not fit it.
+            ValueError: No frame can be read, or the calibration does not fit one.
         """
         first: ValueError | None = None
+        num_read = 0
         for name, position in positions.items():
             with staging_folder() as staged:
                 trial = replace(self, out=staged, faults={}, blank={}, unread={})
                 trial.write(bag, {name: position})
-                if not trial.faults:
-                    write_calibration(staged, self.calibration)
-                    check_staged(staged, source, calibration_remedy=_CALIBRATION_REMEDY)
+                if trial.faults:
+                    first = first or trial.faults[name]
+                    continue
+                num_read += 1
+                write_calibration(staged, self.calibration)
+                check_staged(staged, source, calibration_remedy=_CALIBRATION_REMEDY)
+                if (staged / POINTS / f"{name}.bin").stat().st_size:
                     return
-                first = first or trial.faults[name]
-        assert first is not None, "a drive has a frame"
-        raise first
+        if first is not None and not num_read:
+            raise first
 
     def write(self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]]) -> None:
         """Write frames by name from the messages of the given numbers.
@@ -299,22 +311,19 @@ def _digest(times_s: Sequence[float | Decimal]) -> str:
     return f"{len(times_s)} from {times_s[0]:.6f} to {times_s[-1]:.6f} ({digest})"
 
 
-def _guess_intensity(bag: Bag, topics: ChosenTopics, pairs: Pairs) -> float:
-    """Guess the smallest usual intensity scale on which some sweeps of the drive are valid."""
+def _some_clouds(bag: Bag, topics: ChosenTopics, pairs: Pairs) -> list[_Cloud]:
+    """Read some readable sweeps of the drive: the first may be empty, or of a garage."""
     lidar = topics.lidar.name
-    chosen = (
-        np.linspace(0, len(pairs.positions) - 1, _NUM_SWEEPS_FOR_SCALE).round().astype(np.int64)
-    )
+    chosen = np.linspace(0, len(pairs.positions) - 1, _NUM_TRIED_SWEEPS).round().astype(np.int64)
     selected = {(lidar, int(number)) for number in pairs.positions[chosen, 1]}
     clouds = []
     for message in bag.messages([lidar], selected=selected):
         with suppress(ValueError):  # reported when frames are written
             clouds.append(echoes(cloud_from_message(message.content, lidar)))
-    return next(
-        (
-            scale
-            for scale in _INTENSITIES
-            if not any(cloud_fault(points, scale) for points in clouds)
-        ),
-        _INTENSITIES[-1],
-    )
+    return clouds
+
+
+def _guess_intensity(clouds: Sequence[_Cloud]) -> float:
+    """Guess the smallest usual intensity scale on which most of some sweeps are valid."""
+    num_valid = [sum(cloud_fault(each, scale) is None for each in clouds) for scale in _INTENSITIES]
+    return _INTENSITIES[num_valid.index(max(num_valid))]

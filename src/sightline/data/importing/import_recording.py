@@ -56,8 +56,8 @@ def import_recording(
         max_gap_s: Largest time difference of an image and a sweep of a bag.
         clock: Clock for pairing in a bag; see `choose_clock`.
         undistort: Whether to undistort images of a distorting lens when they are read.
-        max_intensity: Intensity of a reflectance of 1. None: 1, 255 or 65535, guessed from some
-            sweeps.
+        max_intensity: Intensity of a reflectance of 1. None: 1, 255, 1023, 4095 or 65535, guessed
+            from some sweeps.
 
     Raises:
         ValueError: The source cannot be read, is incomplete or ambiguous; an option has no effect

@@ -28,8 +28,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_checks import (
     describe_recording,
     examine_recording_frame,
-    first_complete_frame,
-    view_of_recording,
+    view_of_drive,
 )
 from sightline.data.recording_files import (
     CALIBRATION_SUFFIXES,
@@ -327,7 +326,7 @@ def describe_view(out: Path) -> tuple[str, ...]:
     """Lines on the fit of the written calibration, with warnings of it, times and images."""
     files = list_recording(out)
     frames = files.frames
-    view = view_of_recording(first_complete_frame(frames))
+    view = view_of_drive(frames)
     doubts = [] if view is None or view.doubt is None else [view.doubt]
     if files.times is not None:
         doubts += check_times(files.times, [frame.sample_id for frame in frames])
