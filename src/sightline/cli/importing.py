@@ -36,8 +36,8 @@ def import_command(
         max_gap_s: Largest time difference of an image and a sweep of a bag.
         clock: Clock for pairing in a bag: the header's time of measurement, or the time of receipt.
         undistort: Undistorts the images of a distorting lens whenever they are read.
-        max_intensity: Intensity of a reflectance of 1. Default: 1, 255, 1023, 4095 or 65535, guessed
-            from some sweeps.
+        max_intensity: Intensity of a reflectance of 1. Default: 1, 255, 1023, 4095 or 65535,
+            guessed from some sweeps.
     """
     check_outputs({"OUT": out}, data=[source, calibration])
     from sightline.data.importing.import_recording import import_recording

@@ -80,9 +80,18 @@ def first_complete_frame(frames: Sequence[ObjectFrame]) -> ObjectFrame | None:
 
 
 def view_of_drive(frames: Sequence[ObjectFrame]) -> RecordingView | None:
-    """Agreement of the first frame with points, of the first complete one and some of the drive."""
+    """Agreement of the first frame with points, or of a later one if most of some fit better.
+
+    A drive's first sweep may be empty, or a part of a turn.
+    """
     tried = dict.fromkeys([first_complete_frame(frames), *frames_with_clouds(frames)])
-    return next((view for each in tried if (view := view_of_recording(each)) is not None), None)
+    views = (view for each in tried if (view := view_of_recording(each)) is not None)
+    first = next(views, None)
+    if first is None or first.doubt is None:
+        return first
+    others = list(views)
+    sound = [each for each in others if each.doubt is None]
+    return sound[0] if 2 * len(sound) > len(others) + 1 else first
 
 
 def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:

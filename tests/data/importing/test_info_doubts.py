@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from sightline.data.importing.import_recording import import_recording
+from sightline.data.recording_calibration import read_recording_calibration
 from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, BagMaker
 
 BASELINE_M = 0.12
+LENS = (-0.03, 0.01, 0.0005, -0.0003, -0.002)
 OFFSET_PX = -BASELINE_M * CAMERA_MATRIX[0, 0]
 
 
@@ -101,3 +103,70 @@ def test_a_camera_info_of_another_camera_s_folder_is_taken_where_it_is_named(tmp
 )
 def test_a_camera_info_that_may_be_beside_the_images_is_no_doubt(tmp_path, image, info):
     assert "not beside" not in report_of(tmp_path, image=image, info=info)
+
+
+@pytest.mark.parametrize(
+    ("name", "coefficients", "model"),
+    [
+        ("radtan", LENS, "plumb_bob"),
+        ("Plumb_Bob", LENS, "plumb_bob"),
+        ("plumb-bob", LENS[:4], "plumb_bob"),
+        ("", LENS, "plumb_bob"),
+        ("Rational_Polynomial", (*LENS, 0.0, 0.0, 0.0), "rational_polynomial"),
+        ("plumb_bob", (*LENS, 0.0, 0.0, 0.0), "rational_polynomial"),
+        ("rational_polynomial", LENS, "plumb_bob"),
+        ("EQUIDISTANT", LENS[:4], "equidistant"),
+        ("equi", LENS[:4], "equidistant"),
+        ("fisheye", LENS[:4], "equidistant"),
+        ("kannala_brandt", LENS[:4], "equidistant"),
+        ("radtan", (0.0,) * 5, None),
+        ("PINHOLE", (0.0,) * 5, None),
+        ("none", (), None),
+    ],
+)
+def test_lens_models_are_known_in_their_usual_spellings(tmp_path, name, coefficients, model):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9, distortion=coefficients, model=name)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    import_recording(tmp_path / "drive", tmp_path / "out", undistort=model is not None)
+    lens = read_recording_calibration(tmp_path / "out" / "calibration.yaml").lens
+    assert (None if lens is None else lens.model) == model
+
+
+def test_lens_models_that_need_more_than_a_name_are_refused(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9, distortion=LENS, model="pinhole")
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    with pytest.raises(ValueError, match=r"the lens model 'pinhole' is unknown; .*--calibration"):
+        import_recording(tmp_path / "drive", tmp_path / "out", undistort=True)
+
+
+@pytest.mark.parametrize(
+    ("topic", "is_straight"),
+    [
+        ("/front/image_rect", True),
+        ("/front/image_rect_raw", True),
+        ("/front/rectified/image", True),
+        ("/front/rect/image", True),
+        ("/front/image_undistorted", True),
+        ("/front/image_raw", False),
+        ("/rectifier/image_raw", False),
+        ("/front/image_direct", False),
+    ],
+)
+def test_rectified_images_are_known_by_their_topics(tmp_path, topic, is_straight):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9, distortion=LENS)
+        bag.image(topic, 10**9)
+        bag.cloud("/points", 10**9)
+    if not is_straight:
+        with pytest.raises(ValueError, match=r"the lens distorts .*undistort the images by --undi"):
+            import_recording(tmp_path / "drive", tmp_path / "out")
+        return
+    import_recording(tmp_path / "drive", tmp_path / "out")
+    assert read_recording_calibration(tmp_path / "out" / "calibration.yaml").lens is None

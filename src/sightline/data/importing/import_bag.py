@@ -35,14 +35,15 @@ from sightline.data.importing.writer import (
     CloudTally,
     ImportReport,
     check_not_into_source,
-    check_staged,
     collected_warnings,
     count_echoes,
     describe_view,
     moved_cloud,
     names_present,
+    staged_doubt,
     staging_folder,
     turned_calibration,
+    unusable_error,
     write_calibration,
     write_cloud,
     write_or_keep_calibration,
@@ -57,6 +58,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_files import IMAGES, POINTS
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
+from sightline.files.problem import Problem
 from sightline.geometry.cloud_checks import cloud_fault, echoes
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
@@ -172,6 +174,8 @@ class _Frames:
     new_from_old: Rigid
     faults: dict[str, ValueError] = field(default_factory=dict)
     """Errors of the left-out frames, by name."""
+    doubts: dict[str, Problem] = field(default_factory=dict)
+    """Doubts of the frames before the first plausible one, by name."""
     clouds: CloudTally = field(default_factory=CloudTally)
     blank: dict[str, bool] = field(default_factory=dict)
     """Whether pictures have a single colour, by name."""
@@ -181,27 +185,32 @@ class _Frames:
     def try_first(
         self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]], source: Path
     ) -> None:
-        """Check readable frames up to the first with points before any is written.
+        """Check frames up to the first plausible one with points before any is written.
 
         Raises:
-            ValueError: No frame can be read, or the calibration does not fit one.
+            ValueError: No frame can be read, or all that can are doubtful or empty.
         """
-        first: ValueError | None = None
-        num_read = 0
+        fault: ValueError | None = None
+        num_empty = 0
         for name, position in positions.items():
             with staging_folder() as staged:
                 trial = replace(self, out=staged, faults={}, blank={}, unread={})
                 trial.write(bag, {name: position})
                 if trial.faults:
-                    first = first or trial.faults[name]
+                    fault = fault or trial.faults[name]
                     continue
-                num_read += 1
                 write_calibration(staged, self.calibration)
-                check_staged(staged, source, calibration_remedy=_CALIBRATION_REMEDY)
-                if (staged / POINTS / f"{name}.bin").stat().st_size:
+                doubt = staged_doubt(staged, source, calibration_remedy=_CALIBRATION_REMEDY)
+                if doubt is not None:
+                    self.doubts[name] = doubt
+                elif (staged / POINTS / f"{name}.bin").stat().st_size:
                     return
-        if first is not None and not num_read:
-            raise first
+                else:
+                    num_empty += 1
+        if self.doubts:
+            raise unusable_error(next(iter(self.doubts.values())))
+        if fault is not None and not num_empty:
+            raise fault
 
     def write(self, bag: Bag, positions: dict[str, Int64[np.ndarray, "2"]]) -> None:
         """Write frames by name from the messages of the given numbers.
@@ -238,7 +247,15 @@ class _Frames:
 
     def notes(self) -> tuple[str, ...]:
         """Return lines on left-out points and frames, with counts."""
-        lines = (*self.clouds.lines(), *self._blank_note(), *self._unread_notes())
+        lines = (
+            *self.clouds.lines(),
+            *(
+                f"warning: frame {name} {doubt.problem}; {doubt.remedy}"
+                for name, doubt in self.doubts.items()
+            ),
+            *self._blank_note(),
+            *self._unread_notes(),
+        )
         if not self.faults:
             return lines
         first = next(iter(self.faults.values()))

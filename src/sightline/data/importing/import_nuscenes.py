@@ -20,13 +20,14 @@ from sightline.data.importing.writer import (
     CloudTally,
     ImportReport,
     check_not_into_source,
-    check_staged,
     count_echoes,
     describe_view,
     moved_cloud,
     names_present,
+    staged_doubt,
     staging_folder,
     turned_calibration,
+    unusable_error,
     write_calibration,
     write_cloud,
     write_or_keep_times,
@@ -108,12 +109,14 @@ def import_nuscenes(
         )
     with staging_folder() as staged:
         _Frames(staged, max_intensity).write(moments[0])
-        check_staged(
+        doubt = staged_doubt(
             staged,
             moments[0].image,
             points=moments[0].sweep,
             objects=tables.folder / "sample_annotation.json",
         )
+    if doubt is not None:
+        raise unusable_error(doubt)
     acquire_output_dir(out, settings, results=RESULTS)
     kept = write_or_keep_times(out, {moment.name: moment.time_s for moment in moments})
     is_labelled = any(moment.annotations for moment in moments)

@@ -42,7 +42,7 @@ from sightline.data.recording_files import (
 from sightline.data.rings import turned_in_order
 from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
-from sightline.files.problem import FileError, plain_line
+from sightline.files.problem import FileError, Problem, plain_line
 from sightline.geometry.tilt import Tilt
 from sightline.jobs.output_dirs import check_outside_dataset
 
@@ -191,25 +191,31 @@ def staging_folder() -> Iterator[Path]:
         yield Path(folder)
 
 
-def check_staged(
+def unusable_error(doubt: Problem) -> FileError:
+    """Error for a doubt of `staged_doubt`."""
+    problem = f"gives an unusable recording: it {doubt.problem}"
+    return FileError(doubt.path, problem, doubt.remedy)
+
+
+def staged_doubt(
     folder: Path,
-    source: Path | str,
+    source: Path,
     *,
     points: Path | None = None,
     objects: Path | None = None,
     calibration_remedy: str | None = None,
-) -> None:
+) -> Problem | None:
     """Check the frame in a folder with the checks of the recording's reader.
 
     Args:
         folder: A recording of one frame.
-        source: Source of the frame, named in errors instead of the frame's files.
+        source: Source of the frame, named in the doubt instead of the frame's files.
         points: Source of its cloud. None: `source`.
         objects: nuScenes' table of its labels. None: `source`.
         calibration_remedy: Remedy for a faulty calibration. None: that of the check.
 
-    Raises:
-        FileError: The frame cannot be read, or its calibration is invalid.
+    Returns:
+        The first doubt; None: the frame can be read and is plausible.
     """
     (frame,) = list_recording(folder).frames
     assert frame.calibration is not None, "it was written"
@@ -225,16 +231,17 @@ def check_staged(
         ]
     except FileError as error:
         doubts = [error.problem]
-    if doubts:
-        problem, remedy = doubts[0].problem, doubts[0].remedy
-        if doubts[0].path == frame.objects and objects is not None:
-            source, remedy = objects, _ANNOTATIONS_REMEDY
-            problem = f"{problem} (frame {frame.sample_id})"
-        elif doubts[0].path == frame.points and points is not None:
-            source = points
-        elif doubts[0].path == frame.calibration and calibration_remedy is not None:
-            remedy = calibration_remedy
-        raise FileError(source, f"gives an unusable recording: it {problem}", remedy)
+    if not doubts:
+        return None
+    problem, remedy = doubts[0].problem, doubts[0].remedy
+    if doubts[0].path == frame.objects and objects is not None:
+        source, remedy = objects, _ANNOTATIONS_REMEDY
+        problem = f"{problem} (frame {frame.sample_id})"
+    elif doubts[0].path == frame.points and points is not None:
+        source = points
+    elif doubts[0].path == frame.calibration and calibration_remedy is not None:
+        remedy = calibration_remedy
+    return Problem(path=source, problem=problem, remedy=remedy)
 
 
 def turned_calibration(

@@ -1,0 +1,128 @@
+"""Bags with odd sweeps: turned sensors, other scales of intensities, first turns that are odd."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from sightline.data.importing.import_recording import ImportReport, import_recording
+from sightline.data.open import open_dataset
+from sightline.files.problem import FileError
+from tests.data.recordings import BASE_FROM_LIDAR, CAMERA_FROM_BASE, POINTS, SAMPLE, BagMaker
+
+FULL = POINTS * np.float32([1, 1, 1, 255])
+BY_AZIMUTH = np.argsort(np.arctan2(FULL[:, 1], FULL[:, 0]))
+
+
+def imported(folder, sweeps, base_from_lidar=BASE_FROM_LIDAR, **options) -> ImportReport:
+    """Import a bag with these sweeps, an image for each."""
+    with BagMaker(folder / "drive") as bag:
+        bag.transforms(
+            "/tf_static",
+            10**9,
+            base_link__lidar=base_from_lidar,
+            camera_optical__base_link=CAMERA_FROM_BASE,
+        )
+        for number, points in enumerate(sweeps):
+            time_ns = 2 * 10**9 + number * 10**8
+            bag.info("/front/camera_info", time_ns)
+            bag.image("/front/image_raw", time_ns)
+            bag.cloud("/points", time_ns, points=np.float32(points))
+    return import_recording(folder / "drive", folder / "out", **options)
+
+
+def distinct(points, count):
+    """Sweeps that differ in the intensity of their last point."""
+    sweeps = np.repeat(points[None], count, axis=0)
+    sweeps[:, -1, 3] = np.arange(count)
+    return list(sweeps)
+
+
+@pytest.mark.parametrize(
+    ("axis", "angle_deg", "said"),
+    [
+        ("x", 180, "the LiDAR's -z points up, by its calibration and the road: clouds are written"),
+        ("y", 180, "points x, y, z become x, -y, -z"),
+        ("x", 90, "the LiDAR's y points up"),
+        ("x", -90, "the LiDAR's -y points up"),
+        ("y", 90, "the LiDAR's -x points up"),
+    ],
+)
+def test_a_lidar_upside_down_or_on_its_side_is_turned(tmp_path, axis, angle_deg, said):
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_euler(axis, angle_deg, degrees=True).as_matrix()
+    turned = FULL.copy()
+    turned[:, :3] = FULL[:, :3] @ mount[:3, :3]
+    report = str(imported(tmp_path, distinct(turned, 2), BASE_FROM_LIDAR @ mount))
+    assert said in report
+    assert "warning" not in report
+    sample = open_dataset(tmp_path / "out")[0]
+    torch.testing.assert_close(sample.points[:-1], SAMPLE.points[:-1])
+    torch.testing.assert_close(
+        sample.calibration.image_from_lidar.float(), SAMPLE.calibration.image_from_lidar.float()
+    )
+
+
+def test_a_lidar_upside_down_whose_calibration_is_of_one_upright_is_refused(tmp_path):
+    with pytest.raises(FileError, match=r"-z points up: .*convert only the points"):
+        imported(tmp_path, distinct(FULL * np.float32([1, -1, -1, 1]), 2))
+
+
+@pytest.mark.parametrize(
+    ("largest", "scale"),
+    [(0.99, 1), (99, 255), (255, 255), (1020, 1023), (4080, 4095), (60_000, 65535)],
+)
+def test_the_scale_of_intensities_is_guessed_by_bits(tmp_path, largest, scale):
+    points = POINTS * np.float32([1, 1, 1, largest / POINTS[:, 3].max()])
+    report = str(imported(tmp_path, [points]))
+    assert f"intensities of 0 to {scale}\n" in report
+    found = open_dataset(tmp_path / "out")[0].points[:, 3].max()
+    assert found == pytest.approx(largest / scale, rel=1e-3)
+
+
+@pytest.mark.parametrize("fault", ["negative", "millimetres"])
+def test_one_faulty_sweep_does_not_decide_the_scale_of_intensities(tmp_path, fault):
+    sweeps = distinct(FULL, 5)
+    if fault == "negative":
+        sweeps[2][5, 3] = -3
+    else:
+        sweeps[0][:, :3] *= 1000
+    report = str(imported(tmp_path, sweeps))
+    assert "intensities of 0 to 255" in report
+    assert "warning: dropped 1 unreadable frames; the first: " in report
+    assert open_dataset(tmp_path / "out")[0].points[:, 3].max() > 0.9
+
+
+def test_a_doubtful_first_sweep_is_told_and_refuses_no_others(tmp_path):
+    report = str(imported(tmp_path, [FULL[BY_AZIMUTH[:10]], *distinct(FULL, 3)]))
+    assert "warning: frame 000000 holds only 10 points, expected thousands" in report
+    assert "4 frames written" in report
+
+
+def test_doubtful_sweeps_alone_are_refused(tmp_path):
+    sweeps = [FULL[BY_AZIMUTH[each : each + 10]] for each in (0, 20, 40)]
+    with pytest.raises(FileError, match="unusable recording: it holds only 10 points"):
+        imported(tmp_path, sweeps)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_first_sweep_of_a_part_of_a_turn_does_not_blame_the_calibration(tmp_path, recwarn):
+    behind = FULL[BY_AZIMUTH[:3000]] * np.float32([-1, 1, 1, 1])
+    report = str(imported(tmp_path, [behind, *distinct(FULL, 3)]))
+    assert "100.0 % of the points of frame 000001 fall into the image" in report
+    assert "warning" not in report
+    open_dataset(tmp_path / "out")
+    assert not recwarn.list
+
+
+def test_an_empty_first_sweep_is_not_the_one_that_is_judged(tmp_path):
+    (tmp_path / "down").mkdir()
+    down = distinct(FULL * np.float32([1, -1, -1, 1]), 3)
+    with pytest.raises(FileError, match="-z points up"):
+        imported(tmp_path / "down", [down[0][:0], *down])
+    aside = np.stack((-FULL[:, 1], FULL[:, 0], FULL[:, 2], FULL[:, 3]), axis=1)
+    report = str(imported(tmp_path, [aside[:0], *distinct(aside, 3)]))
+    said = f"projects only 0 of the {len(FULL)} points of frame 000001 into the image"
+    assert said in report
+    with pytest.warns(UserWarning, match=said):
+        open_dataset(tmp_path / "out")
