@@ -101,6 +101,18 @@ def test_an_older_export_is_replaced_and_what_it_has_is_not_computed_again(tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["site"]
 
 
+@pytest.mark.parametrize("content", ["{}", "[]", '{"files": 3}', '{"fil', '{"files": {"a": {}}}'])
+def test_a_damaged_file_of_an_older_export_is_made_anew(tmp_path, content):
+    export(tmp_path / "site")
+    whole = files_of(tmp_path / "site")
+    damaged = min((tmp_path / "site/states").iterdir())
+    damaged.unlink()
+    damaged.write_text(content)
+    _, before = export(tmp_path / "site")
+    assert "; 1 are to be computed" in before
+    assert files_of(tmp_path / "site") == whole
+
+
 def test_a_frame_that_has_changed_is_computed_again(tmp_path):
     tree = tmp_path / "tree"
     shutil.copytree(PACKAGED_FRAMES, tree)

@@ -220,3 +220,46 @@ def test_a_signal_ends_the_wait_for_the_process_that_forks_workers(tmp_path):
         program = [sys.executable, "-c", _WAITING]
         subprocess.run(program, stdout=printed, check=True, env=os.environ | {"PYTHONPATH": paths})
     assert (tmp_path / "printed").read_text() == f"{128 + signal.SIGTERM} True\n"
+
+
+def test_modules_of_the_current_folder_are_not_imported(tmp_path):
+    (tmp_path / "data").mkdir()
+    for name in ("http", "queue", "signal", "random"):
+        (tmp_path / "data" / f"{name}.py").write_text("open('run', 'w')\nraise SystemExit\n")
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import os\n"
+        "from sightline.app.workers import prepare_workers\n"
+        "prepare_workers()\n"
+        "print(os.environ.get('PYTHONSAFEPATH'))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, program], cwd=tmp_path / "data", check=True, capture_output=True, text=True
+    )
+    assert done.stdout == "None\n"
+    assert not (tmp_path / "data" / "run").exists()
+
+
+def test_the_end_of_the_process_that_forks_workers_is_told(tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(
+        "from sightline.app.workers import prepare_workers\n"
+        "try:\n"
+        "    prepare_workers()\n"
+        "except ChildProcessError as error:\n"
+        "    print(error)\n"
+    )
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    (modules / "sitecustomize.py").write_text(
+        "import sys\nif '-c' in sys.orig_argv and 'forkserver' in str(sys.orig_argv): sys.exit(1)\n"
+    )
+    paths = f"{modules}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    done = subprocess.run(
+        [sys.executable, program],
+        env=os.environ | {"PYTHONPATH": paths},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.startswith("the process that starts workers has ended, perhaps by ")

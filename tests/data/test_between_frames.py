@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
+from sightline.data import between_frames
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_trees import CORRUPTED
@@ -114,6 +115,20 @@ def test_equal_files_are_told_in_recordings_by_check_and_on_opening(tmp_path):
     for told in ([said for _, said in problems(root)], told_on_opening(root)):
         assert ["is the same" in each for each in told] == [True, True]
         assert ("picture" in told[0], "cloud" in told[1]) == (True, True)
+
+
+def test_a_shared_calibration_is_read_once_and_only_up_to_a_size(tmp_path, monkeypatch):
+    root = write_recording(tmp_path, ("a", "b", "c"))
+    shutil.copy(root / "points/a.pcd", root / "points/b.pcd")
+    read = []
+    original = between_frames._digest
+    monkeypatch.setattr(between_frames, "_digest", lambda path: read.append(path) or original(path))
+    assert len(problems(root)) == 1
+    assert read.count(root / "calibration.yaml") == 1
+    with (root / "calibration.yaml").open("ab") as file:
+        file.truncate(2**35)  # sparse: reading it would take minutes
+    assert original(root / "calibration.yaml") is None
+    assert any("bytes long, expected up to" in said for _, said in problems(root))
 
 
 def test_cameras_of_a_recording_may_share_a_cloud(tmp_path):

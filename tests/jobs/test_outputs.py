@@ -138,3 +138,38 @@ def test_a_report_replaces_no_file_of_packed_results(tmp_path, name):
     with pytest.raises(ValueError, match="is among the input results"):
         check_outputs({"--json": tmp_path / name}, data=[], results=[tmp_path])
     check_outputs({"--json": tmp_path / "report.json"}, data=[], results=[tmp_path])
+
+
+@pytest.mark.parametrize(
+    ("part", "beside", "root"),
+    [
+        ("Q/labels", "calibration.yaml", "Q"),
+        ("Q/depth", "calibration.json", "Q"),
+        ("Q/labels", "calibration/a.yaml", "Q"),
+        ("Q/labels", "shards.json", "Q"),
+        ("K/label_2", "calib/000000.txt", "K"),
+        ("S/groundtruth_depth", "intrinsics/a.txt", "S"),
+        ("D/val/drive/proj_depth/groundtruth/image_02", "../velodyne_raw/image_02/5.png", "D/val"),
+        ("D/drive/proj_depth/groundtruth/image_02", "../velodyne_raw/image_02/5.png", "D/drive"),
+    ],
+)
+def test_nothing_is_written_into_a_data_set_of_which_one_part_is_named(
+    tmp_path, part, beside, root
+):
+    data = tmp_path / part
+    data.mkdir(parents=True)
+    other = data.parent / beside
+    other.parent.mkdir(parents=True, exist_ok=True)
+    other.write_text("input")
+    for output in (other, tmp_path / root / "new.json", data / "new.json"):
+        with pytest.raises(ValueError, match="would change the data set"):
+            check_outputs({"--json": output}, data=[data])
+    check_outputs({"--json": (tmp_path / root).parent / "new.json"}, data=[data])
+
+
+def test_a_data_set_beside_another_s_calibration_is_not_a_part(tmp_path):
+    for name in ("drive", "labels"):
+        (tmp_path / name).mkdir()
+    check_outputs({"--json": tmp_path / "new.json"}, data=[tmp_path / "labels"])
+    (tmp_path / "calibration.yaml").write_text("")
+    check_outputs({"--json": tmp_path / "new.json"}, data=[tmp_path / "drive"])

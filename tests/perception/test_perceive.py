@@ -203,6 +203,20 @@ def test_lines_that_another_shard_writes_after_the_reading_are_not_missed(data, 
     assert len(lines_of(out)) == 4
 
 
+def test_lines_that_were_removed_meanwhile_are_told(data, out, monkeypatch):
+    def joined(folder):
+        (folder / "lines" / "000001.json").unlink()
+        return kept_lines.join_lines(folder)
+
+    monkeypatch.setattr("sightline.perception.perceive.join_lines", joined)
+    with pytest.raises(
+        ValueError, match=r"lacks the lines of 1 of 4 frames, 000001: .*run the same"
+    ):
+        perceive(data, out, perceiver=perceiver())
+    monkeypatch.undo()
+    assert perceive(data, out, perceiver=perceiver()).written == 1
+
+
 def test_workers_and_shards_change_nothing(data, out, tmp_path):
     perceive(data, out, perceiver=perceiver(), workers=2)
     parts = [

@@ -198,8 +198,11 @@ class _Writer:
         content = self._aside.read(place)
         if content is None:
             return False
-        named = json.loads(content)["files"].values()
-        if not all(self._aside.has(each) for each in named):
+        try:
+            named = list(map(str, json.loads(content)["files"].values()))
+        except (ValueError, LookupError, TypeError, AttributeError):
+            return False  # a damaged file of an older export
+        if not all(map(self._aside.has, named)):
             return False
         self.expected |= {place, *named}
         return True

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import itertools
 import multiprocessing
+import os
 import pickle
 import signal
 import traceback
@@ -27,6 +28,8 @@ MAX_WAITING: Final = 64
 """Most tasks that wait for a worker."""
 
 _PATIENCE_S: Final = 1.0
+_SAFE_PATH: Final = "PYTHONSAFEPATH"
+"""Variable of Python: where it is set, `python -c` does not import from the current folder."""
 _URGENCY: Final = {"scene": 0, "joined": 1, "detection2d": 2, "detection3d": 3}
 _LATER: Final = 4
 _STARTS: Final = multiprocessing.get_context("forkserver")
@@ -163,7 +166,7 @@ class Workers:
         own_end, worker_end = _STARTS.Pipe()
         process = _STARTS.Process(target=_work, args=(self._maker, worker_end), daemon=True)
         with holding_signals():
-            process.start()
+            _start(process)
         worker_end.close()
         return _Worker(process, own_end)
 
@@ -176,8 +179,23 @@ def prepare_workers() -> None:
     """
     _start_forkserver()
     first = _STARTS.Process(target=_do_nothing, daemon=True)
-    first.start()
+    _start(first)
     first.join()
+
+
+def _start(process: BaseProcess) -> None:
+    """Start a process by the one that forks workers.
+
+    Raises:
+        ChildProcessError: That one has ended.
+    """
+    try:
+        process.start()
+    except (EOFError, ConnectionError) as error:
+        raise ChildProcessError(
+            "the process that starts workers has ended, perhaps by the lines above or for lack of "
+            "memory; run the same command again"
+        ) from error
 
 
 def _do_nothing() -> None:
@@ -187,14 +205,22 @@ def _do_nothing() -> None:
 def _start_forkserver() -> None:
     """Start the process that forks the workers, deaf to signals that a terminal sends to all.
 
-    It imports for seconds, and would end by Ctrl-C with a traceback.
+    It imports for seconds, and would end by Ctrl-C with a traceback. It must not import from the
+    current folder, which may be a data set.
     """
-    resource_tracker.ensure_running()  # it would unblock the signals again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_SIGNALS)
+    given = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
     try:
-        forkserver.ensure_running()
+        resource_tracker.ensure_running()  # it would unblock the signals again
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_SIGNALS)
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        os.environ.pop(_SAFE_PATH)
+        if given is not None:
+            os.environ[_SAFE_PATH] = given
 
 
 def _end_of(process: BaseProcess) -> str:

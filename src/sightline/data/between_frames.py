@@ -168,10 +168,14 @@ def check_repeats(
     pictures = [frame.image for frame in frames if frame.image is not None]
     labels = [frame.objects for frame in frames if isinstance(frame, ObjectFrame) and frame.objects]
     by_camera: dict[Hashable, list[Path]] = defaultdict(list)
+    digests: dict[Path | None, bytes | None] = {}
     for frame in frames:
         cloud = frame.sparse if isinstance(frame, DepthFrame) else frame.points
         if cloud is not None:
-            by_camera[_camera(frame)].append(cloud)
+            path = _calibration_file(frame)
+            if path not in digests:
+                digests[path] = None if path is None else _digest(path)
+            by_camera[digests[path]].append(cloud)
     repeated_clouds = [
         group
         for each in by_camera.values()
@@ -193,10 +197,10 @@ def check_repeats(
     ]
 
 
-def _camera(frame: ObjectFrame | DriveFrame | DepthFrame) -> bytes | None:
-    """Digest of a recording's calibration file; None: another layout, or without calibration."""
+def _calibration_file(frame: ObjectFrame | DriveFrame | DepthFrame) -> Path | None:
+    """Calibration file of a recording's frame; None: another layout, or without calibration."""
     path = frame.calibration if isinstance(frame, ObjectFrame) else None
-    return _digest(path) if path is not None and path.suffix in CALIBRATION_SUFFIXES else None
+    return path if path is not None and path.suffix in CALIBRATION_SUFFIXES else None
 
 
 def check_orientations(
@@ -373,9 +377,10 @@ def _middle_bytes(path: Path) -> bytes | None:
 
 
 def _digest(path: Path) -> bytes | None:
-    if not path.is_file():  # a pipe could be waited for without end
-        return None
     try:
+        # a pipe could be waited for without end
+        if not path.is_file() or path.stat().st_size > _MAX_BYTES:
+            return None
         with path.open("rb") as file:
             return hashlib.file_digest(file, "blake2b").digest()
     except OSError:

@@ -16,6 +16,20 @@ from sightline.files.problem import escaped
 from sightline.files.shard_index import MANIFEST, read_manifest
 
 KITTI_SPLITS: Final = ("training", "testing")
+_DRIVE_SPLITS: Final = ("train", "val")
+"""Folders of drives in a KITTI depth completion tree."""
+_DRIVE_DEPTH: Final = "proj_depth"
+"""Folder of depth maps in a drive of such a tree."""
+_PARTS: Final = (
+    *("calib", "depth", "groundtruth_depth", "image", "image_2", "images"),
+    *("label_2", "labels", "points", "velodyne", "velodyne_raw"),
+)
+"""Folders of one part of a data set without splits."""
+_SIBLINGS: Final = (
+    *(MANIFEST, "calib", "calibration", "intrinsics"),
+    *("calibration.yaml", "calibration.yml", "calibration.json"),
+)
+"""Files and folders beside such a part."""
 """Folders of KITTI's object data set; an output in one lies inside the data set, too."""
 
 MANIFEST_NAME: Final = "sightline.json"
@@ -214,9 +228,15 @@ def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
 
 
 def _data_root(data: Path) -> Path:
-    """Root of a data set, from an object tree's split or a folder in it."""
+    """Root of a data set, from an object tree's split, or the folder of one part of any layout."""
     split = next((each for each in (data, data.parent) if each.name in KITTI_SPLITS), None)
-    return data if split is None else split.parent
+    if split is not None:
+        return split.parent
+    drive = next((each.parent for each in data.parents if each.name == _DRIVE_DEPTH), None)
+    if drive is not None:
+        return drive.parent if drive.parent.name in _DRIVE_SPLITS else drive
+    has_siblings = any((data.parent / each).exists() for each in _SIBLINGS)
+    return data.parent if data.name in _PARTS and has_siblings else data
 
 
 def _targets(folder: Path) -> Iterator[Path]:

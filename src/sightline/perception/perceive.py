@@ -2,13 +2,13 @@
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.kitti_trees import Velodyne, describe_absent
 from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
@@ -172,6 +172,7 @@ def perceive(
     ]
     notes = run_job(works, workers, description=JOB_NAME, leave_out=LEAVE_OUT, driver=driver)
     lines = join_lines(out)
+    _check_all_there(out, names, lines)
     if pictures:
         pictures.write(dataset, out)
     return PerceiveResult(
@@ -183,6 +184,17 @@ def perceive(
             for task in perceiver.predictors
         },
     )
+
+
+def _check_all_there(out: Path, names: Sequence[str], lines: Collection[str]) -> None:
+    """Refuse a folder from which lines of finished frames were removed meanwhile."""
+    gone = [name for name in names if name not in lines]
+    if gone:
+        raise ValueError(
+            f"{out} lacks the lines of {len(gone)} of {len(names)} frames, "
+            f"{describe_absent(gone)}: they were written, but removed or changed meanwhile; run "
+            "the same command again"
+        )
 
 
 def _check_tasks(perceiver: MultiTaskPredictor, *, around: bool | None) -> None:

@@ -8,6 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal
 
+from sightline.files.plain_text import read_text
+
 Subcommand = Literal["fit", "validate", "test"]
 
 
@@ -221,6 +223,7 @@ def _find_recipe(name: str, recipes: Path) -> Path:
         raise ValueError(f"--config has no value; name {_choice(recipes)}")
     for path in (Path(name), recipes / f"{name}.yaml"):
         if path.is_file():
+            read_text(path)  # refuses one that is too large, or no text
             return path
     raise ValueError(f"there is no recipe {name}; name {_choice(recipes)}")
 
