@@ -114,6 +114,36 @@ def test_the_other_cameras_and_the_imu_may_be_there_or_not(tmp_path):
     assert np.array_equal(read_object_matrices(more).image_from_camera, plain.image_from_camera)
 
 
+def test_files_in_the_form_of_the_tracking_and_odometry_benchmarks_are_read(tmp_path):
+    plain = read_object_matrices(write(tmp_path / "0.txt"))
+    tracking = tmp_path / "1.txt"
+    tracking.write_text(
+        f"P2: {ENTRIES['P2']}\nR_rect {ENTRIES['R0_rect']}\n"
+        f"Tr_velo_cam {ENTRIES['Tr_velo_to_cam']}\nTr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0\n"
+    )
+    assert np.array_equal(read_object_matrices(tracking).stacked, plain.stacked)
+    assert read_object_pose(tracking) is None
+    numbers = " ".join(map(str, plain.camera_from_lidar[:3].flat))
+    odometry = tmp_path / "2.txt"
+    odometry.write_text(f"P2: {ENTRIES['P2']}\nTr: {numbers}\n")
+    assert np.array_equal(read_object_matrices(odometry).stacked, plain.stacked)
+
+
+def test_names_of_the_tracking_benchmark_do_not_stand_beside_those_of_the_object_benchmark(
+    tmp_path,
+):
+    path = write(tmp_path / "0.txt")
+    path.write_text(path.read_text() + f"R_rect {ENTRIES['R0_rect']}\n")
+    with pytest.raises(ValueError, match="line 4: 'R0_rect' stands there twice"):
+        read_object_matrices(path)
+
+
+def test_names_of_waymo_s_data_in_kitti_s_form_are_told(tmp_path):
+    changes = {"Tr_velo_to_cam": None, "Tr_velo_to_cam_0": ENTRIES["Tr_velo_to_cam"]}
+    with pytest.raises(ValueError, match="Waymo's data in KITTI's form, where P2 is another cam"):
+        read_object_matrices(write(tmp_path / "0.txt", **changes))
+
+
 def test_bytes_that_are_no_text_are_named(tmp_path):
     (tmp_path / "0.txt").write_bytes(b"P2: \xff")
     with pytest.raises(ValueError, match=r"0\.txt: is no text: byte 4 is not UTF-8"):

@@ -96,6 +96,10 @@ def test_columns_cannot_be_written_to():
             "line 1 has 17 fields: frame and track number come before the class, as in KITTI track"
             "ing, .*; write a file for each frame without its first two fields, and",
         ),
+        (b"# of frame 7\n" + LABEL, "line 1 is a comment, expected an object; remove the line"),
+        (b"type truncated occluded alpha left\n" + LABEL, "line 1 is a heading, .*; remove"),
+        (LABEL.replace(b" ", "\u00a0".encode()), "line 1 has no-break or wide spaces .*; separate"),
+        (LABEL.replace(b" 1 ", " 1\u3000".encode()), "line 1 has no-break or wide spaces"),
         (b"2 0.5 0.5 0.1 0.2", "line 1 has 5 numbers, as YOLO labels have .*; convert them to"),
         (
             b"P0: 7.2e+02 0 6.1e+02 0 0 7.2e+02 1.7e+02 0 0 0 1 0",

@@ -337,6 +337,17 @@ def test_a_cloud_by_columns_or_in_millimetres_is_refused(weights):
             predictor.complete_points(wrong, small_calibration(), IMAGE_SIZE)
 
 
+def test_a_sparse_map_of_a_png_s_values_or_millimetres_is_told(weights):
+    predictor = DepthPredictor.load(weights)
+    sparse, image = random_frame(40, 60)
+    for wrong in ((256 * sparse).numpy().astype(np.uint16), 1000 * sparse):
+        with pytest.warns(
+            UserWarning, match=r"sparse depth map has a 99th percentile .*: give met"
+        ):
+            predictor.complete(wrong, image)
+    predictor.complete(sparse, image)
+
+
 def test_there_is_no_completer_of_a_method_that_there_is_not():
     with pytest.raises((ValueError, TypeError), match="liner"):
         DepthCompleter("liner")

@@ -60,6 +60,14 @@ def test_bad_intensities_are_counted_among_the_points_that_are_left():
     assert losses(points) == ("2 of 9 points have an intensity that is not finite: it is set to 0",)
 
 
+def test_numbers_in_the_wrong_byte_order_are_told_as_such():
+    points = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype(np.float32)
+    swapped = points.byteswap()
+    problem, remedy = cloud_fault(swapped[np.isfinite(swapped).all(axis=1)], 1.0)
+    assert "these are no coordinates, but bytes in the wrong order or of other fields" in problem
+    assert remedy.startswith("correct the byte order (is_bigendian of PointCloud2)")
+
+
 @pytest.mark.parametrize("offset", [(5e5, 4e6, 0), (0, 0, 800), (-2000, 0, 0)])
 def test_points_that_lie_together_far_away_are_in_a_maps_frame(offset):
     rng = np.random.default_rng(0)

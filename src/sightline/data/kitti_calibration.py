@@ -43,6 +43,12 @@ _LAST_ROW_TOLERANCE = 1e-9
 _ROUNDING: Final = 1e-5  # hundredths of a pixel, of a millimetre and of an arc minute
 _REMEDY = "correct it or extract the calibration archive again"
 _HEIGHT_ENTRY, _TILT_ENTRY = "lidar_height_m", "lidar_tilt_deg"
+_TRACKING_NAMES: Final = {
+    "R_rect": "R0_rect",
+    "Tr_velo_cam": "Tr_velo_to_cam",
+    "Tr_imu_velo": "Tr_imu_to_velo",
+}
+"""Names of the object benchmark by those of the tracking benchmark."""
 _MAX_SKEW_SHARE: Final = 0.01
 """Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
 
@@ -63,13 +69,15 @@ class CalibrationMatrices:
 def read_object_matrices(path: Path | str) -> CalibrationMatrices:
     """Read P2, R0_rect and Tr_velo_to_cam of an object benchmark's calibration file.
 
-    The entries of other cameras and the IMU are optional and ignored.
+    The entries of other cameras and the IMU are optional and ignored. KITTI's tracking benchmark
+    calls the last two R_rect and Tr_velo_cam, without a colon; Tr of its odometry benchmark is
+    their product.
 
     Raises:
         FileError: One of the three is missing, has a wrong number of values, is not numeric or
             singular, or is not a valid rotation.
     """
-    entries = _read_entries(path)
+    entries = _object_entries(path)
     projection = _matrix(entries, "P2", (3, 4), path)
     rectification = _matrix(entries, "R0_rect", (3, 3), path)
     mounting = _matrix(entries, "Tr_velo_to_cam", (3, 4), path)
@@ -268,11 +276,38 @@ def _read(path: Path | str) -> str:
     return read_text(path, max_bytes=MAX_CALIBRATION_BYTES)
 
 
+def _object_entries(path: Path | str) -> dict[str, list[str]]:
+    """Read the entries of an object tree's file, also of the odometry benchmark.
+
+    Raises:
+        FileError: A line has another form, or the names are those of Waymo's data in KITTI's form.
+    """
+    entries = _read_entries(path)
+    mounting = "Tr_velo_to_cam"
+    if mounting not in entries and f"{mounting}_0" in entries:
+        raise FileError(
+            path,
+            f"has {mounting}_0, a name of Waymo's data in KITTI's form, where P2 is another camera",
+            f"write the chosen camera's projection as P2, and its transform as {mounting}",
+        )
+    if "Tr" in entries and not {mounting, "R0_rect"} & entries.keys():
+        entries["R0_rect"], entries[mounting] = [*"100010001"], entries["Tr"]
+    return entries
+
+
 def _read_entries(path: Path | str) -> dict[str, list[str]]:
-    """Read the words of each name from a file with lines `NAME: word word ...`."""
+    """Read the words of each name from a file with lines `NAME: word word ...`.
+
+    Names of the tracking benchmark, which stand without a colon, become those of the object
+    benchmark.
+    """
     entries: dict[str, list[str]] = {}
     for number, line in enumerate(_read(path).split("\n"), start=1):
         name, colon, values = line.strip().partition(":")
+        first, _, others = line.strip().partition(" ")
+        if not colon and first in _TRACKING_NAMES:
+            name, colon, values = first, " ", others
+        name = _TRACKING_NAMES.get(name, name)
         if not name and not colon:
             continue
         if not colon or name in entries:

@@ -52,6 +52,8 @@ _MAX_NAME_LENGTH = 64  # characters of a class
 _MAX_MAGNITUDE = 1e12  # as of calibrations; squares of larger numbers are soon infinite
 _TOO_LARGE = (f"beyond {_MAX_MAGNITUDE:g}", "write metres, radians and pixels")
 _LABEL_FIELDS = 15
+_OTHER_SPACES = tuple(each.encode() for each in "\u00a0\u2007\u202f\u3000")
+"""Spaces that do not separate fields."""
 _LANGUAGES = {b"{": "JSON", b"[": "JSON", b"<": "XML"}  # by their first character
 _RESULT_FIELDS = 16
 _OCCLUSION = 1  # columns of the numbers of a line
@@ -259,7 +261,7 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
     expected = FIELDS if with_scores else FIELDS[:_LABEL_FIELDS]
     kind = "result" if with_scores else "label"
     for number, fields in _lines(data):
-        if other := _other_format(fields):
+        if other := _no_object(fields) or _other_format(fields):
             return FileError(source, f"line {number} {other[0]}", other[1])
         count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
@@ -274,6 +276,17 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
             if fault := _fault_of_field(name, token, with_scores=with_scores):
                 return FileError(source, f"line {number}: {fault[0]}", fault[1])
     raise AssertionError(f"{source} was refused, but no line is invalid")
+
+
+def _no_object(fields: Sequence[bytes]) -> tuple[str, str] | None:
+    """Problem and remedy for a comment, a heading or spaces of other kinds in a line; or None."""
+    if fields[0].startswith((b"#", b"//")):
+        return "is a comment, expected an object", "remove the line"
+    if fields[0].lower() in (b"type", b"class", b"name") and not any(map(_is_number, fields)):
+        return "is a heading, expected an object", "remove the line"
+    if any(space in field for field in fields for space in _OTHER_SPACES):
+        return "has no-break or wide spaces between its fields", "separate fields by plain spaces"
+    return None
 
 
 def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:

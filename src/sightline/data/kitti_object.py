@@ -28,6 +28,7 @@ from sightline.data.kitti_trees import (
     list_object_frames,
     part_folder,
     remedy_for_absent,
+    shared_calibration_remedy,
 )
 from sightline.data.lidar_mount import pose_of_tree, stated_mount_doubts, warn_of_mount
 from sightline.files.problem import FileError
@@ -218,5 +219,7 @@ def _check_complete(
             f"{part} of {len(frame_ids)} of {len(requested)} frames ({describe_absent(frame_ids)})"
             for part, frame_ids in gaps
         )
-        remedy = "extract the missing archives or give a list of the complete frames"
+        remedy = shared_calibration_remedy(folder) or (
+            "extract the missing archives or give a list of the complete frames"
+        )
         raise ValueError(f"{folder} lacks {described}; {doubt_about_names(absent) or remedy}")

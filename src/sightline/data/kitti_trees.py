@@ -135,6 +135,13 @@ def find_file(folder: Path, name: str) -> Path | None:
     return next((path for path in sorted(folder.iterdir()) if path.name.lower() == name), None)
 
 
+def shared_calibration_remedy(folder: Path) -> str | None:
+    """Remedy for an object tree's split with one calib.txt for all frames; None: it has none."""
+    if not (folder / "calib.txt").is_file() or (folder / part_folder("calibration")).is_dir():
+        return None
+    return "copy calib.txt to calib/NAME.txt for each frame"
+
+
 def describe_absent(frame_ids: Sequence[str]) -> str:
     """List the first few frames, and the number of the others."""
     named = ", ".join(map(shortened, frame_ids[:_MAX_LISTED]))

@@ -55,6 +55,7 @@ _IN_SEQUENCE: Final = re.compile(r"(.*\D)(\d+)", re.ASCII)
 _FIRST_NUMBERS: Final = (0, 1)  # of the first frame of a sequence
 _ONE_NUMBER: Final = re.compile(r"(\D*)(\d+)(\D*)", re.ASCII)
 _REMEDY: Final = "write lines like `000001 0.1`"
+_NUMBER_REMEDY: Final = f"{_REMEDY}: name, then seconds as a number; no heading, no dates"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -248,7 +249,9 @@ def read_times(path: Path) -> dict[str, Decimal]:
             problem = f"line {number} has no frame name and time in seconds"
             raise FileError(path, problem, _REMEDY)
         name, seconds = words[0].strip(), words[1]
-        (value,) = parse_numbers([seconds], path, f"line {number}:", limit=_MAX_STAMP)
+        (value,) = parse_numbers(
+            [seconds], path, f"line {number}:", limit=_MAX_STAMP, remedy=_NUMBER_REMEDY
+        )
         if abs(value) > _MAX_TIME_S:
             problem = f"line {number}: {seconds} is no time in seconds, probably in {_unit(value)}"
             raise FileError(path, problem, f"divide the times, and {_REMEDY}")

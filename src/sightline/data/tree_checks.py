@@ -45,6 +45,7 @@ from sightline.data.kitti_trees import (
     list_selected_frames,
     part_folder,
     selection_folder,
+    shared_calibration_remedy,
 )
 from sightline.data.lidar_mount import (
     describe_height,
@@ -432,9 +433,9 @@ def _tree(
         if len(absent) == len(frames):
             if part.optional and not part.folder.exists():
                 continue  # reported in the summary
-            gaps.append(
-                Problem(path=part.folder, problem="holds no files of the frames", remedy=remedy)
-            )
+            copying = shared_calibration_remedy(folder) if part.attribute == "calibration" else None
+            problem = "holds no files of the frames"
+            gaps.append(Problem(path=part.folder, problem=problem, remedy=copying or remedy))
         elif part.suffix:
             paths = (part.folder / f"{sample_id}{part.suffix}" for sample_id in absent)
             gaps += [Problem(path=path, problem="is missing", remedy=remedy) for path in paths]

@@ -1,5 +1,6 @@
 """Inputs of depth completion as users give them: checked, and converted to tensors."""
 
+import warnings
 from typing import Final
 
 import numpy as np
@@ -7,6 +8,7 @@ import torch
 from jaxtyping import Float, Float32, Real
 from torch import Tensor
 
+from sightline.data.frame_checks import depth_range_doubt
 from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.geometry.cloud_checks import (
     USUAL_LOSS,
@@ -64,6 +66,12 @@ def sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
             "complete one map at a time"
         )
     check_sparse_depth(sparse.numpy())
+    doubt = depth_range_doubt(sparse.numpy())
+    if doubt is not None:
+        warnings.warn(
+            f"the sparse depth map {doubt}: give metres, not values of a PNG or millimetres",
+            stacklevel=4,
+        )
     return sparse
 
 

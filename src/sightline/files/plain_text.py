@@ -66,7 +66,12 @@ def without_marks(content: bytes, path: Path | str) -> bytes:
 
 
 def parse_numbers(
-    words: Sequence[str], path: Path | str, place: str = "", *, limit: float = 1e12
+    words: Sequence[str],
+    path: Path | str,
+    place: str = "",
+    *,
+    limit: float = 1e12,
+    remedy: str = REMEDY,
 ) -> list[float]:
     """Parse words as finite numbers of plausible size.
 
@@ -75,6 +80,7 @@ def parse_numbers(
         path: File of the words, for errors.
         place: Line or name in the file, for errors.
         limit: Largest plausible magnitude.
+        remedy: Action for the user.
 
     Raises:
         FileError: A word is no number, not finite or beyond the limit.
@@ -91,7 +97,7 @@ def parse_numbers(
                 path,
                 f"{place} value {position} is '{shortened(word, 24)}', expected a finite number of "
                 f"magnitude up to {limit:g}".lstrip(),
-                REMEDY,
+                remedy,
             )
         numbers.append(number)
     return numbers

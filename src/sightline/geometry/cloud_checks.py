@@ -34,6 +34,8 @@ _USUAL_SCALES: Final = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 _MAX_MEDIAN_CM: Final = 4000.0
 """Largest median range in centimetres; that of real sweeps is 6 to 18 m."""
 _MAX_MEDIAN_MM: Final = 100_000.0
+_MAX_NUMBER_M: Final = 1e9
+"""Largest median range in any unit and frame: a map in nanometres would be beyond."""
 _SHORT_BYTES: Final = 2
 _MIN_RINGS: Final = 4
 _MAX_RING: Final = 1e6
@@ -389,6 +391,11 @@ def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str]
         f"{len(places)} points, half of them farther away than {middle_m:.4g} m, expected up to "
         f"{MAX_RANGE_M:.0f} m"
     )
+    if middle_m > _MAX_NUMBER_M:
+        return (
+            f"{problem}: these are no coordinates, but bytes in the wrong order or of other fields",
+            "correct the byte order (is_bigendian of PointCloud2) or the fields' offsets and types",
+        )
     spread_m = float(np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
     if spread_m <= MAX_RANGE_M:
         return (

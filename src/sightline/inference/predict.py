@@ -22,6 +22,7 @@ from sightline.jobs.output_dirs import (
     claim_folders,
     data_name,
     finished_names,
+    is_finished,
 )
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
@@ -287,9 +288,19 @@ def output_claims(
 
 
 def write_prediction(places: Places, sample: CameraLidarSample, prediction: object) -> str:
-    """Write the files of one prediction, and return the remark on it; empty: none."""
+    """Write the files of one prediction, and return the remark on it; empty: none.
+
+    Raises:
+        ValueError: The writer of an output leaves no file of the given name.
+    """
     for output, folder in places:
-        output.write(folder / f"{sample.sample_id}{output.suffix}", sample, prediction)
+        path = folder / f"{sample.sample_id}{output.suffix}"
+        output.write(path, sample, prediction)
+        if not is_finished(path):
+            raise ValueError(
+                f"the writer of the output {output.name} wrote no {path.name}, or an empty one; "
+                "write exactly the given file (np.save, for one, adds .npy to other suffixes)"
+            )
     remarks = (output.remark(prediction) for output, _ in places if output.remark is not None)
     return "; ".join(filter(None, remarks))
 
