@@ -262,6 +262,9 @@ def test_rows_that_a_masked_array_masks_are_no_echoes():
         (IMAGE / 255, r"\(255 \* image\).round\(\).clip\(0, 255\) as uint8"),
         (IMAGE.astype(np.float32), r"\(image\).round\(\)"),
         (np.full((4, 5, 3), np.nan), "round its levels"),
+        (IMAGE / 255 * 1.2 - 0.1, r"round its levels: \(255 \* image\).round"),  # as by resizing
+        (IMAGE * 1.2 - 25.0, r"round its levels: \(image\).round"),
+        (IMAGE - 110.0, r"normalised: give \(image \* std \+ mean\).round\(\)"),
         (IMAGE.transpose(2, 0, 1), "channels first: give image.transpose"),
         (torch.from_numpy(IMAGE), "channels last: give image.permute"),
         (np.dstack((IMAGE, IMAGE[..., :1])), "leave its fourth channel out"),
@@ -286,7 +289,27 @@ def test_a_picture_of_shares_in_whole_numbers_is_doubted_and_a_black_one_is_not(
     with pytest.warns(UserWarning, match=r"no level above 1 of 255.* give .255 \* image"):
         image_planes((IMAGE / 255).round().astype(np.uint8))
     assert not image_planes(np.zeros_like(IMAGE)).any()
-    assert image_planes((IMAGE > 99) * np.uint8(2)).max() == 2
+    assert image_planes((IMAGE > 99) * np.uint8(4)).max() == 4
+
+
+@pytest.mark.parametrize(
+    ("mean", "std"), [(0.5, 0.5), ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))]
+)
+def test_a_normalised_picture_is_told_how_to_undo_it_and_is_then_the_same(mean, std):
+    image = (IMAGE / 255 - mean) / std
+    with pytest.raises(ValueError, match="are probably normalised: give ") as error:
+        image_planes(image)
+    remedy = str(error.value).split(": give ")[1].split(" as uint8")[0]
+    undone = eval(remedy, {"image": image, "mean": mean, "std": std})
+    assert np.array_equal(image_planes(undone.astype(np.uint8)), image_planes(IMAGE))
+    with pytest.raises(ValueError, match=r"mean and std \(of shape 3, 1, 1; 0.5 and 0.5 for level"):
+        image_planes(torch.tensor(image).permute(2, 0, 1))
+
+
+def test_a_normalised_picture_that_was_only_rounded_is_doubted():
+    rounded = ((IMAGE / 255 - 0.45) / 0.22).round().clip(0, 255).astype(np.uint8)
+    with pytest.warns(UserWarning, match=r"no level above 2 of 255.* give .255 \* \(image \* std"):
+        image_planes(rounded)
 
 
 def test_a_sample_has_a_picture_of_its_own():

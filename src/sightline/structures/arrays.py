@@ -7,7 +7,7 @@ from typing import Final, SupportsFloat
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64, Shaped, UInt8
+from jaxtyping import Float, Float32, Float64, Shaped, UInt8
 from torch import Tensor
 
 from sightline.geometry.arguments import short_repr
@@ -37,6 +37,9 @@ from sightline.geometry.projection import project_points
 
 _INTENSITY_FIELDS: Final = ("intensity", "reflectivity", "reflectance", "i")
 _MAX_LISTED_FIELDS: Final = 12  # in an error message
+_OVERSHOOT: Final = 0.25  # of a picture's levels beyond its scale, as by cubic interpolation
+_MAX_NORMALISED: Final = 10.0  # magnitude; ImageNet's mean and std give -2.2 to 2.7
+_BLACK_LEVEL: Final = 3  # highest level of a normalised picture that was only rounded
 
 
 def plain_number(name: str, value: SupportsFloat) -> float:
@@ -59,7 +62,7 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
         image: 8 bits, colour or grey; an array of height, width (, 3 or 1), or a tensor of
             3, height, width.
 
-    Warns of grey, and of the levels 0 and 1 alone.
+    Warns of grey, and of levels from 0 to 3 alone.
 
     Raises:
         ValueError: The picture has another type or shape.
@@ -82,11 +85,17 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
 
 
 def warn_of_levels(image: UInt8[np.ndarray, "..."], *, stacklevel: int) -> None:
-    """Warn of a picture with no other levels than 0 and 1."""
-    if image.max() == 1:
+    """Warn of a picture with no level above 3, but not of one of zeros alone."""
+    brightest = image.max()
+    if 0 < brightest <= _BLACK_LEVEL:
+        cause = (
+            "of shares from 0 to 1; give (255 * image).round() as uint8"
+            if brightest == 1
+            else "a normalised one; give (255 * (image * std + mean)).round() as uint8"
+        )
         warnings.warn(
-            "the image has no level above 1 of 255, which is all but black: it is probably of "
-            "shares from 0 to 1; give (255 * image).round() as uint8",
+            f"the image has no level above {brightest} of 255, which is all but black: before "
+            f"rounding it was probably {cause}",
             stacklevel=stacklevel,
         )
 
@@ -101,9 +110,7 @@ def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -
     if not given.size:
         return "it holds no pixel: give a whole picture"
     if given.dtype != np.uint8 and given.dtype.kind == "f":
-        largest = float(np.nanmax(given)) if given.size and np.isfinite(given).any() else 0.0
-        scale = "255 * image" if largest <= 1 else "image"
-        return f"round its levels: ({scale}).round().clip(0, 255) as uint8"
+        return _rounding_remedy(given[np.isfinite(given)], is_tensor=is_tensor)
     if given.dtype != np.uint8:
         return "convert it to RGB of 8 bits"
     if not is_tensor and height_first:
@@ -113,6 +120,25 @@ def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -
     if given.shape[0 if is_tensor else -1] == 4:
         return "leave its fourth channel out"
     return "convert it to RGB of 8 bits"
+
+
+def _rounding_remedy(levels: Float[np.ndarray, " num_levels"], *, is_tensor: bool) -> str:
+    """Choose the remedy for a picture of float levels: their rounding, scaled if necessary.
+
+    Cubic interpolation exceeds the levels' scale a little; farther below 0 they are normalised.
+    """
+    darkest, brightest = (levels.min(), levels.max()) if levels.size else (0.0, 0.0)
+    if darkest < -_OVERSHOOT * max(brightest, 1):
+        shares = "image * std + mean"
+        is_small = max(brightest, -darkest) <= _MAX_NORMALISED
+        return (
+            f"its levels from {darkest:.3g} to {brightest:.3g} are probably normalised: give "
+            f"({f'255 * ({shares})' if is_small else shares}).round().clip(0, 255) as uint8 with "
+            f"the normalisation's mean and std ({'of shape 3, 1, 1; ' * is_tensor}0.5 and 0.5 for "
+            "levels from -1 to 1)"
+        )
+    scale = "255 * image" if brightest <= 1 + _OVERSHOOT else "image"
+    return f"round its levels: ({scale}).round().clip(0, 255) as uint8"
 
 
 def sweep_points(
