@@ -166,6 +166,9 @@ def test_a_calibration_and_a_depth_that_no_sensors_have_are_warned_of_as_elsewhe
     given = {"image": IMAGE, "points": POINTS}
     with pytest.warns(UserWarning, match="camera_from_lidar is probably inverted"):
         corrupt_arrays("camera_fog", 1, **given, **{**MATRICES, "camera_from_lidar": inverted})
+    skewed = MATRICES["image_from_camera"] + np.eye(3, 4, 1) * [[50], [0], [0]]
+    with pytest.warns(UserWarning, match="^image_from_camera has skewed pixel axes .50 and 0 px"):
+        corrupt_arrays("camera_fog", 1, **given, **{**MATRICES, "image_from_camera": skewed})
     doubled = MATRICES["image_from_camera"] * [[2], [2], [1]]
     with pytest.warns(UserWarning, match="^image_from_camera has its principal point .* another r"):
         corrupt_arrays("camera_fog", 1, **given, **{**MATRICES, "image_from_camera": doubled})

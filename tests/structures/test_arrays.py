@@ -47,6 +47,20 @@ def test_a_principal_point_of_another_image_is_doubted():
         CameraLidarSample.from_arrays(calibration, image=IMAGE, points=POINTS)
 
 
+def test_a_camera_matrix_is_doubted_once_and_as_that_of_a_recording(recwarn):
+    skewed, in_mm = CAMERA_MATRIX.copy(), CAMERA_MATRIX.copy()
+    skewed[0, 1] = 120
+    in_mm[:2] /= 200
+    for matrix in (skewed, in_mm):
+        calibration = Calibration.from_matrices(matrix, CAMERA_FROM_LIDAR)
+        CameraLidarSample.from_arrays(calibration, image=IMAGE, points=POINTS)
+    assert [str(each.message) for each in recwarn] == [
+        "camera_matrix has skewed pixel axes (120 and 0 px), expected 0 for a rectified camera",
+        "camera_matrix has focal lengths of 3.60769 and 3.60769 px, which do not fit an image of "
+        "375x1242 (height x width): they are probably in millimetres, expected pixels",
+    ]
+
+
 def test_the_height_of_the_lidar_is_estimated_from_the_points_if_it_is_not_given():
     made = CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=POINTS)
     assert made.lidar_height_m == pytest.approx(1.73, abs=0.1)

@@ -27,7 +27,7 @@ from sightline.geometry.arguments import plain_size, plain_text, short_repr, wro
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.given_arrays import Given, given_array
-from sightline.geometry.mount import mount_doubt
+from sightline.geometry.mount import mount_doubt, pixel_doubt
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import (
@@ -179,6 +179,9 @@ def _warn_if_inconsistent(
 ) -> None:
     """Warn of a sweep that is unlikely to match the calibration, as `from_arrays` does."""
     doubt = mount_doubt(calibration.camera_from_lidar.numpy())
+    pixels = pixel_doubt(calibration.image_from_camera.numpy())
+    if pixels is not None:
+        warnings.warn(f"image_from_camera {pixels}", stacklevel=3)
     if doubt is not None:
         warnings.warn(f"camera_from_lidar {doubt}", stacklevel=3)
     elif not warn_of_axes(sweep, calibration, stacklevel=4):

@@ -27,6 +27,8 @@ from sightline.geometry.mount import (
     mount_doubt,
     off_centre_doubt,
     resolution_doubt,
+    size_doubt,
+    skew_doubt,
     stretch_doubt,
 )
 from sightline.geometry.road_height import (
@@ -49,8 +51,6 @@ _TRACKING_NAMES: Final = {
     "Tr_imu_velo": "Tr_imu_to_velo",
 }
 """Names of the object benchmark by those of the tracking benchmark."""
-_MAX_SKEW_SHARE: Final = 0.01
-"""Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -425,34 +425,17 @@ def check_intrinsics(
             principal point away from the centre, and a matrix for another resolution.
         remedy: See `check_matrices`.
     """
-    focal_px, principal_px = np.diag(intrinsics)[:2], intrinsics[:2, 2]
-    doubts = []
-    doubt = focal_fault(intrinsics) or (stretch_doubt(intrinsics) if usual else None)
-    if doubt:
-        doubts.append(doubt)
-    skews_px = intrinsics[(0, 1), (1, 0)]
-    if (np.abs(skews_px) > _MAX_SKEW_SHARE * np.abs(focal_px)).any():
-        doubts.append(
-            f"has skewed pixel axes ({skews_px[0]:.6g} and {skews_px[1]:.6g} px), expected 0 for a "
-            "rectified camera"
+    doubt = (
+        focal_fault(intrinsics)
+        or (stretch_doubt(intrinsics) if usual else None)
+        or skew_doubt(intrinsics)
+        or (None if size is None else size_doubt(intrinsics, size))
+    )
+    if doubt is None and usual and size is not None:
+        resolution = resolution_doubt(intrinsics, size)
+        doubt = (
+            off_centre_doubt(intrinsics, size)
+            if resolution is None
+            else f"holds a camera matrix that {resolution}"
         )
-    if size is not None:
-        width_height = np.array(size[::-1])
-        if (np.abs(focal_px) > 100 * width_height).any() or (100 * focal_px < width_height).any():
-            doubts.append(
-                f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, which do not "
-                f"fit an image of {size[0]}x{size[1]} (height x width)"
-            )
-        # The principal point of a cropped camera stays within a few image sizes.
-        if (np.abs(principal_px - width_height / 2) > 3 * width_height).any():
-            doubts.append(
-                f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), far "
-                f"from an image of {size[0]}x{size[1]} (height x width)"
-            )
-        resolution = resolution_doubt(intrinsics, size) if usual else None
-        off_centre = off_centre_doubt(intrinsics, size) if usual else None
-        if resolution is not None:
-            doubts.append(f"holds a camera matrix that {resolution}")
-        elif off_centre is not None:
-            doubts.append(off_centre)
-    return [Problem(path=path, problem=doubt, remedy=remedy) for doubt in doubts[:1]]
+    return [] if doubt is None else [Problem(path=path, problem=doubt, remedy=remedy)]

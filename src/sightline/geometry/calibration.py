@@ -13,7 +13,7 @@ from torch import Tensor
 from sightline.geometry.arguments import short_repr, wrong_type
 from sightline.geometry.checked import checked
 from sightline.geometry.given_arrays import plain_numbers
-from sightline.geometry.mount import camera_fault, mount_doubt, stretch_doubt
+from sightline.geometry.mount import camera_fault, mount_doubt, pixel_doubt
 from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
 
 Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
@@ -55,20 +55,16 @@ class Calibration:
         scale = intrinsics.abs().amax(dim=(-2, -1)).clamp(min=1e-300)
         if (torch.linalg.det(intrinsics / scale[..., None, None]).abs() < 1e-12).any():
             raise ValueError(
-                "the left 3x3 part of image_from_camera (P2) is singular, so no pixel has a ray; "
-                "expected focal lengths other than zero"
+                "the left 3x3 part of the camera matrix (image_from_camera) is singular, so no "
+                "pixel has a ray; expected focal lengths other than zero"
             )
         rotation = self.camera_from_lidar[..., :3, :3]
         is_mirror = torch.linalg.det(rotation) < 0
         error = rotation @ rotation.transpose(-1, -2) - torch.eye(3).to(rotation)
-        if is_mirror.all() and not (error.abs() > ROTATION_TOLERANCE).any():
-            fault = rotation_fault(rotation.reshape(-1, 3, 3)[0].cpu().numpy())
+        is_faulty = is_mirror | (error.abs() > ROTATION_TOLERANCE).any(dim=(-2, -1))
+        if is_faulty.any():
+            fault = rotation_fault(rotation[is_faulty].reshape(-1, 3, 3)[0].cpu().numpy())
             raise ValueError(f"camera_from_lidar holds no rotation: {fault}")
-        if (error.abs() > ROTATION_TOLERANCE).any() or is_mirror.any():
-            raise ValueError(
-                "camera_from_lidar (R0_rect @ Tr_velo_to_cam) does not hold a rotation; expected "
-                "orthonormal rows and determinant +1"
-            )
         bottom = self.camera_from_lidar[..., 3, :]
         if (bottom != bottom.new_tensor([0.0, 0.0, 0.0, 1.0])).any():
             raise ValueError(
@@ -86,7 +82,7 @@ class Calibration:
     ) -> "Calibration":
         """Make a calibration from a camera matrix and extrinsics.
 
-        Warns, with the likely mistake, where no vehicle carries its sensors so or fx is unlike fy.
+        Warns, with the likely mistake, of mounts that no vehicle has or pixels that are no squares.
 
         Examples:
             >>> calibration = Calibration.from_matrices(
@@ -122,7 +118,7 @@ class Calibration:
             ),
         )
         for name, doubt in (
-            ("camera_matrix", stretch_doubt(camera)),
+            ("camera_matrix", pixel_doubt(camera)),
             ("camera_from_lidar", mount_doubt(calibration.camera_from_lidar.numpy())),
         ):
             if doubt is not None:

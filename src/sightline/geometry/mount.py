@@ -24,6 +24,8 @@ MIN_SHARE_IN_IMAGE: Final = 0.01
 
 _MIN_FOCAL_PX = 1.0
 _MAX_STRETCH = 10.0  # largest aspect ratio of a pixel
+_MAX_SKEW_SHARE: Final = 0.01
+"""Largest share of the focal length; KITTI has 0, and this moves no pixel of it by over 2 px."""
 _HANDFUL, _HANDFUL_SHARE = 20, 0.05  # number and share of points in the image
 _MAX_TILT_DEG = 25.0  # between the camera's and the LiDAR's vertical
 _MAX_ASIDE_DEG = 60.0  # between the view and the LiDAR's x axis
@@ -136,6 +138,57 @@ def stretch_doubt(camera_matrix: Float64[np.ndarray, "3 columns"]) -> str | None
         "the other, expected both alike, as pixels are squares; unless images were stretched so, "
         "correct fx or fy"
     )
+
+
+def skew_doubt(camera_matrix: Float64[np.ndarray, "3 columns"]) -> str | None:
+    """Find pixel axes that are not at right angles, as a rectified camera's are; None if they are.
+
+    Returns:
+        The rest of a sentence that begins with the matrix's name.
+    """
+    skews_px = camera_matrix[(0, 1), (1, 0)]
+    if (np.abs(skews_px) <= _MAX_SKEW_SHARE * np.abs(np.diag(camera_matrix)[:2])).all():
+        return None
+    return (
+        f"has skewed pixel axes ({skews_px[0]:.6g} and {skews_px[1]:.6g} px), expected 0 for a "
+        "rectified camera"
+    )
+
+
+def pixel_doubt(camera_matrix: Float64[np.ndarray, "3 columns"]) -> str | None:
+    """Find pixels that are no squares, by `stretch_doubt` and `skew_doubt`; None if they are."""
+    return stretch_doubt(camera_matrix) or skew_doubt(camera_matrix)
+
+
+def size_doubt(
+    camera_matrix: Float64[np.ndarray, "3 columns"], image_size: tuple[int, int]
+) -> str | None:
+    """Find focal lengths or a principal point that no image of a size has; None if they fit.
+
+    Args:
+        camera_matrix: In pixels.
+        image_size: Height, width [px].
+
+    Returns:
+        The rest of a sentence that begins with the matrix's name.
+    """
+    focal_px, principal_px = np.diag(camera_matrix)[:2], camera_matrix[:2, 2]
+    width_height = np.array(image_size[::-1])
+    size = f"an image of {image_size[0]}x{image_size[1]} (height x width)"
+    is_short = bool((100 * focal_px < width_height).any())
+    if is_short or (np.abs(focal_px) > 100 * width_height).any():
+        cause = ": they are probably in millimetres, expected pixels" if is_short else ""
+        return (
+            f"has focal lengths of {focal_px[0]:.6g} and {focal_px[1]:.6g} px, which do not fit "
+            f"{size}{cause}"
+        )
+    # The principal point of a cropped camera stays within a few image sizes.
+    if (np.abs(principal_px - width_height / 2) > 3 * width_height).any():
+        return (
+            f"has its principal point at ({principal_px[0]:.6g}, {principal_px[1]:.6g}), far from "
+            f"{size}"
+        )
+    return None
 
 
 def _stretch(focal_px: Float64[np.ndarray, "2"]) -> float:

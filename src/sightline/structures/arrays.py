@@ -30,6 +30,7 @@ from sightline.geometry.mount import (
     mount_doubt,
     off_centre_doubt,
     resolution_doubt,
+    size_doubt,
 )
 from sightline.geometry.picture_checks import GREY_DOUBT
 from sightline.geometry.plain_arrays import without_masked
@@ -242,7 +243,7 @@ def warn_of_view(
     camera: str = "camera_matrix",
     stacklevel: int = 3,
 ) -> None:
-    """Warn, with the likely cause, if almost no point falls into the image or the image is scaled.
+    """Warn, with the likely cause, if a matrix does not fit the image, or no points fall into it.
 
     Args:
         points: Points in the LiDAR frame.
@@ -252,7 +253,11 @@ def warn_of_view(
         stacklevel: Stack level of the user's call.
     """
     matrix = calibration.image_from_camera.numpy()
-    doubt = resolution_doubt(matrix, image_size) or off_centre_doubt(matrix, image_size)
+    doubt = (
+        size_doubt(matrix, image_size)
+        or resolution_doubt(matrix, image_size)
+        or off_centre_doubt(matrix, image_size)
+    )
     if doubt is not None:
         warnings.warn(f"{camera} {doubt}", stacklevel=stacklevel)
     share = share_in_image(points, calibration, image_size)
