@@ -224,9 +224,26 @@ def test_an_image_of_another_size_is_told_beside_labels_that_do_not_fit_it(tmp_p
 
 
 def test_images_that_lie_on_their_side_are_told_to_be_turned(tmp_path):
+    upright = CAMERA_MATRIX[[1, 0, 2]][:, [1, 0, 2]].tolist()
+    write_recording(
+        tmp_path, ("a",), camera_matrix=upright, image_size={"width": 375, "height": 1242}
+    )
+    problems = {problem.path.name: problem for problem in check_tree(tmp_path)}
+    assert problems.keys() == {"a.jpg", "calibration.yaml"}
+    assert problems["a.jpg"].remedy.startswith("rotate it as when the camera was calibrated")
+    assert "or images turned by 90 degrees" in problems["calibration.yaml"].problem
+
+
+def test_an_image_size_with_width_and_height_exchanged_is_told_once_and_its_remedy_works(tmp_path):
     write_recording(tmp_path, ("a",), image_size={"width": 375, "height": 1242})
     (problem,) = check_tree(tmp_path)
-    assert problem.remedy.startswith("rotate it as when the camera was calibrated")
+    assert problem.path.name == "calibration.yaml"
+    assert problem.problem.startswith("image_size has width 375 and height 1242, but camera_matrix")
+    assert "image 1242 wide and 375 high: exchange width and height" in problem.problem
+    with pytest.raises(ValueError, match=r"calibration.yaml: image_size has width 375"):
+        open_dataset(tmp_path)[0]
+    write_calibration(tmp_path, image_size={"width": 1242, "height": 375})
+    assert open_dataset(tmp_path)[0].image_size == (375, 1242)
 
 
 def test_a_cloud_of_which_nothing_is_left_is_a_problem_of_check(tmp_path):

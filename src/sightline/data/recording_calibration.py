@@ -25,7 +25,7 @@ from sightline.data.undistortion import (
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
-from sightline.geometry.mount import camera_fault
+from sightline.geometry.mount import camera_fault, has_exchanged_size
 from sightline.geometry.road_height import (
     MAX_LIDAR_HEIGHT_M,
     MAX_TILT_DEG,
@@ -51,6 +51,7 @@ _OTHER_FORMATS: Final = {
 }
 """How the files of other formats begin a line."""
 _LIMIT = 1e9
+_EXCHANGED_RATIO: Final = 1.1  # KITTI's principal points are off the middle by up to 1.09
 _REMEDY = "see docs/recordings.md for an example"
 
 
@@ -147,6 +148,7 @@ def require_usable(
     checked_matrices(camera, calibration.matrices.camera_from_lidar)
     _max_intensity(calibration.max_intensity)
     _lidar_height(calibration.lidar_height_m)
+    _refuse_exchanged_size(calibration)
     size = image_size or calibration.image_size
     if size is not None:
         _image_size({"height": size[0], "width": size[1]})
@@ -157,6 +159,19 @@ def require_usable(
             fault = lens_fault(lens.model, lens.coefficients, camera, size)
             if fault is not None:
                 raise ValueError(f"lens {fault}; {LENS_REMEDY}")
+
+
+def _refuse_exchanged_size(calibration: RecordingCalibration) -> None:
+    size = calibration.image_size
+    camera = calibration.matrices.image_from_camera
+    if size is not None and has_exchanged_size(camera, size, max_ratio=_EXCHANGED_RATIO):
+        height, width = size
+        raise ValueError(
+            f"image_size has width {width} and height {height}, but camera_matrix has its "
+            f"principal point in the middle of an image {height} wide and {width} high: exchange "
+            "width and height, or, if images have this size, turn them as when the camera was "
+            "calibrated"
+        )
 
 
 def recording_calibration_text(calibration: RecordingCalibration) -> str:

@@ -248,10 +248,7 @@ def resolution_doubt(
         f"has its principal point in the middle of an image of {calibrated[0]:.0f}x"
         f"{calibrated[1]:.0f} (height x width), but images are {image_size[0]}x{image_size[1]}: "
     )
-    turned = calibrated[::-1] / np.array(image_size)
-    # the ratios of such a wide image are not similar in x and y
-    is_elongated = max(image_size) > _SIMILAR_RATIO**2 * min(image_size)
-    if is_elongated and (np.abs(np.log(turned)) < math.log(_SIMILAR_RATIO)).all():
+    if has_exchanged_size(camera_matrix, image_size):
         return (
             f"{problem}height and width are probably swapped, or images turned by 90 degrees; give "
             "the height first, or turn them back"
@@ -261,6 +258,27 @@ def resolution_doubt(
     if not is_scaled or factors.max() > _SIMILAR_RATIO * factors.min():
         return None
     return f"{problem}it is for another resolution; scale its first two rows, or the images"
+
+
+def has_exchanged_size(
+    camera_matrix: Float64[np.ndarray, "3 columns"],
+    image_size: tuple[int, int],
+    *,
+    max_ratio: float = _SIMILAR_RATIO,
+) -> bool:
+    """Check if the principal point is in the middle of an image with height and width exchanged.
+
+    Args:
+        camera_matrix: In pixels.
+        image_size: Height, width [px].
+        max_ratio: Largest ratio of the exchanged size and that of which the point is the middle.
+    """
+    calibrated = 2 * camera_matrix[:2, 2] + 1  # width, height
+    # the ratios of such a wide image are not similar in x and y
+    is_elongated = max(image_size) > _SIMILAR_RATIO**2 * min(image_size)
+    if not is_elongated or (calibrated <= 0).any():
+        return False
+    return bool((np.abs(np.log(calibrated / np.array(image_size))) < math.log(max_ratio)).all())
 
 
 def off_centre_doubt(
