@@ -31,6 +31,8 @@ _CASES = {
         "open_dataset: velodyne must be one of velodyne, velodyne_reduced, None, got "
         "'velodyne_reducd'; perhaps velodyne_reduced",
     'sample(all_around="no")': "from_arrays: all_around is of type str, expected True or False",
+    'sample(points=[np.array(given.points)] * 2)':
+        "(2, 18472, 4) are 2 clouds, expected one; give one cloud at a time",
     'repr(sample(all_around=np.True_).all_around) + "!"': "True!",
     'sightline.perceive(PACKAGED_FRAMES, "")': "perceive: out is an empty text, expected a path",
     'sightline.perceive(PACKAGED_FRAMES, "~/out")':

@@ -277,3 +277,9 @@ def test_any_bytes_give_a_cloud_or_a_file_error(tmp_path, data, suffix):
         return
     assert points.shape[1] == 4
     assert np.isfinite(points).all()
+
+
+def test_a_file_with_a_batch_of_clouds_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.stack((POINTS, POINTS)))
+    with pytest.raises(FileError, match=r"holds 2 clouds by its shape .*; write one file for"):
+        read_cloud(tmp_path / "a.npy")

@@ -344,6 +344,18 @@ def test_what_is_no_calibration_is_told_how_to_make_one(wrong):
         plain_calibration(wrong)
 
 
+@pytest.mark.parametrize("num_clouds", [2, 3, 8])
+@pytest.mark.parametrize("kind", [np.stack, lambda clouds: torch.tensor(np.stack(clouds))])
+def test_a_batch_of_clouds_is_refused_unless_it_is_given_as_one_sweep(num_clouds, kind):
+    starts = np.linspace(0, 400, num_clouds).astype(int)  # as if turning on between sweeps
+    clouds = [np.roll(POINTS, start, axis=0)[:16000] for start in starts]
+    given = kind(clouds)
+    with pytest.raises(ValueError, match=r"are . clouds, .*; give one cloud at a time") as error:
+        sweep_points(given)
+    assert "or points.reshape(-1, 4) for parts of one sweep" in str(error.value)
+    assert len(sweep_points(np.stack(clouds).reshape(-1, 4))) == 16000 * num_clouds
+
+
 def test_a_cloud_without_heights_is_doubted():
     flat = POINTS * np.float32([1, 1, 0, 1])
     with pytest.warns(UserWarning, match="with z = 0: the cloud is flat; write the measured z"):

@@ -23,6 +23,7 @@ from sightline.data.rings import in_kitti_order
 from sightline.data.velodyne import sweep_rows
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
+from sightline.geometry.cloud_batches import is_batch_of_clouds
 from sightline.geometry.cloud_checks import (
     as_point_rows,
     cloud_fault,
@@ -205,6 +206,13 @@ def _read_npy(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
             f"holds {array.dtype} of shape {array.shape}, expected rows of x, y, z (, intensity), "
             "one per point",
             REMEDY,
+        )
+    if is_batch_of_clouds(array):
+        raise FileError(
+            path,
+            f"holds {len(array)} clouds by its shape {array.shape}, expected one",
+            f"write one file for each, or .reshape(-1, {rows.shape[1]}) if they are parts of one "
+            "sweep",
         )
     warn_of_columns(rows.shape[1], len(rows))
     warn_of_integers(rows.dtype, len(rows))

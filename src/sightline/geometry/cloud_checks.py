@@ -257,8 +257,8 @@ def warn_of_losses(
         warnings.warn(f"{source}: {loss}", stacklevel=3)
 
 
-def is_echo(points: Float[np.ndarray, "num_points 4"]) -> Bool[np.ndarray, " num_points"]:
-    """Mask of the points with an echo: x, y, z are finite and not all zero."""
+def is_echo(points: Float[np.ndarray, "num_points fields"]) -> Bool[np.ndarray, " num_points"]:
+    """Mask of the points with an echo: x, y, z, the first fields, are finite and not all zero."""
     places = points[:, :3]
     has_echo = np.logical_and(_is_finite(places).all(axis=1), places.any(axis=1))
     return np.asarray(has_echo)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from sightline.geometry.arguments import short_repr
 from sightline.geometry.calibration import Calibration
+from sightline.geometry.cloud_batches import is_batch_of_clouds
 from sightline.geometry.cloud_checks import (
     USUAL_LOSS,
     as_point_rows,
@@ -158,9 +159,9 @@ def sweep_points(
         max_intensity: Intensity of a reflectance of 1.
 
     Raises:
-        ValueError: There are fewer than three columns, most points lie beyond 300 m, an intensity
-            is negative, more than one in a hundred lies above max_intensity, or the intensities are
-            ring numbers.
+        ValueError: There are fewer than three columns, or several clouds; most points lie beyond
+            300 m; an intensity is negative, more than one in a hundred lies above max_intensity, or
+            the intensities are ring numbers.
     """
     given = given_array("the points", without_masked(points))
     columns = cloud_columns(given)
@@ -202,7 +203,7 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
     Warns of a missing intensity and of further columns.
 
     Raises:
-        ValueError: There are no such rows.
+        ValueError: There are no such rows, or they are of several clouds.
     """
     plain = points.detach().cpu().numpy() if isinstance(points, Tensor) else np.asarray(points)
     rows = as_point_rows(plain)
@@ -214,6 +215,11 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
         raise ValueError(
             f"the points are {plain.dtype} of shape {plain.shape}, expected numbers in rows of x, "
             f"y, z [m] and perhaps intensity; {remedy}"
+        )
+    if is_batch_of_clouds(plain):
+        raise ValueError(
+            f"the points of shape {plain.shape} are {len(plain)} clouds, expected one; give one "
+            f"cloud at a time, or points.reshape(-1, {rows.shape[1]}) for parts of one sweep"
         )
     warn_of_columns(rows.shape[1], len(rows))
     warn_of_integers(rows.dtype, len(rows))
