@@ -254,6 +254,12 @@ def test_text_is_named_as_text(tmp_path, text, said):
         (lambda cloud: cloud * np.float32([1, 1, 1, 0]), "all intensities are 0, so reflectances"),
         (lambda cloud: cloud * np.float32([1, 1, 1, 0]) + np.float32([0, 0, 0, 1]), "are 1, so"),
         (lambda cloud: cloud / np.float32([1, 1, 1, 255]), "are below a hundredth of max_inten"),
+        (
+            lambda cloud: np.column_stack((cloud[:, :3], np.linspace(0, 0.1, len(cloud)))).astype(
+                "f4"
+            ),
+            "intensities only rise along the cloud",
+        ),
     ],
 )
 def test_a_sweep_with_hardly_anything_in_it_is_doubted(tmp_path, change, said):

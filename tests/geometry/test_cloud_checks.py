@@ -7,11 +7,12 @@ from sightline.geometry.cloud_checks import (
     cloud_fault,
     echoes,
     hollow_doubt,
+    intensity_doubt,
     losses,
-    scale_doubt,
     shape_doubt,
-    warn_of_scale,
+    warn_of_intensities,
 )
+from tests.data.recordings import POINTS
 
 VALUES = st.sampled_from([0.0, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])
 ROWS = st.lists(st.tuples(VALUES, VALUES, VALUES, VALUES), max_size=12)
@@ -105,10 +106,60 @@ def test_the_unit_is_the_one_that_fits(factor, unit):
 
 def test_intensities_that_are_all_alike_are_doubted_but_zeros_are_none():
     with pytest.warns(UserWarning, match="all intensities are 7, so reflectances carry no inf"):
-        warn_of_scale(np.full(200, 7.0), 255.0)
-    warn_of_scale(np.zeros(200), 255.0)  # an error if it warned
-    warn_of_scale(np.full(20, 7.0), 255.0)  # too few points for a warning
-    assert scale_doubt(np.zeros(200), 255.0) is not None
+        warn_of_intensities(with_intensities(np.full(200, 7.0)), 255.0)
+    zeros = with_intensities(np.zeros(200))
+    warn_of_intensities(zeros, 255.0)  # an error if it warned
+    warn_of_intensities(with_intensities(np.full(20, 7.0)), 255.0)  # too few points for a warning
+    assert intensity_doubt(zeros, 255.0) is not None
+
+
+def with_intensities(intensities):
+    points = np.random.default_rng(0).normal(0, 10, (len(intensities), 4))
+    points[:, 3] = intensities
+    return points
+
+
+PLACES = POINTS[:, :3].astype(np.float64)
+DISTANCES_M = np.linalg.norm(PLACES, axis=1)
+
+
+@pytest.mark.parametrize(
+    "intensities",
+    [
+        DISTANCES_M,
+        DISTANCES_M.astype(np.float32) / 100,
+        DISTANCES_M.round(2),
+        (2 * DISTANCES_M).astype(np.uint8),
+        np.minimum(100 * DISTANCES_M, 65535).round(),
+    ],
+)
+def test_distances_in_place_of_intensities_are_doubted(intensities):
+    points = np.column_stack((PLACES, intensities))
+    assert cloud_fault(points, 65535.0) is None
+    with pytest.warns(UserWarning, match="^intensities are the points' distances from the LiDAR, "):
+        warn_of_intensities(points, float(intensities.max()))
+    points[-1, 3] = 0  # in doubt
+    points[0, 3] = 0
+    warn_of_intensities(points, float(intensities.max()))
+
+
+@pytest.mark.parametrize(
+    "times",
+    [np.linspace(0, 0.1, len(PLACES)), np.repeat(np.arange(100.0), 1 + len(PLACES) // 100)],
+)
+def test_times_in_place_of_intensities_are_doubted(times):
+    points = np.column_stack((PLACES, times[: len(PLACES)]))
+    with pytest.warns(UserWarning, match="only rise along the cloud, as times of measurement do;"):
+        warn_of_intensities(points, times.max())
+    points[5, 3] = times.max()
+    warn_of_intensities(points, times.max())  # an error if it warned
+
+
+def test_the_sweeps_of_kitti_have_intensities(kitti_root):
+    paths = sorted(kitti_root.glob("training/velodyne/*.bin"))
+    assert len(paths) == 90
+    for path in paths:
+        assert intensity_doubt(np.fromfile(path, np.float32).reshape(-1, 4), 1.0) is None
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

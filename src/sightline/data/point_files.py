@@ -31,8 +31,8 @@ from sightline.geometry.cloud_checks import (
     reflectances,
     warn_of_columns,
     warn_of_integers,
+    warn_of_intensities,
     warn_of_losses,
-    warn_of_scale,
 )
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
@@ -115,7 +115,7 @@ def checked_cloud(
     if fault is not None:
         problem, remedy = fault
         raise FileError(source, f"holds {problem}", remedy)
-    warn_of_scale(points[:, 3], max_intensity)
+    warn_of_intensities(points, max_intensity)
     points[:, 3] = reflectances(points[:, 3], max_intensity)
     return points
 

@@ -16,7 +16,7 @@ from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import (
     cloud_fault,
     hollow_doubt,
-    scale_doubt,
+    intensity_doubt,
 )
 from sightline.geometry.cloud_layouts import is_big_endian, other_layout
 from sightline.geometry.plain_arrays import shaped_array
@@ -150,8 +150,8 @@ def hollow_sweep(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> lis
     hollow = hollow_doubt(points)
     if hollow is not None:
         return [Problem(path=path, problem=hollow[0], remedy=hollow[1])]
-    scale = scale_doubt(points[:, 3], 1.0)
-    return [] if scale is None else [Problem(path=path, problem=scale[0], remedy=scale[1])]
+    doubt = intensity_doubt(points, 1.0)
+    return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
 
 
 def other_format(content: bytes) -> str | None:

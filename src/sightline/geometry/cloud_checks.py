@@ -22,6 +22,10 @@ USUAL_LOSS: Final = 0.5
 
 _MIN_POINTS_TO_WARN: Final = 100
 _DARK_SHARE: Final = 0.01  # share of max_intensity: for 255, about 1 for the scale [0, 1]
+_MIN_DISTINCT: Final = 50  # distances and times in a cloud
+_DISTANCE_SHARE: Final = 1e-3  # largest error of a distance in place of an intensity
+_DISTANCE_ROUNDING_M: Final = 0.02
+_WHOLE_ROUNDING: Final = 2.0  # also for numbers that were cut off, which lowers the factor
 _MIN_POINTS: Final = 20
 """Smallest number of points to work with; the sparsest automotive radars have hundreds."""
 _DISTINCT_SHARE: Final = 0.4
@@ -136,25 +140,38 @@ def warn_of_integers(dtype: np.dtype[Any], num_points: int) -> None:
         )
 
 
-def warn_of_scale(intensities: Float[np.ndarray, " num_points"], max_intensity: float) -> None:
-    """Warn about the doubts of `scale_doubt`; all zeros mean that the cloud has none."""
-    doubt = scale_doubt(intensities, max_intensity)
-    if doubt is not None and intensities.any():
+def warn_of_intensities(points: Float[np.ndarray, "num_points 4"], max_intensity: float) -> None:
+    """Warn about the doubts of `intensity_doubt`; all zeros mean that the cloud has none."""
+    doubt = intensity_doubt(points, max_intensity)
+    if doubt is not None and points[:, 3].any():
         problem, remedy = doubt
         warnings.warn(f"{problem}; {remedy}", stacklevel=3)
 
 
-def scale_doubt(
-    intensities: Float[np.ndarray, " num_points"], max_intensity: float
+def intensity_doubt(
+    points: Float[np.ndarray, "num_points 4"], max_intensity: float
 ) -> tuple[str, str] | None:
-    """Find intensities that are all equal, or so far below max_intensity that it is wrong.
+    """Find intensities that are distances or times, all equal, or far below max_intensity.
 
     Returns:
         The problem, a sentence about intensities, and the remedy; None if there is none, or fewer
         than a hundred points.
     """
-    if len(intensities) < _MIN_POINTS_TO_WARN:
+    if len(points) < _MIN_POINTS_TO_WARN:
         return None
+    intensities = points[:, 3]
+    kind = (
+        "are the points' distances from the LiDAR, times a constant"
+        if _are_distances(points)
+        else "only rise along the cloud, as times of measurement do"
+        if _are_times(intensities)
+        else None
+    )
+    if kind is not None:
+        return (
+            f"intensities {kind}",
+            "give columns in the order x, y, z, intensity, and zeros for an unknown intensity",
+        )
     darkest, brightest = float(intensities.min()), float(intensities.max())
     if darkest == brightest:
         return (
@@ -175,6 +192,26 @@ def scale_doubt(
             "a reflectance of 1, or scale them; for intensities from 0 to 1 it is 1",
         )
     return None
+
+
+def _are_distances(points: Float[np.ndarray, "num_points 4"]) -> bool:
+    """Check if the fourth column is the distance from the LiDAR times a constant, also rounded."""
+    for few in (points[:_MIN_POINTS_TO_WARN], points):  # the first are enough mostly
+        values = few[:, 3].astype(np.float64)
+        distance_m = np.linalg.norm(few[:, :3].astype(np.float64), axis=1)
+        factor = float(values @ distance_m) / max(float(distance_m @ distance_m), 1e-9)
+        tolerance = factor * (_DISTANCE_SHARE * distance_m + _DISTANCE_ROUNDING_M)
+        if (values == np.rint(values)).all():
+            tolerance += _WHOLE_ROUNDING
+        if (np.abs(values - factor * distance_m) > tolerance).any():
+            return False
+    return len(np.unique(points[:, 3])) >= _MIN_DISTINCT
+
+
+def _are_times(numbers: Float[np.ndarray, " num_points"]) -> bool:
+    """Check if numbers only rise, and in many steps."""
+    steps = np.diff(numbers)
+    return bool((steps >= 0).all() and np.count_nonzero(steps) >= _MIN_DISTINCT)
 
 
 def hollow_doubt(points: Float[np.ndarray, "num_points fields"]) -> tuple[str, str] | None:

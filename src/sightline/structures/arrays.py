@@ -22,8 +22,8 @@ from sightline.geometry.cloud_checks import (
     shape_doubt,
     warn_of_columns,
     warn_of_integers,
+    warn_of_intensities,
     warn_of_losses,
-    warn_of_scale,
 )
 from sightline.geometry.given_arrays import given_array
 from sightline.geometry.mount import (
@@ -194,7 +194,7 @@ def warn_of_cloud(
     shape = shape_doubt(columns[:, :3])
     if shape is not None:
         warnings.warn(f"the cloud {shape[0]}; {shape[1]}", stacklevel=stacklevel)
-    warn_of_scale(columns[:, 3], max_intensity)
+    warn_of_intensities(columns, max_intensity)
 
 
 def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_points 4"]:
