@@ -3,15 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.geometry.cloud_checks import (
-    cloud_fault,
-    echoes,
-    hollow_doubt,
-    intensity_doubt,
-    losses,
-    shape_doubt,
-    warn_of_intensities,
-)
+from sightline.geometry.cloud_checks import cloud_fault, hollow_doubt, shape_doubt
+from sightline.geometry.echoes import echoes, losses
+from sightline.geometry.intensity_checks import intensity_doubt, warn_of_intensities
 from tests.data.recordings import POINTS
 
 VALUES = st.sampled_from([0.0, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])

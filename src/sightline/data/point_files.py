@@ -27,13 +27,11 @@ from sightline.geometry.cloud_batches import is_batch_of_clouds
 from sightline.geometry.cloud_checks import (
     as_point_rows,
     cloud_fault,
-    echoes,
-    reflectances,
     warn_of_columns,
     warn_of_integers,
-    warn_of_intensities,
-    warn_of_losses,
 )
+from sightline.geometry.echoes import echoes, warn_of_losses
+from sightline.geometry.intensity_checks import reflectances, warn_of_intensities
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
 """Suffixes of the files for `read_cloud`, in any case."""

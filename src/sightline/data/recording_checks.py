@@ -39,7 +39,8 @@ from sightline.data.recording_calibration import (
     require_usable,
 )
 from sightline.files.problem import FileError, Problem
-from sightline.geometry.cloud_checks import hollow_doubt, is_echo
+from sightline.geometry.cloud_checks import hollow_doubt
+from sightline.geometry.echoes import is_echo
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
     has_too_few_in_image,

@@ -12,7 +12,8 @@ from sightline.data.ring_elevations import (
     elevations_deg,
     rings_by_elevation,
 )
-from sightline.geometry.cloud_checks import holds_rings, is_echo
+from sightline.geometry.echoes import is_echo
+from sightline.geometry.intensity_checks import holds_rings
 
 NUM_RINGS = 64
 """Lasers of KITTI's sensor (Velodyne HDL-64E), numbered from the top: 0 to 63."""

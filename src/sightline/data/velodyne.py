@@ -13,12 +13,9 @@ from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
-from sightline.geometry.cloud_checks import (
-    cloud_fault,
-    hollow_doubt,
-    intensity_doubt,
-)
+from sightline.geometry.cloud_checks import cloud_fault, hollow_doubt
 from sightline.geometry.cloud_layouts import is_big_endian, other_layout
+from sightline.geometry.intensity_checks import intensity_doubt
 from sightline.geometry.plain_arrays import shaped_array
 
 _POINT_BYTES = 16

@@ -10,12 +10,8 @@ from torch import Tensor
 
 from sightline.data.frame_checks import depth_range_doubt
 from sightline.depth_completion.sparse_map import check_sparse_depth
-from sightline.geometry.cloud_checks import (
-    USUAL_LOSS,
-    as_point_rows,
-    cloud_fault,
-    warn_of_losses,
-)
+from sightline.geometry.cloud_checks import as_point_rows, cloud_fault
+from sightline.geometry.echoes import USUAL_LOSS, warn_of_losses
 from sightline.geometry.given_arrays import given_array
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map

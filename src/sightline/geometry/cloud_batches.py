@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float64, Real
 
-from sightline.geometry.cloud_checks import is_echo
+from sightline.geometry.echoes import is_echo
 
 _MIN_POINTS: Final = 1000  # in each cloud of a batch
 _MIN_ECHOES: Final = 200  # among the compared points of each cloud

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float, Float64
 
-from sightline.geometry.cloud_checks import is_echo
+from sightline.geometry.echoes import is_echo
 from sightline.geometry.mount import MAX_RANGE_M
 
 _OTHER_LAYOUTS: Final = (

@@ -14,18 +14,15 @@ from sightline.geometry.arguments import short_repr
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_batches import is_batch_of_clouds
 from sightline.geometry.cloud_checks import (
-    USUAL_LOSS,
     as_point_rows,
     cloud_fault,
-    echoes,
-    reflectances,
     shape_doubt,
     warn_of_columns,
     warn_of_integers,
-    warn_of_intensities,
-    warn_of_losses,
 )
+from sightline.geometry.echoes import USUAL_LOSS, echoes, warn_of_losses
 from sightline.geometry.given_arrays import given_array
+from sightline.geometry.intensity_checks import reflectances, warn_of_intensities
 from sightline.geometry.mount import (
     MIN_SHARE_IN_IMAGE,
     mount_doubt,

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32
 from sightline.data.importing.bag import Bag
 from sightline.data.importing.bag_messages import cloud_from_message
 from sightline.files.plain_text import shortened
-from sightline.geometry.cloud_checks import echoes
+from sightline.geometry.echoes import echoes
 
 _NUM_CLOUDS: Final = 12  # consecutive clouds at the start of a drive
 _MIN_CLOUDS: Final = 4

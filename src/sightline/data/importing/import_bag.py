@@ -59,7 +59,8 @@ from sightline.data.recording_files import IMAGES, POINTS
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
-from sightline.geometry.cloud_checks import cloud_fault, echoes
+from sightline.geometry.cloud_checks import cloud_fault
+from sightline.geometry.echoes import echoes
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
