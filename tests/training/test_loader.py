@@ -66,6 +66,16 @@ def test_a_worker_that_cannot_send_or_is_killed_ends_the_loading_with_an_error(a
         load(action)
 
 
+def mismatched():
+    torch.zeros(2) + torch.zeros(3)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_an_error_of_pytorch_in_a_worker_is_no_lack_of_memory(workers):
+    with pytest.raises(RuntimeError, match=r"The size of tensor a \(2\) must match"):
+        load(mismatched, workers)
+
+
 def test_a_killed_worker_is_noticed_without_its_signal(monkeypatch):
     monkeypatch.setattr(loader, "_POLL_S", 0.2)
     assert load() == [0, 1, 2]  # PyTorch sets its handler once in a process

@@ -28,7 +28,9 @@ notices it at once, but not if another handler has replaced it or a finalizer sw
 NO_WORKERS_REMEDY: Final = "set --data.init_args.workers 0"
 """Advice to `fit` where workers cannot run."""
 _QUEUES: Final = 3  # beside one for each worker: for results, and room for PyTorch's events
-_TIMED_OUT: Final = "DataLoader timed out"  # in PyTorch's error
+_TIMED_OUT: Final = "DataLoader timed out"
+_ENDED: Final = ("DataLoader worker (pid", "Pin memory thread")
+"""Beginnings of PyTorch's errors; those of the samples' code begin with "Caught"."""
 _SEND_FAILED_STATUS: Final = 3
 """Exit status of a worker that cannot send its batches to the training."""
 
@@ -90,9 +92,12 @@ class BatchLoader(DataLoader[Any]):
                 return
             except RuntimeError as error:
                 waited_s += self.timeout
-                if _TIMED_OUT in str(error) and waited_s < _BATCH_TIMEOUT_S:
+                is_timeout = str(error).startswith(_TIMED_OUT)
+                if is_timeout and waited_s < _BATCH_TIMEOUT_S:
                     continue
-                raise _worker_fault(error) or error from error
+                if not is_timeout and not str(error).startswith(_ENDED):
+                    raise
+                raise _worker_fault(is_timeout=is_timeout) from error
             waited_s = 0.0
             if isinstance(batch, FailedBatch):
                 raise ValueError(batch.reason)
@@ -192,19 +197,17 @@ def _unpickled(pickled: _PickledBatch) -> object:
     return pickle.loads(pickled.content)  # noqa: S301 - from our own worker
 
 
-def _worker_fault(error: RuntimeError) -> ChildProcessError | None:
-    """Error for workers that are gone or hang; None: the error has another cause."""
-    if _TIMED_OUT in str(error):
+def _worker_fault(*, is_timeout: bool) -> ChildProcessError:
+    """Make the error for workers that hang or are gone."""
+    if is_timeout:
         return ChildProcessError(
             f"no worker process has sent a batch for {_BATCH_TIMEOUT_S:g} s; {NO_WORKERS_REMEDY}"
         )
-    if "DataLoader worker" in str(error) or "Pin memory thread" in str(error):
-        return ChildProcessError(
-            "a worker process was ended from outside or could not send a batch; if "
-            "memory or /dev/shm is full, set fewer --data.init_args.workers or "
-            f"{NO_WORKERS_REMEDY}"
-        )
-    return None
+    return ChildProcessError(
+        "a worker process was ended from outside or could not send a batch; if "
+        "memory or /dev/shm is full, set fewer --data.init_args.workers or "
+        f"{NO_WORKERS_REMEDY}"
+    )
 
 
 def _identity(batch: object) -> object:
