@@ -176,3 +176,34 @@ def test_training_frames_of_other_settings_are_not_taken_for_the_checkpoints(
     changes = [f"--data.training={others}"]
     (line,) = scored_after_training(recipes, capsys, f"[{SIX}]", REST, *changes)
     assert "the checkpoint's 6 training frames are not the" in line
+
+
+@pytest.mark.parametrize("use", ["validation", "test"])
+@pytest.mark.parametrize("trained", ["validated", "alone"])
+def test_frames_that_only_one_of_run_and_scoring_holds_out_are_still_compared(
+    recipes, capsys, use, trained
+):
+    train, val = (f"[{{path: ., sample_list: {name}}}]" for name in ("train", "val"))
+    everything = "[{path: .}]"
+    validated, scored = (val, everything) if trained == "validated" else ("[]", val)
+    sources = [f"--data.training={train}", f"--data.validation={validated}", "--data.test=[]"]
+    run_training("fit", ["--config", "toy", *sources], recipes)
+    capsys.readouterr()
+    config = ["--config", "runs/toy/config.yaml", "--run_folder", "runs/toy"]
+    if trained == "validated":
+        config.append(f"--data.validation={everything}")
+    subcommand = {"validation": "validate", "test": "test"}[use]
+    run_training(subcommand, [*config, f"--data.{use}={scored}"], recipes)
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "training" in each]
+    counts = "8 of 9" if trained == "validated" else "1 of 1"
+    assert line.startswith(f"{counts} {use} frames of")
+
+
+def test_other_data_with_the_checkpoints_names_are_told_as_compared_by_name(
+    recipes, capsys, tmp_path
+):
+    elsewhere = toy.write_frames(tmp_path / "elsewhere")
+    changes = ["--data.root", str(elsewhere)]
+    (line,) = scored_after_training(recipes, capsys, "[{path: .}]", "[{path: .}]", *changes)
+    assert line.startswith("9 of 9 test frames of")
+    assert "compared by name), so scores are too good unless the run was trained on another" in line

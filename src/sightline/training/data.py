@@ -4,9 +4,7 @@ Random numbers depend only on the seed, the epoch and the sample, not on the num
 processes or on interruptions.
 """
 
-import hashlib
 import sys
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -41,6 +39,7 @@ from sightline.training.sources import (
     data_tree,
     open_source,
 )
+from sightline.training.trained_frames import FramesByTree, frames_of_checkpoint, frames_state
 
 _UPDATE_STREAM = 1  # distinguishes a batch's seed from the seed of its first sample
 _TRAINING_STREAM = 2  # marks the seed of data shared by the whole training
@@ -248,8 +247,8 @@ class CameraLidarData(lightning.LightningDataModule):
         self.seed = seed
         self.samples_per_epoch = samples_per_epoch
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
-        self._training_frames: dict[Path, set[str]] = {}  # names of the training frames by folder
-        self._checkpoint_frames: dict[Path, set[str]] = {}  # those of a scored checkpoint
+        self._training_frames: FramesByTree = {}
+        self._checkpoint_frames: FramesByTree = {}  # those of a scored checkpoint
         self._printed: set[str] = set()
         self._warned: set[tuple[str, str]] = set()
 
@@ -285,7 +284,7 @@ class CameraLidarData(lightning.LightningDataModule):
 
     def state_dict(self) -> dict[str, Any]:
         """Number and digest of the training frames, for checkpoints."""
-        return _frames_state(self._training_frames)
+        return frames_state(self._training_frames)
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Compare the training frames with a checkpoint's; resuming with others prints a warning.
@@ -304,31 +303,26 @@ class CameraLidarData(lightning.LightningDataModule):
                 f"now has {numbers}: check the lists, or begin a new run"
             )
 
-    def _frames_of_checkpoint(self, state: dict[str, Any]) -> dict[Path, set[str]]:
+    def _frames_of_checkpoint(self, state: dict[str, Any]) -> FramesByTree:
         """List the training frames of a checkpoint by folder, of sources that can be opened.
 
         Empty if they cannot be those of the checkpoint, which is printed: other settings, or other
         data below another root.
         """
-        frames: dict[Path, set[str]] = {}
-        is_complete = True
-        with warnings.catch_warnings(action="ignore"):  # these data are only listed
-            for source in self.sources["training"]:
-                try:
-                    dataset = self._open_source(source, notify=lambda _: None)
-                except (ValueError, OSError):  # scoring does not need them
-                    is_complete = False
-                else:
-                    tree = data_tree(source, self.root)
-                    frames.setdefault(tree, set()).update(dataset.sample_ids)
-        listed = _frames_state(frames)
-        num_listed, num_trained = listed["num_training_frames"], state["num_training_frames"]
-        if listed == state or (not is_complete and num_listed < num_trained):
+        frames, is_possible = frames_of_checkpoint(
+            state,
+            self.sources["training"],
+            self.root,
+            self.preparation.parts,
+            lambda tree: bool(self._held_out_uses(tree)),
+        )
+        if is_possible:
             return frames
+        num_listed = frames_state(frames)["num_training_frames"]
         self._print_once(
-            f"the checkpoint's {num_trained:,} training frames are not the {num_listed:,} of these "
-            "settings, so those among the scored ones are not counted; give the config.yaml and "
-            "the data of its run"
+            f"the checkpoint's {state['num_training_frames']:,} training frames are not the "
+            f"{num_listed:,} of these settings, so those among the scored ones are not counted; "
+            "give the config.yaml and the data of its run"
         )
         return {}
 
@@ -449,12 +443,17 @@ class CameraLidarData(lightning.LightningDataModule):
         """Print the number of scored frames that are training frames, if any."""
         training_frames = (self._training_frames or self._checkpoint_frames).get(tree, set())
         shared = [each for each in sample_ids if each in training_frames]
-        if shared:
-            self._print_once(
-                f"{len(shared)} of {len(sample_ids)} {name} frames of {tree} are also training "
-                f"frames ({shared[0]} first), so scores are too good; remove them from one "
-                "of the lists"
-            )
+        if not shared:
+            return
+        by_name = unless = ""
+        if not self._training_frames:  # no checkpoint records the folders
+            by_name = "; the checkpoint's frames are compared by name"
+            unless = " unless the run was trained on another folder"
+        self._print_once(
+            f"{len(shared)} of {len(sample_ids)} {name} frames of {tree} are also training frames "
+            f"({shared[0]} first{by_name}), so scores are too good{unless}; remove them from one "
+            "of the lists"
+        )
 
     def _print_once(self, line: str) -> None:
         """Print a line, once for any number of sources."""
@@ -466,10 +465,3 @@ class CameraLidarData(lightning.LightningDataModule):
         if self.trainer is None:
             return 0, 1
         return self.trainer.global_rank, self.trainer.world_size
-
-
-def _frames_state(frames_by_tree: dict[Path, set[str]]) -> dict[str, Any]:
-    """Number and digest of frames."""
-    names = [name for ids in frames_by_tree.values() for name in sorted(ids)]
-    digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
-    return {"num_training_frames": len(names), "training_frames": digest}

@@ -1,0 +1,97 @@
+"""Training frames of a run, which checkpoints record by number and names."""
+
+import hashlib
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+from sightline.data.kitti_trees import Part
+from sightline.training.sources import SourceConfig, data_tree, open_source
+
+FramesByTree = dict[Path, set[str]]
+"""Names of frames by folder."""
+
+_DIVIDED_LISTS: Final = ("train", "val")
+"""Lists that depend on the uses of a folder, where it has none."""
+_MAX_TRIED_TREES: Final = 6
+"""Largest number of folders of which every combination of uses is tried."""
+
+
+def frames_state(frames_by_tree: FramesByTree) -> dict[str, Any]:
+    """Compute the number of frames and the digest of their names, without their folders."""
+    names = [name for ids in frames_by_tree.values() for name in sorted(ids)]
+    digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
+    return {"num_training_frames": len(names), "training_frames": digest}
+
+
+def frames_of_checkpoint(
+    state: Mapping[str, Any],
+    sources: Sequence[SourceConfig],
+    root: Path,
+    parts: Collection[Part],
+    is_held_out: Callable[[Path], bool],
+) -> tuple[FramesByTree, bool]:
+    """List the frames of training sources, as the run of a checkpoint may have opened them.
+
+    The present command may validate or test on a folder on which the run did not, or the reverse.
+    So frames are held out from each folder or not, whichever gives the names of the checkpoint.
+
+    Args:
+        state: Number and digest of the checkpoint's training frames.
+        sources: Training sources; those that cannot be opened are left out.
+        root: Base folder of their relative paths.
+        parts: Parts of the samples.
+        is_held_out: Function that tells if the present command holds out frames of a folder.
+
+    Returns:
+        The frames by folder, and whether they can be the checkpoint's.
+    """
+
+    @cache
+    def names(position: int, *, held_out: bool) -> Collection[str] | None:
+        uses = ["validation"] if held_out else []
+        try:
+            opened = open_source(
+                sources[position], root, parts, held_out_for=uses, notify=lambda _: None
+            )
+        except (ValueError, OSError):  # scoring does not need them
+            return None
+        return opened.sample_ids
+
+    trees = [data_tree(source, root) for source in sources]
+    first: tuple[FramesByTree, bool] | None = None
+    with warnings.catch_warnings(action="ignore"):  # these data are only listed
+        for held_out in _divisions(sources, trees, is_held_out):
+            frames: FramesByTree = {}
+            listed = [names(i, held_out=held_out[tree]) for i, tree in enumerate(trees)]
+            for tree, each in zip(trees, listed, strict=True):
+                if each is not None:
+                    frames.setdefault(tree, set()).update(each)
+            found = frames_state(frames)
+            if found == state:
+                return frames, True
+            is_part = found["num_training_frames"] < state["num_training_frames"]
+            first = first or (frames, None in listed and is_part)
+    assert first is not None, "there is one division at least"
+    return first
+
+
+def _divisions(
+    sources: Sequence[SourceConfig], trees: Sequence[Path], is_held_out: Callable[[Path], bool]
+) -> Iterator[dict[Path, bool]]:
+    """Yield for each folder if frames are held out: as the command does, then otherwise."""
+    own = {tree: is_held_out(tree) for tree in trees}
+    yield own
+    divided = {
+        tree: None
+        for source, tree in zip(sources, trees, strict=True)
+        if source.sample_list in _DIVIDED_LISTS
+    }
+    number = len(divided)
+    choices = product((False, True), repeat=number)
+    uniform = ((value,) * number for value in (False, True))
+    for choice in choices if number <= _MAX_TRIED_TREES else uniform:
+        yield own | dict(zip(divided, choice, strict=True))
