@@ -25,6 +25,7 @@ from sightline.structures.sample import CameraLidarSample
 from sightline.training.arguments import check_data_number
 from sightline.training.loader import BatchLoader, FailedBatch, ResumableLoader
 from sightline.training.module import TrainingModule
+from sightline.training.own_code import naming_samples
 from sightline.training.quiet import warning_once
 from sightline.training.sampling import (
     EpochPosition,
@@ -166,23 +167,36 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
 
     def _prepare(self, key: SampleKey, preparation: SamplePreparation) -> FieldwiseBatch:
         epoch, index = key
+        dataset, place = self._place(index)
+        with naming_samples(lambda: (dataset.sample_ids[place],)):
+            rng = np.random.default_rng((self._seed, epoch, index))
+            return preparation.prepare(dataset[place], rng, training=self._training)
+
+    def _place(self, index: int) -> tuple[SampleDataset, int]:
+        """Find the data set of a sample, and its index there."""
         source = int(np.searchsorted(self._ends, index, side="right"))
         start = int(self._ends[source - 1]) if source else 0
-        sample = self._datasets[source][(index - start) % int(self._lengths[source])]
-        rng = np.random.default_rng((self._seed, epoch, index))
-        return preparation.prepare(sample, rng, training=self._training)
+        return self._datasets[source], (index - start) % int(self._lengths[source])
+
+    def _names(self, keys: Sequence[SampleKey]) -> list[str]:
+        """List the names of samples."""
+        places = [self._place(index) for _, index in keys]
+        return [dataset.sample_ids[place] for dataset, place in places]
 
     def __getitems__(self, keys: Sequence[SampleKey]) -> "Batch | FailedBatch | None":
         """Read and prepare a batch; None if it has no samples. PyTorch's loader calls this."""
         if not keys:
             return None
         preparation = self._preparation
-        if self._training:
-            epoch, first = keys[0]
-            rng = np.random.default_rng((self._seed, epoch, first, _UPDATE_STREAM))
-            preparation = preparation.for_update(rng)
         try:
-            return preparation.collate([self._prepare(key, preparation) for key in keys])
+            if self._training:
+                epoch, first = keys[0]
+                rng = np.random.default_rng((self._seed, epoch, first, _UPDATE_STREAM))
+                with naming_samples(lambda: self._names(keys)):
+                    preparation = preparation.for_update(rng)
+            prepared = [self._prepare(key, preparation) for key in keys]
+            with naming_samples(lambda: self._names(keys)):
+                return preparation.collate(prepared)
         except (ValueError, OSError) as error:  # a worker would print a traceback
             return FailedBatch(error_text(error))
 

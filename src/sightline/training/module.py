@@ -32,6 +32,7 @@ from sightline.training.optimizer import (
     make_schedule,
     unmatched_rate_factors,
 )
+from sightline.training.own_code import naming_samples
 from sightline.visualization.lettering import with_title
 
 STEP: Final = "step"
@@ -170,14 +171,12 @@ class TrainingModule(lightning.LightningModule, ABC):
             return
         with self._explaining_failures(batch):
             prediction = self.score(batch)
-        if batch_idx < _NUM_PICTURES and self.loggers:
-            picture = self.picture(batch, prediction)
-            if picture is not None:
-                epoch, step = self._scored_at or (self.current_epoch, self.global_step)
-                title = f"{batch.sample_ids[0]}: epoch {epoch}, after {step:,} steps"
-                _log_picture(
-                    self.loggers, f"validation/{batch_idx}", with_title(picture, title), step
-                )
+            is_drawn = batch_idx < _NUM_PICTURES and self.loggers
+            picture = self.picture(batch, prediction) if is_drawn else None
+        if picture is not None:
+            epoch, step = self._scored_at or (self.current_epoch, self.global_step)
+            title = f"{batch.sample_ids[0]}: epoch {epoch}, after {step:,} steps"
+            _log_picture(self.loggers, f"validation/{batch_idx}", with_title(picture, title), step)
 
     def on_validation_epoch_end(self) -> None:
         """Log the scores."""
@@ -268,19 +267,17 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     @contextmanager
     def _explaining_failures(self, batch: Batch) -> Iterator[None]:
-        """Report a divergence if a batch fails because the weights are not finite, else names it.
-
-        A batch of which the message names a sample stays as it is.
-        """
+        """Report a divergence if a batch fails because the weights are not finite, else name it."""
         try:
-            yield
+            with naming_samples(lambda: batch.sample_ids):
+                yield
         except ValueError as error:
-            if not all(parameter.isfinite().all() for parameter in self.parameters()):
+            if not self._has_finite_weights():
                 raise _diverged("its weights are not finite") from error
-            if any(sample_id in str(error) for sample_id in batch.sample_ids):
-                raise
-            samples = "sample" if len(batch) == 1 else "samples"
-            raise ValueError(f"{samples} {', '.join(batch.sample_ids)}: {error}") from error
+            raise
+
+    def _has_finite_weights(self) -> bool:
+        return all(bool(parameter.isfinite().all()) for parameter in self.parameters())
 
     def _check_finite(self, loss: Tensor) -> None:
         """End a diverged training, whose loss is not finite."""
@@ -294,8 +291,9 @@ class TrainingModule(lightning.LightningModule, ABC):
 
     def _log_scores(self, stage: str) -> None:
         # float32: not every accelerator has more
-        scores = {f"{stage}/{name}": score.float() for name, score in self.scores().items()}
-        self.notes = self.score_notes()
+        with naming_samples(tuple):
+            scores = {f"{stage}/{name}": score.float() for name, score in self.scores().items()}
+            self.notes = self.score_notes()
         with torch.inference_mode(mode=False):  # otherwise training could not use its tensors
             self.metric.reset()
         if self._scored_at is not None:
