@@ -86,6 +86,23 @@ def test_images_of_two_sizes_are_not_joined():
         concatenate((batch(), small))
 
 
+def test_samples_that_are_not_finite_are_listed_by_field_except_where_nan_is_unknown():
+    class Unknown(FramesBatch):
+        nan_fields = ("depth_m",)
+
+    assert batch().non_finite_samples() == {}
+    values = {"image": torch.rand(2, 3, 4, 6), "depth_m": torch.full((2, 1, 4, 6), torch.nan)}
+    values["image"][1, 0, 2, 3] = torch.inf
+    found = (boxes(1), Boxes3D(torch.full((1, 7), torch.nan)))
+    assert batch(**values).non_finite_samples() == {
+        "image": ("000002",),
+        "depth_m": ("000001", "000002"),
+    }
+    assert batch(boxes=found).non_finite_samples() == {"boxes": ("000002",)}
+    unknown = Unknown(sample_ids=("a", "b"), **values)
+    assert unknown.non_finite_samples() == {"image": ("b",)}
+
+
 def test_no_batches_make_no_batch():
     with pytest.raises(ValueError, match="at least one"):
         concatenate(())

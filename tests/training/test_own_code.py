@@ -132,3 +132,24 @@ def test_no_method_of_an_own_module_is_taken_for_the_end_of_an_epoch(recipes, pl
     error = EndingError if kind == "stop" else RuntimeError
     text = shown(recipes, error, MODEL, f"--model.place={place}", f"--model.kind={kind}")
     assert ("sample 0" in text or "samples 0" in text) == (place != "scores")
+
+
+def test_a_sample_that_is_not_finite_is_no_divergence(recipes):
+    text = shown(recipes, ValueError, PREPARATION, "--data.preparation.kind=nan")
+    assert "the batch holds NaN or infinity in image of sample 000005; correct the data" in text
+    assert "learning_rate" not in text
+
+
+@pytest.mark.parametrize(
+    ("sample", "expected"),
+    [
+        ("000005", r"in step 0, with finite weights and a finite batch \(samples .*000005"),
+        ("000001", r"diverged, .*learning_rate.*; if the loss of samples .*000001.* is nan before"),
+    ],
+    ids=["in the first step", "later"],
+)
+def test_losses_that_are_not_finite_for_some_samples_are_told_with_them(recipes, sample, expected):
+    given = [MODEL, "--model.kind=nan", f"--model.sample={sample}"]
+    with pytest.raises(ValueError, match=expected) as raised:
+        run_training("fit", ["--config", "toy", *given], recipes)
+    assert ("learning_rate" in str(raised.value)) == (sample == "000001")

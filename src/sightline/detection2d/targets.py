@@ -1,6 +1,8 @@
 """Ground truth of an image, and batches for the 2D detectors."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from beartype import beartype
@@ -114,6 +116,7 @@ class FrameTruth:
 class DetectionBatch(FieldwiseBatch):
     """Samples of one size. A missing sensor is an image of zeros."""
 
+    nan_fields: ClassVar[Collection[str]] = ("camera_health", "lidar_health")
     sample_ids: tuple[str, ...]
     image: Float32[Tensor, "batch 3 height width"]
     """RGB in [0, 1]."""

@@ -1,6 +1,7 @@
 """Interfaces between tasks and training: batches of samples and losses."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import Field, fields, is_dataclass, replace
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
@@ -53,6 +54,8 @@ class FieldwiseBatch:
 
     __slots__ = ()
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    nan_fields: ClassVar[Collection[str]] = ()
+    """Names of the fields in which NaN stands for an unknown value."""
     sample_ids: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -80,8 +83,31 @@ class FieldwiseBatch:
         """Copy the batch to pinned memory, which a GPU can read directly."""
         return _with_tensors(self, Tensor.pin_memory)
 
+    def non_finite_samples(self) -> dict[str, tuple[str, ...]]:
+        """List samples with an infinity or NaN by the name of the field, except `nan_fields`."""
+        found = {}
+        for field in fields(self):
+            entries = None if field.name in self.nan_fields else getattr(self, field.name)
+            pairs = zip(self.sample_ids, () if entries is None else entries, strict=False)
+            if names := tuple(name for name, entry in pairs if not _is_finite(entry)):
+                found[field.name] = names
+        return found
+
 
 Value = TypeVar("Value")
+
+
+def _is_finite(value: object) -> bool:
+    """Check the numbers in a value, at any depth of tuples and dataclasses."""
+    if isinstance(value, Tensor):
+        return bool(value.isfinite().all())
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, tuple | list):
+        return all(map(_is_finite, value))
+    if is_dataclass(value):
+        return all(_is_finite(getattr(value, field.name)) for field in fields(value))
+    return True
 
 
 def concatenate(batches: Sequence[BatchT]) -> BatchT:

@@ -23,7 +23,7 @@ from torchmetrics import Metric
 from sightline.data.image_file import write_rgb
 from sightline.files.settings import NetworkConfig, config_to_dict
 from sightline.files.weights import CHECKPOINT_KEY, Weights
-from sightline.structures.batch import Batch, Losses
+from sightline.structures.batch import Batch, FieldwiseBatch, Losses
 from sightline.training.initial_weights import check_network, load_initial_weights
 from sightline.training.optimizer import (
     OptimizerConfig,
@@ -32,7 +32,7 @@ from sightline.training.optimizer import (
     make_schedule,
     unmatched_rate_factors,
 )
-from sightline.training.own_code import naming_samples
+from sightline.training.own_code import listed_samples, naming_samples
 from sightline.visualization.lettering import with_title
 
 STEP: Final = "step"
@@ -154,12 +154,12 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Compute and log the loss of a batch and its terms.
 
         Raises:
-            ValueError: The training has diverged.
+            ValueError: The loss is not finite: by the batch, the task's losses, or a divergence.
         """
         del batch_idx
         with self._explaining_failures(batch):
             losses = self.losses(batch)
-        self._check_finite(losses.total)
+        self._check_finite(losses.total, batch)
         terms = {f"training/{name}": value for name, value in losses._asdict().items()}
         self.log_dict(terms, batch_size=len(batch))
         self.log("loss", losses.total, prog_bar=True, logger=False, batch_size=len(batch))
@@ -273,21 +273,53 @@ class TrainingModule(lightning.LightningModule, ABC):
                 yield
         except ValueError as error:
             if not self._has_finite_weights():
-                raise _diverged("its weights are not finite") from error
+                raise self._diverged("its weights are not finite") from error
             raise
 
     def _has_finite_weights(self) -> bool:
         return all(bool(parameter.isfinite().all()) for parameter in self.parameters())
 
-    def _check_finite(self, loss: Tensor) -> None:
-        """End a diverged training, whose loss is not finite."""
+    def _check_finite(self, loss: Tensor, batch: Batch) -> None:
+        """End a training whose loss is not finite."""
         trainer = self._trainer
         if trainer is not None and trainer.precision == "16-mixed":
             return  # its scaler skips such steps
         # Each check synchronises a GPU; on a CPU it is free.
         is_checked = loss.device.type == "cpu" or self.global_step % _FINITE_CHECK_INTERVAL == 0
         if is_checked and not loss.isfinite():
-            raise _diverged(f"its loss is {loss.item()} in step {self.global_step}")
+            raise self._loss_fault(loss, batch)
+
+    def _loss_fault(self, loss: Tensor, batch: Batch) -> ValueError:
+        """Explain a loss that is not finite."""
+        symptom = f"its loss is {loss.item()} in step {self.global_step}"
+        found = batch.non_finite_samples() if isinstance(batch, FieldwiseBatch) else {}
+        if found:
+            places = ", ".join(f"{field} of {listed_samples(ids)}" for field, ids in found.items())
+            return ValueError(
+                f"the training has ended, {symptom}: the batch holds NaN or infinity in {places}; "
+                "correct the data or their preparation, or where NaN means unknown, list the field "
+                f"in {type(batch).__name__}.nan_fields"
+            )
+        if not self._has_finite_weights():
+            return self._diverged(symptom)
+        samples = listed_samples(batch.sample_ids)
+        if self.global_step == 0:
+            return ValueError(
+                f"the training has ended, {symptom}, with finite weights and a finite batch "
+                f"({samples}); correct the task's losses"
+            )
+        otherwise = f"; if the loss of {samples} is {loss.item()} before any step, correct it"
+        return self._diverged(symptom, otherwise)
+
+    def _diverged(self, symptom: str, otherwise: str = "") -> ValueError:
+        """Make the error of a divergence, with a remedy for another cause."""
+        if not otherwise and self.device.type != "cpu":  # not every loss is checked there
+            otherwise = "; a sample with NaN does the same: --trainer.accelerator cpu tells which"
+        return ValueError(
+            f"the training has diverged, {symptom}; restart it in another --run_folder with a "
+            "lower --model.init_args.optimizer.learning_rate, or with "
+            f"--trainer.gradient_clip_val{otherwise}"
+        )
 
     def _log_scores(self, stage: str) -> None:
         # float32: not every accelerator has more
@@ -315,13 +347,6 @@ def _check_resumable(checkpoint: Mapping[str, Any]) -> None:
             f"the checkpoint cannot be resumed: it lacks {', '.join(lacking)}; name a last.ckpt, "
             "or start another run from its weights by --model.init_args.initial_weights"
         )
-
-
-def _diverged(symptom: str) -> ValueError:
-    return ValueError(
-        f"the training has diverged, {symptom}; restart it in another --run_folder with a lower "
-        "--model.init_args.optimizer.learning_rate, or with --trainer.gradient_clip_val"
-    )
 
 
 @rank_zero_only
