@@ -1,5 +1,6 @@
 """Errors of a task's own code name their samples, and none is taken for the end of a loop."""
 
+import re
 import traceback
 from dataclasses import replace
 
@@ -153,3 +154,39 @@ def test_losses_that_are_not_finite_for_some_samples_are_told_with_them(recipes,
     with pytest.raises(ValueError, match=expected) as raised:
         run_training("fit", ["--config", "toy", *given], recipes)
     assert ("learning_rate" in str(raised.value)) == (sample == "000001")
+
+
+class Texts(toy.ToyPreparation):
+    """Preparation that gives one text in place of several."""
+
+    def learned_classes(self):
+        return "Car"
+
+
+class PartText(toy.ToyPreparation):
+    parts = "image"
+
+
+class NoteText(toy.ToyModule):
+    def score_notes(self):
+        return "few frames"
+
+
+class BesideText(toy.ToyModule):
+    monitored_beside = "validation/mse"
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("Texts", "Texts.learned_classes() is the text 'Car', expected a tuple; give ('Car',)"),
+        ("PartText", "PartText.parts is the text 'image', expected a tuple; give ('image',)"),
+        ("NoteText", "NoteText.score_notes() is the text 'few frames', expected a tuple"),
+        ("BesideText", "BesideText.monitored_beside is the text 'validation/mse', expected"),
+    ],
+)
+def test_a_text_in_place_of_several_is_not_taken_by_its_letters(recipes, kind, told):
+    place = "model" if issubclass(globals()[kind], toy.ToyModule) else "data.preparation"
+    given = ["--config", "toy", f"--{place}.class_path=tests.training.test_own_code.{kind}"]
+    with pytest.raises(ValueError, match=re.escape(told)):
+        run_training("fit", given, recipes)

@@ -50,6 +50,16 @@ def plain_text(name: str, value: object) -> str:
     return value
 
 
+def check_collection(name: str, values: object) -> None:
+    """Check that several texts are not given as a single one, whose letters would be taken.
+
+    Raises:
+        ValueError: The value is a text.
+    """
+    if isinstance(values, str):
+        raise ValueError(f"{name} is the text {values!r}, expected a tuple; give ({values!r},)")
+
+
 def plain_path(name: str, value: object, expected: str) -> Path:
     """Convert a value to a path.
 

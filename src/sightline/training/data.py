@@ -19,6 +19,7 @@ from sightline.data.kitti_trees import Part
 from sightline.data.sample_dataset import SampleDataset
 from sightline.files.problem import error_text
 from sightline.files.settings import NetworkConfig
+from sightline.geometry.arguments import check_collection
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.batch import Batch, FieldwiseBatch, concatenate
 from sightline.structures.sample import CameraLidarSample
@@ -383,6 +384,7 @@ class CameraLidarData(lightning.LightningDataModule):
         sources = self.sources[name]
         if not sources:
             raise ValueError(f"there are no sources of {name} samples; set --data.init_args.{name}")
+        check_collection(f"{type(self.preparation).__name__}.parts", self.preparation.parts)
         datasets = []
         for source in sources:
             tree = data_tree(source, self.root)
@@ -434,6 +436,7 @@ class CameraLidarData(lightning.LightningDataModule):
     def _print_absent_classes(self, name: str, datasets: Sequence[SampleDataset]) -> None:
         """Print the classes that no frame shows: not learned in training, else not scored."""
         learned = self.preparation.learned_classes()
+        check_collection(f"{type(self.preparation).__name__}.learned_classes()", learned)
         box = self.preparation.learned_box
         absent = absent_classes(datasets, learned, box) if learned else ()
         if absent:

@@ -23,6 +23,7 @@ from torchmetrics import Metric
 from sightline.data.image_file import write_rgb
 from sightline.files.settings import NetworkConfig, config_to_dict
 from sightline.files.weights import CHECKPOINT_KEY, Weights
+from sightline.geometry.arguments import check_collection
 from sightline.structures.batch import Batch, FieldwiseBatch, Losses
 from sightline.training.initial_weights import check_network, load_initial_weights
 from sightline.training.optimizer import (
@@ -98,6 +99,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             ValueError: The initial weights cannot be read or belong to another network.
         """
         super().__init__()
+        check_collection(f"{type(self).__name__}.monitored_beside", self.monitored_beside)
         # Makes convolutions up to twice as fast, on a CPU and with half precision on a GPU.
         self.network = network.to(memory_format=torch.channels_last)
         self.metric = metric
@@ -326,6 +328,7 @@ class TrainingModule(lightning.LightningModule, ABC):
         with naming_samples(tuple):
             scores = {f"{stage}/{name}": score.float() for name, score in self.scores().items()}
             self.notes = self.score_notes()
+        check_collection(f"{type(self).__name__}.score_notes()", self.notes)
         with torch.inference_mode(mode=False):  # otherwise training could not use its tensors
             self.metric.reset()
         if self._scored_at is not None:
