@@ -7,6 +7,7 @@ import pytest
 from sightline import tasks
 from sightline.cli.main import main
 from sightline.files.weights_header import shipped_names
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.tasks import Task, choose_task, find_task, task_names, weights_of
 from tests.depth_completion.networks import write_tiny_weights
 from tests.toy_task import registration
@@ -96,6 +97,20 @@ def test_a_task_that_is_declared_wrongly_is_told(monkeypatch, capsys, members, f
         find_task("toy-finder")
     assert main(["tasks"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_class_in_place_of_a_task_is_told(monkeypatch):
+    monkeypatch.setattr(registration, "TASK", FinderTask)
+    monkeypatch.setitem(tasks.REGISTRY, "toy-finder", "tests.toy_task.registration:TASK")
+    with pytest.raises(ValueError, match=r"TASK is a class, expected .*; write FinderTask\(\);"):
+        find_task("toy-finder")
+
+
+def test_a_task_that_makes_no_predictor_is_told(monkeypatch, tmp_path, capsys):
+    _place(monkeypatch, predictor=lambda _self, **_: None, methods=("cells",))
+    given = ["predict", "toy-finder", str(PACKAGED_FRAMES), str(tmp_path / "out")]
+    assert main([*given, "--method", "cells"]) == 2
+    assert "the predictor is None, expected an object" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["weights", "out", "workers", "method", "config", "help"])

@@ -171,6 +171,8 @@ def find_task(name: str) -> Task:
 
 def _task_fault(task: Any) -> str | None:  # noqa: ANN401 - perhaps no task
     """Describe how an object breaks `Task`, as the rest of a sentence; None: it does not."""
+    if isinstance(task, type):
+        return f"is a class, expected an object of it; write {task.__name__}()"
     members = [member for member in vars(Task) if not member.startswith("_")]
     absent = [member for member in members if not hasattr(task, member)]
     if absent:

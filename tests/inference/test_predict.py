@@ -6,9 +6,11 @@ import subprocess
 import sys
 import textwrap
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.predict import predict
+from sightline.inference.predictor import check_predictor
 from sightline.jobs.run import JobResult
 from sightline.structures.predictions import DepthMap
 from tests.data.trees import write_drive
@@ -504,3 +507,43 @@ def test_a_frame_whose_points_miss_the_image_is_told_wherever_it_is(data, out):
 
 def test_frames_with_both_sensors_give_no_warning(data, out):
     predict(TASK, BOTH, data, out, workers=1)  # warnings are errors here
+
+
+def fail_in_the_third(sample):
+    if sample.sample_id == "000002":
+        raise KeyError("cls")
+    return sparse(sample)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_error_of_an_own_predictors_code_names_its_frame(data, out, workers):
+    with pytest.raises((KeyError, RuntimeError)) as raised:
+        write(data, out, fail_in_the_third, workers=workers)
+    text = "".join(traceback.format_exception(raised.value))
+    assert "sample 000002" in text
+    assert "in fail_in_the_third" in text
+    assert "KeyError: 'cls'" in text
+
+
+@pytest.mark.parametrize(
+    ("predictor", "told"),
+    [
+        (None, "the predictor is None, expected an object of sightline.inference.predictor"),
+        (FunctionPredictor, "the predictor is the class FunctionPredictor, expected an object"),
+        (
+            FunctionPredictor(sparse, made_by={"weights": Path("a")}),
+            r"FunctionPredictor\.made_by\['weights'\] is of type pathlib.PosixPath, expected text",
+        ),
+        (FunctionPredictor(sparse, name=Path("a")), "Predictor.name is of type pathlib.PosixPath"),
+        (FunctionPredictor(sparse, gives="depth"), r"gives is the text 'depth', .* \('depth',\)$"),
+    ],
+)
+def test_a_predictor_that_declares_what_no_manifest_can_hold_is_refused(predictor, told):
+    with pytest.raises(ValueError, match=told):
+        check_predictor(predictor)
+
+
+def test_what_predictors_declare_is_checked_before_any_work(data, out):
+    with pytest.raises(ValueError, match=r"made_by\['x'\] is of type numpy.float32, expected text"):
+        write(data, out, made_by={"x": np.float32(1)})
+    assert not out.exists()

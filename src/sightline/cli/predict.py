@@ -148,6 +148,7 @@ def _run(
         refuse_with_pack(sample_list=sample_list, overwrite=overwrite, **also)
     from sightline.data.open import existing_folder
     from sightline.inference.predict import predict, predict_shards
+    from sightline.inference.predictor import check_predictor
 
     if method is not None:
         refuse_engine(engine, device)
@@ -159,6 +160,7 @@ def _run(
         device=device,
         threads=1,  # per worker; with several threads PyTorch's last digits differ
     )
+    check_predictor(predictor)
     announce_engine(engine, predictor.made_by.get("engine"), device)
     switches = [switch.name for switch in task.switches if task_options[switch.name]]
     job: dict[str, Any] = {

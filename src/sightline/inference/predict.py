@@ -14,7 +14,7 @@ from sightline.data.pixels import is_in_view
 from sightline.data.sample_dataset import SampleDataset
 from sightline.data.sample_files import sweeps_folder, warn_of_missing_sensors
 from sightline.inference.packed import pack_results
-from sightline.inference.predictor import Output, PredictingTask, Predictor
+from sightline.inference.predictor import Output, PredictingTask, Predictor, check_predictor
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     Claim,
@@ -75,6 +75,7 @@ def predict(
             be written to, the predictor lacks an output, there is no such switch, or the numbers of
             workers and shards are invalid. Errors about a sample name it; finished samples stay.
     """
+    check_predictor(predictor)
     check_workers(workers, driver)
     shard((), shard_index, num_shards)  # refuses an invalid one before the data are opened
     places = output_places(task, predictor, out, also or {})
@@ -134,6 +135,7 @@ def predict_shards(
 
     The arguments are those of `predict`; see `pack_results` for `out` and the errors.
     """
+    check_predictor(predictor)
     changes = _changes(task, switches)
     writer = _ShardWriter(task, predictor, tuple(changes.items()), velodyne, around)
     return pack_results(

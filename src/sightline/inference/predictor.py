@@ -1,9 +1,12 @@
 """Interfaces of predictors and their outputs; imports neither PyTorch nor any task."""
 
+import json
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+from sightline.geometry.arguments import check_collection, type_name
 
 if TYPE_CHECKING:
     from sightline.data.kitti_trees import Part
@@ -50,6 +53,34 @@ class Predictor(Protocol):
             ValueError: The sample lacks a required part.
         """
         ...
+
+
+def check_predictor(predictor: object) -> None:
+    """Check the members that a predictor declares, before the first sample.
+
+    Raises:
+        ValueError: It is none, or a class; or its names or its entries of a manifest are no text.
+    """
+    if predictor is None or isinstance(predictor, type):
+        given = "None" if predictor is None else f"the class {predictor.__name__}"
+        raise ValueError(
+            f"the predictor is {given}, expected an object of "
+            "sightline.inference.predictor.Predictor; return one, made by its constructor"
+        )
+    kind = type(predictor).__name__
+    name: object = getattr(predictor, "name", "")
+    if not isinstance(name, str):
+        raise ValueError(f"{kind}.name is of type {type_name(name)}, expected text; give str(..)")
+    for member in ("parts", "needs", "gives"):
+        check_collection(f"{kind}.{member}", getattr(predictor, member, ()))
+    for entry, value in getattr(predictor, "made_by", {}).items():
+        try:
+            json.dumps(value)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"{kind}.made_by[{entry!r}] is of type {type_name(value)}, expected text for "
+                "manifests; give str(..)"
+            ) from error
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -212,6 +212,7 @@ class _Attempt:
             return f"{work}: {problem}\n{self.way_on}"
         except Exception as error:
             if (fault := memory_fault(error)) is None:
+                error.add_note(str(work))
                 raise
             return f"{work}: {fault}\n{_RUN_AGAIN}"
         return f"\n{note}" if note else ""

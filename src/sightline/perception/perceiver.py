@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from sightline.data.sample_dataset import SampleDataset
 from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
-from sightline.inference.predictor import Predictor, lacking_parts
+from sightline.inference.predictor import Predictor, check_predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
 from sightline.joining.alignment import Alignment, AlignmentConfig
 from sightline.joining.alignment_by_boxes import turn_by_boxes
@@ -108,6 +108,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
             raise ValueError(f"all tasks are left out; use at least one of {', '.join(REGISTRY)}")
         for name, predictor in predictors.items():
             find_task(name)
+            check_predictor(predictor)
             own = getattr(predictor, "network_task", None)
             if own is not None and own.name != name:
                 raise ValueError(f"{predictor.name} is of task {own.name}, not {name}; name that")
