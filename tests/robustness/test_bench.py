@@ -311,6 +311,13 @@ def test_a_folder_of_another_run_is_refused(oracle_run):
         detect(out, seed=4)
 
 
+def test_a_class_in_place_of_a_predictor_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(OracleTask, "predictor", lambda *_, **__: Oracle)
+    with pytest.raises(ValueError, match="the predictor is the class Oracle, expected an object"):
+        detect(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_data_without_the_part_that_a_case_breaks_are_refused_by_the_case(tmp_path):
     shutil.copytree(PACKAGED_FRAMES / "training", tmp_path / "data" / "training")
     shutil.rmtree(tmp_path / "data" / "training" / "image_2")

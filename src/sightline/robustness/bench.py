@@ -20,7 +20,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
-from sightline.inference.predictor import Predictor
+from sightline.inference.predictor import Predictor, check_predictor
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
 from sightline.robustness.comparable import check_baseline, check_healthy
@@ -183,6 +183,8 @@ def run_bench(
         task.predictor(method=name, weights=file, engine=engine, device=device, threads=1)
         for name, file in methods
     ]
+    for each in predictors:
+        check_predictor(each)
     dataset = open_frames(
         data,
         {*scoring.parts, *(part for each in predictors for part in each.parts)},
