@@ -8,7 +8,7 @@ import warnings
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 
 from sightline.geometry.echoes import is_echo
 
@@ -50,7 +50,7 @@ def intensity_fault(
             "instead of intensities",
             "give columns in the order x, y, z, intensity",
         )
-    if intensities.min() < 0 or (intensities > max_intensity).mean() > _BRIGHTER_SHARE:
+    if intensities.min() < 0 or exceeds_scale(intensities > max_intensity):
         problem = (
             f"intensities from {intensities.min():.4g} to {intensities.max():.4g}, expected 0 to "
             f"{max_intensity:.6g}"
@@ -76,6 +76,11 @@ def intensity_fault(
             f"probably {_likely_scale(intensities):.6g}"
         )
     return None
+
+
+def exceeds_scale(is_above: Bool[np.ndarray, " num_points"]) -> bool:
+    """Check if more points are above a scale than retroreflectors are: one in a hundred."""
+    return bool(len(is_above) and is_above.mean() > _BRIGHTER_SHARE)
 
 
 def warn_of_intensities(points: Float[np.ndarray, "num_points 4"], max_intensity: float) -> None:

@@ -80,6 +80,21 @@ def test_the_scale_of_intensities_is_guessed_by_bits(tmp_path, largest, scale):
     assert found == pytest.approx(largest / scale, rel=1e-3)
 
 
+@pytest.mark.parametrize(("scale", "guessed"), [(1000, 1023), (200, 255)])
+def test_later_sweeps_above_the_guessed_scale_are_kept_and_told(tmp_path, scale, guessed):
+    sweeps = distinct(POINTS * np.float32([1, 1, 1, scale]), 13)
+    for number in (1, 7):  # between the sweeps that are tried
+        sweeps[number][: len(POINTS) // 2, 3] = 1500
+    report = str(imported(tmp_path, sweeps))
+    assert f"intensities of 0 to {guessed}" in report
+    assert "13 frames written" in report
+    assert "warning: 2 sweeps, e.g. that of frame 000001, have more than one point in a" in report
+    assert open_dataset(tmp_path / "out")[1].points[:, 3].max() == 1
+    (tmp_path / "given").mkdir()
+    given = imported(tmp_path / "given", sweeps, max_intensity=2000.0)
+    assert "have more than one point" not in str(given)
+
+
 @pytest.mark.parametrize("fault", ["negative", "millimetres"])
 def test_one_faulty_sweep_does_not_decide_the_scale_of_intensities(tmp_path, fault):
     sweeps = distinct(FULL, 5)

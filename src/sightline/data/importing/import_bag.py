@@ -61,6 +61,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.echoes import echoes
+from sightline.geometry.intensity_checks import exceeds_scale
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
@@ -112,7 +113,8 @@ def import_bag(
         notes += bag.count_notes(bag.num_read)
         intensity = max_intensity or given.max_intensity
         clouds = _some_clouds(bag, topics, pairs)
-        if max_intensity is None and intensity == 1:
+        is_guessed = max_intensity is None and intensity == 1
+        if is_guessed:
             intensity = _guess_intensity(clouds)
         upright_from_old = turn_upright(clouds, given.matrices.camera_from_lidar)
         new_from_upright, angle_deg = turn_ahead(
@@ -133,7 +135,7 @@ def import_bag(
             "calibration": recording_calibration_text(written),
         }
         names = [f"{number:06}" for number in range(len(pairs.positions))]
-        frames = _Frames(out, topics, written, intensity, new_from_old)
+        frames = _Frames(out, topics, written, intensity, is_guessed, new_from_old)
         frames.try_first(
             bag, dict(zip(names[:_MAX_TRIED_FRAMES], pairs.positions, strict=False)), source
         )
@@ -172,12 +174,16 @@ class _Frames:
     topics: ChosenTopics
     calibration: RecordingCalibration
     max_intensity: float
+    is_guessed: bool
+    """Whether `max_intensity` was guessed from some sweeps."""
     new_from_old: Rigid
     faults: dict[str, ValueError] = field(default_factory=dict)
     """Errors of the left-out frames, by name."""
     doubts: dict[str, Problem] = field(default_factory=dict)
     """Doubts of the frames before the first plausible one, by name."""
     clouds: CloudTally = field(default_factory=CloudTally)
+    bright: list[str] = field(default_factory=list)
+    """Names of the frames whose sweeps exceed the guessed scale."""
     blank: dict[str, bool] = field(default_factory=dict)
     """Whether pictures have a single colour, by name."""
     unread: dict[str, list[int]] = field(default_factory=dict)
@@ -254,6 +260,7 @@ class _Frames:
                 f"warning: frame {name} {doubt.problem}; {doubt.remedy}"
                 for name, doubt in self.doubts.items()
             ),
+            *self._bright_note(),
             *self._blank_note(),
             *self._unread_notes(),
         )
@@ -315,11 +322,31 @@ class _Frames:
     def _cloud(self, name: str, message: Message) -> Callable[[], None]:
         """Read a cloud; return a function that writes it."""
         source = f"topic {shortened(message.topic)}"
-        read = cloud_from_message(message.content, message.topic)
+        read = self._within_scale(name, cloud_from_message(message.content, message.topic))
         self._count_unread(message)
         points, tally = count_echoes(name, read, self.max_intensity, source)
         self.clouds += tally
         return partial(write_cloud, self.out, name, moved_cloud(points, self.new_from_old))
+
+    def _within_scale(self, name: str, points: _Cloud) -> _Cloud:
+        """Limit intensities to a guessed scale of whole numbers, as later sweeps may exceed it."""
+        is_above = np.isfinite(points[:, 3]) & (points[:, 3] > self.max_intensity)
+        if not self.is_guessed or self.max_intensity == 1 or not exceeds_scale(is_above):
+            return points
+        self.bright.append(name)
+        limited = points.copy()
+        limited[is_above, 3] = self.max_intensity
+        return limited
+
+    def _bright_note(self) -> tuple[str, ...]:
+        if not self.bright:
+            return ()
+        return (
+            f"warning: {len(self.bright)} sweeps, e.g. that of frame {self.bright[0]}, have more "
+            f"than one point in a hundred above {self.max_intensity:g}, the guessed intensity of a "
+            "reflectance of 1, which these points get; import again to another folder with "
+            "--max-intensity, if the LiDAR's scale is larger",
+        )
 
 
 def _digest(times_s: Sequence[float | Decimal]) -> str:
