@@ -142,6 +142,10 @@ def test_calibrated_results_have_less_error_and_the_same_order(street, tmp_path)
         assert each.precision.error < 0.6 * car.uncalibrated.precision.error
     written = write_calibrated(street, tmp_path / "out", report, "platt")
     assert written == 60
+    few = replace(street, sample_list=street.sample_list or ["000001", "000002"])
+    assert write_calibrated(few, tmp_path / "out", report, "platt") == len(few.sample_list)
+    with pytest.raises(ValueError, match="made with calibrator platt instead of isotonic"):
+        write_calibrated(street, tmp_path / "out", report, "isotonic")
     again = ScoredFrames(results_dir=tmp_path / "out", labels_dir=street.labels_dir)
     entry = evaluate_calibration(again).entries[0]
     assert entry.uncalibrated.precision.error == pytest.approx(

@@ -82,6 +82,18 @@ def test_most_sweeps_tell_the_number_of_beams():
     assert choose_shipped(DriveChecks(camera=(), lidar=some)).limits == read_limits()
 
 
+@pytest.mark.parametrize(
+    ("rings", "beams"),
+    [(10, 16), (14, 16), (15, 16), (17, 32), (19, 32), (24, 32)],  # VLP-16: 14, 15; HDL-32E: 17..
+)
+def test_the_number_of_beams_is_told_by_the_rings_ahead(rings, beams):
+    lidar = tuple(each._replace(ringless=-np.log2(rings)) for each in checks().lidar)
+    chosen = choose_shipped(DriveChecks(camera=(), lidar=lidar))
+    assert chosen.limits == shipped_limits("png", beams)
+    (told,) = chosen.warnings
+    assert f"judged as of {beams} beams; if your LiDAR has another number, set --lidar-b" in told
+
+
 def test_limits_fitted_to_the_first_frames_fit_sensors_of_any_make():
     def odd(sample):
         grainy = with_image(sample, lambda image: cv2.GaussianBlur(image, (0, 0), 2))

@@ -3,9 +3,12 @@
 KITTI's own matching (`kitti_object`) decides which detections are true, false or ignored.
 """
 
+import hashlib
+import json
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Literal
 
@@ -50,6 +53,7 @@ from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
+from sightline.jobs.output_dirs import acquire_output_dir, data_name
 
 Target = Literal["precision", "overlap"]
 
@@ -175,8 +179,8 @@ def write_calibrated(
         Number of files.
 
     Raises:
-        ValueError: The folder is that of the results or of the labels, or the calibrator was not
-            fitted.
+        ValueError: The folder is that of the results or of the labels, or has other results, or
+            the calibrator was not fitted.
     """
     for folder, content in (
         (data.results_dir, "results to be calibrated"),
@@ -193,6 +197,13 @@ def write_calibrated(
         raise ValueError(f"no calibrator {calibrator} was fitted: name one that was")
     names = frame_names(data_path(data.labels_dir), data.sample_list)
     results = data_path(data.results_dir)
+    settings = {
+        "sightline": version("sightline"),
+        "results": data_name(data.results_dir),
+        "calibrator": calibrator,
+        "fitted": _digest(fitted),
+    }
+    acquire_output_dir(out, settings, results=("*.txt",))
     for name in names:
         objects = read_results(results / f"{name}.txt")
         assert objects.scores is not None, "result files have scores"
@@ -203,6 +214,15 @@ def write_calibrated(
             scores[is_class] = calibrate(scores[is_class])
         write_objects(out / f"{name}.txt", replace(objects, scores=scores), decimals=None)
     return len(names)
+
+
+def _digest(fitted: Mapping[str, Calibrator]) -> str:
+    """Describe fitted calibrators in words that differ where a number does."""
+    numbers = {
+        name: {key: np.asarray(value).tolist() for key, value in asdict(each).items()}
+        for name, each in sorted(fitted.items())
+    }
+    return hashlib.sha256(json.dumps(numbers).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

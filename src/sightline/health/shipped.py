@@ -29,7 +29,9 @@ NUM_CHECKED_FRAMES: Final = 15
 MIN_FIRST_FRAMES: Final = 10
 """Minimum number of frames for limits fitted to the drive itself."""
 
-_RINGS_AHEAD = {64: 40.0, 32: 20.0, 16: 10.0}  # rings in the checked part of a sweep
+_RINGS_AHEAD = {64: 40.0, 32: 20.0, 16: 12.5}
+"""Rings in the checked part of a sweep: of 32 beams 17 (HDL-32E) to 20 (every second one of KITTI's
+LiDAR), of 16 beams 10 (every fourth one) to 15 (VLP-16)."""
 _MIN_JPEG_BLOCKINESS = 0.045  # median of `blocky`; below 0.035 without compression
 _MAX_ALARM_SHARE = 0.2  # of the frames for fitting limits: a sensor may have failed in some
 _RING_QUANTILE = 0.8  # quantile over the frames: in some a LiDAR may have failed
@@ -119,8 +121,8 @@ def choose_shipped(
     if beams is None and found_beams != 64:
         warnings.append(
             f"every sweep has about {rings:.0f} rings ahead, fewer than the 40 of 64 beams: it is "
-            f"judged as of {found_beams} beams; if your LiDAR has 64, set --lidar-beams 64 to "
-            "detect the lost ones"
+            f"judged as of {found_beams} beams; if your LiDAR has another number, set "
+            "--lidar-beams 64, 32 or 16, so that lost ones are detected"
         )
     return ChosenLimits(
         limits=shipped_limits(found_images, found_beams),
