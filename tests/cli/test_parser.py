@@ -200,4 +200,11 @@ def test_settings_of_a_training_that_stand_twice_are_refused(tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     path.write_text("trainer:\n  max_epochs: 1\n  precision: 32\n  max_epochs: 2\n")
     assert main(["fit", "--config", str(path), "--run_folder", str(tmp_path / "run")]) == 2
-    assert "sightline: --config: line 4 has max_epochs a second time" in capsys.readouterr().err
+    assert f"sightline: {path}: line 4 has max_epochs a second time" in capsys.readouterr().err
+
+
+def test_several_merges_in_a_mapping_are_taken(tmp_path, capsys):
+    path = tmp_path / "settings.yaml"
+    path.write_text("x: &x {data: KITTI}\ny: &y {out: o}\nz:\n  <<: *x\n  <<: *y\n")
+    assert main(["predict", "depth-completion", "--config", str(path)]) == 2
+    assert "has the setting x, which the command lacks" in capsys.readouterr().err

@@ -342,7 +342,7 @@ def test_a_sparse_map_of_a_png_s_values_or_millimetres_is_told(weights):
     sparse, image = random_frame(40, 60)
     for wrong in ((256 * sparse).numpy().astype(np.uint16), 1000 * sparse):
         with pytest.warns(
-            UserWarning, match=r"sparse depth map has a 99th percentile .*: give met"
+            UserWarning, match=r"values are above 300 m, beyond every LiDAR: give met"
         ):
             predictor.complete(wrong, image)
     predictor.complete(sparse, image)

@@ -143,12 +143,12 @@ def test_a_report_replaces_no_file_of_packed_results(tmp_path, name):
 @pytest.mark.parametrize(
     ("part", "beside", "root"),
     [
-        ("Q/labels", "calibration.yaml", "Q"),
-        ("Q/depth", "calibration.json", "Q"),
-        ("Q/labels", "calibration/a.yaml", "Q"),
+        ("Q/labels", "calibration.yaml images/a.png", "Q"),
+        ("Q/depth", "calibration.json points/a.pcd", "Q"),
+        ("Q/labels", "calibration/a.yaml images/a.png", "Q"),
         ("Q/labels", "shards.json", "Q"),
-        ("K/label_2", "calib/000000.txt", "K"),
-        ("S/groundtruth_depth", "intrinsics/a.txt", "S"),
+        ("K/label_2", "calib/000000.txt velodyne/000000.bin", "K"),
+        ("S/groundtruth_depth", "intrinsics/a.txt velodyne_raw/a.png", "S"),
         ("D/val/drive/proj_depth/groundtruth/image_02", "../velodyne_raw/image_02/5.png", "D/val"),
         ("D/drive/proj_depth/groundtruth/image_02", "../velodyne_raw/image_02/5.png", "D/drive"),
     ],
@@ -158,18 +158,20 @@ def test_nothing_is_written_into_a_data_set_of_which_one_part_is_named(
 ):
     data = tmp_path / part
     data.mkdir(parents=True)
-    other = data.parent / beside
-    other.parent.mkdir(parents=True, exist_ok=True)
-    other.write_text("input")
-    for output in (other, tmp_path / root / "new.json", data / "new.json"):
-        with pytest.raises(ValueError, match="would change the data set"):
+    others = [data.parent / each for each in beside.split()]
+    for other in others:
+        other.parent.mkdir(parents=True, exist_ok=True)
+        other.write_text("input")
+    for output in (*others, tmp_path / root / "new.json", data / "new.json"):
+        with pytest.raises(ValueError, match=f"would change the data set {tmp_path / root}, which"):
             check_outputs({"--json": output}, data=[data])
     check_outputs({"--json": (tmp_path / root).parent / "new.json"}, data=[data])
 
 
-def test_a_data_set_beside_another_s_calibration_is_not_a_part(tmp_path):
-    for name in ("drive", "labels"):
+def test_folders_of_usual_names_are_no_data_set(tmp_path):
+    for name in ("drive", "labels", "depth", "calibration"):
         (tmp_path / name).mkdir()
-    check_outputs({"--json": tmp_path / "new.json"}, data=[tmp_path / "labels"])
-    (tmp_path / "calibration.yaml").write_text("")
+    for name in ("labels", "depth"):
+        check_outputs({"--json": tmp_path / "results" / "new.json"}, data=[tmp_path / name])
+    (tmp_path / "images").mkdir()
     check_outputs({"--json": tmp_path / "new.json"}, data=[tmp_path / "drive"])

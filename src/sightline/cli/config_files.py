@@ -68,11 +68,25 @@ def _split(words: Sequence[str]) -> tuple[list[str], list[str]]:
     return given, others
 
 
+def check_settings_files(words: Sequence[str]) -> None:
+    """Read the files of settings among a training's words: its parser names none in errors.
+
+    Raises:
+        FileError: A file cannot be read, or is no YAML.
+    """
+    for path in map(Path, _split(words)[0]):
+        if path.is_file():
+            _read(path)
+
+
 def _check_keys(path: Path, command: Any) -> None:  # noqa: ANN401 - any function
-    if not path.is_file():  # a pipe can be read once; a missing file is refused by the parser
-        return
+    if path.is_file():  # a pipe can be read once; a missing file is refused by the parser
+        _check_names(path, _read(path), command)
+
+
+def _read(path: Path) -> object:
     try:
-        _check_names(path, load_value(read_text(path)), command)
+        return load_value(read_text(path))
     except yaml.YAMLError as error:
         raise FileError(path, str(error), "correct the settings") from error
 

@@ -16,7 +16,7 @@ import jsonargparse
 from sightline.cli.adapt import adapt, average, fit_joined
 from sightline.cli.calibration import evaluate_calibration
 from sightline.cli.check import check
-from sightline.cli.config_files import with_config_first
+from sightline.cli.config_files import check_settings_files, with_config_first
 from sightline.cli.corrupt import corrupt
 from sightline.cli.evaluate import (
     depth_command,
@@ -283,6 +283,7 @@ def _run(arguments: list[str]) -> int:
             # Unparsed: Lightning creates the parser for the recipe's classes.
             from sightline.training.command import run_training
 
+            check_settings_files(rest)
             return run_training(training, rest, recipes=PACKAGE_RECIPES)
     commands = _named(_commands(), arguments)
     status = jsonargparse.auto_cli(

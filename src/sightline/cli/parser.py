@@ -47,6 +47,7 @@ _SHORT = {"--page": "-o"}
 _MAX_DEPTH, _MAX_VALUES = 50, 2**16
 """Limits of nesting depth and number of values in one argument or settings file."""
 
+_MERGE = "tag:yaml.org,2002:merge"
 _load_yaml = jsonargparse.get_loader("yaml")
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -111,7 +112,7 @@ def _check_keys(root: yaml.Node) -> None:
             names: set[str] = set()
             for key, _ in values:
                 name, line = str(key.value), key.start_mark.line + 1
-                if name in names:
+                if name in names and key.tag != _MERGE:
                     raise yaml.YAMLError(f"line {line} has {name} a second time")
                 names.add(name)
             values = [value for _, value in values]

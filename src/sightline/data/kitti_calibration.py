@@ -304,10 +304,9 @@ def _read_entries(path: Path | str) -> dict[str, list[str]]:
     entries: dict[str, list[str]] = {}
     for number, line in enumerate(_read(path).split("\n"), start=1):
         name, colon, values = line.strip().partition(":")
-        first, _, others = line.strip().partition(" ")
-        if not colon and first in _TRACKING_NAMES:
-            name, colon, values = first, " ", others
-        name = _TRACKING_NAMES.get(name, name)
+        words = line.split()
+        if words and not colon and words[0] in _TRACKING_NAMES:
+            name, colon, values = words[0], " ", " ".join(words[1:])
         if not name and not colon:
             continue
         if not colon or name in entries:
@@ -319,6 +318,9 @@ def _read_entries(path: Path | str) -> dict[str, list[str]]:
                 _REMEDY,
             )
         entries[name] = values.split()
+    for other, name in _TRACKING_NAMES.items():
+        if other in entries:
+            entries.setdefault(name, entries.pop(other))
     return entries
 
 

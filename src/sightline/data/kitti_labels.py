@@ -52,8 +52,7 @@ _MAX_NAME_LENGTH = 64  # characters of a class
 _MAX_MAGNITUDE = 1e12  # as of calibrations; squares of larger numbers are soon infinite
 _TOO_LARGE = (f"beyond {_MAX_MAGNITUDE:g}", "write metres, radians and pixels")
 _LABEL_FIELDS = 15
-_OTHER_SPACES = tuple(each.encode() for each in "\u00a0\u2007\u202f\u3000")
-"""Spaces that do not separate fields."""
+_MIN_HEADING = 3  # words without a number: of an object even a short line has some
 _LANGUAGES = {b"{": "JSON", b"[": "JSON", b"<": "XML"}  # by their first character
 _RESULT_FIELDS = 16
 _OCCLUSION = 1  # columns of the numbers of a line
@@ -266,8 +265,9 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
         count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
             is_label = len(fields) == _LABEL_FIELDS
-            if any(b"," in field for field in fields):
-                return FileError(source, count, "separate fields by spaces, without commas")
+            if mark := next((each for each in (b",", b";") if each in b"".join(fields)), None):
+                remedy = f"separate fields by spaces, without {mark.decode()}"
+                return FileError(source, count, remedy)
             labels = ", or give result files if these are labels" if is_label else ""
             return FileError(source, count, f"add {', '.join(expected[len(fields) :])}{labels}")
         if len(fields) > _RESULT_FIELDS:
@@ -282,9 +282,10 @@ def _no_object(fields: Sequence[bytes]) -> tuple[str, str] | None:
     """Problem and remedy for a comment, a heading or spaces of other kinds in a line; or None."""
     if fields[0].startswith((b"#", b"//")):
         return "is a comment, expected an object", "remove the line"
-    if fields[0].lower() in (b"type", b"class", b"name") and not any(map(_is_number, fields)):
-        return "is a heading, expected an object", "remove the line"
-    if any(space in field for field in fields for space in _OTHER_SPACES):
+    if len(fields) >= _MIN_HEADING and all(map(_is_word, fields)):
+        return "is a heading or other text, expected an object", "remove the line"
+    text = b"".join(fields).decode(errors="replace")
+    if any(letter.isspace() for letter in text):
         return "has no-break or wide spaces between its fields", "separate fields by plain spaces"
     return None
 
@@ -318,6 +319,15 @@ def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
             "convert them to class names and x_min, y_min, x_max, y_max in pixels",
         )
     return None
+
+
+def _is_word(token: bytes) -> bool:
+    """Check that a field is no number, also none such as nan."""
+    try:
+        float(token)
+    except ValueError:
+        return True
+    return False
 
 
 def _is_number(token: bytes) -> bool:

@@ -204,7 +204,10 @@ def has_points(frames: Sequence[ObjectFrame]) -> bool:
 def _some_clouds(
     frames: Sequence[ObjectFrame],
 ) -> list[Float32[np.ndarray, "_num_points 4"]]:
-    return [_cloud_or_empty(frame) for frame in frames_with_clouds(frames)]
+    clouds = [_cloud_or_empty(frame) for frame in frames_with_clouds(frames)]
+    if not any(map(len, clouds)):  # a LiDAR may start late
+        clouds = [_cloud_or_empty(frame) for frame in frames_with_clouds(frames[::-1])]
+    return clouds
 
 
 def frames_with_clouds(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:

@@ -18,7 +18,7 @@ from sightline.data.undistortion import (
     LENS_REMEDY,
     LensModel,
     check_lens,
-    distorts,
+    is_straight,
     lens_fault,
     lens_model,
 )
@@ -304,6 +304,8 @@ def _lens(value: object) -> Lens | None:
         raise ValueError("lens has invalid coefficients, expected a list of numbers")
     coefficients = tuple(_number(each, "lens: coefficients") for each in value["coefficients"])
     name = str(value.get("model", "plumb_bob"))
+    if is_straight(name, coefficients):
+        return None
     model = lens_model(name, len(coefficients))
     if model is None:
         raise ValueError(
@@ -311,8 +313,6 @@ def _lens(value: object) -> Lens | None:
             f"{', '.join(COEFFICIENTS)} (also radtan, equi, fisheye)"
         )
     check_lens(model, coefficients)
-    if not distorts(model, coefficients):
-        return None
     if value.get("undistort") is not True:
         raise ValueError(
             "lens has distortion, but images must be undistorted: write `undistort: true` beside "

@@ -85,7 +85,8 @@ def view_of_drive(frames: Sequence[ObjectFrame]) -> RecordingView | None:
 
     A drive's first sweep may be empty, or a part of a turn.
     """
-    tried = dict.fromkeys([first_complete_frame(frames), *frames_with_clouds(frames)])
+    some = (*frames_with_clouds(frames), *frames_with_clouds(frames[::-1]))
+    tried = dict.fromkeys([first_complete_frame(frames), *some])
     views = (view for each in tried if (view := view_of_recording(each)) is not None)
     first = next(views, None)
     if first is None or first.doubt is None:

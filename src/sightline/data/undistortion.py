@@ -32,6 +32,9 @@ _LENS_NAMES: Final[dict[str, LensModel]] = {
 }
 """Names of the models in ROS, OpenCV and Kalibr, lower case, letters and digits alone."""
 
+_STRAIGHT_NAMES: Final = ("none", "pinhole", "perspective")
+"""Names of models without distortion."""
+
 LENS_REMEDY: Final = (
     "give the coefficients in the order of the model (k1, k2, p1, p2, k3 ..), as calibrated for "
     "this camera matrix"
@@ -97,6 +100,12 @@ def undistort(
     columns_px, rows_px = _maps(rows, coefficients, model, (image.shape[0], image.shape[1]))
     straight = cv2.remap(image, columns_px, rows_px, cv2.INTER_LINEAR)
     return straight.astype(np.uint8, copy=False)
+
+
+def is_straight(name: str, coefficients: Sequence[float]) -> bool:
+    """Check whether a lens does not distort, by its model's name in ROS, OpenCV or Kalibr."""
+    is_known = lens_model(name, len(coefficients)) in ("plumb_bob", "rational_polynomial")
+    return (is_known or name.lower() in _STRAIGHT_NAMES) and not any(coefficients)
 
 
 def lens_model(name: str, num_coefficients: int) -> LensModel | None:

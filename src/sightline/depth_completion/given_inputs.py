@@ -8,11 +8,11 @@ import torch
 from jaxtyping import Float, Float32, Real
 from torch import Tensor
 
-from sightline.data.frame_checks import depth_range_doubt
 from sightline.depth_completion.sparse_map import check_sparse_depth
 from sightline.geometry.cloud_checks import as_point_rows, cloud_fault
 from sightline.geometry.echoes import USUAL_LOSS, warn_of_losses
 from sightline.geometry.given_arrays import given_array
+from sightline.geometry.mount import MAX_RANGE_M
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.sample import CameraLidarSample, check_finite_points
@@ -62,10 +62,11 @@ def sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
             "complete one map at a time"
         )
     check_sparse_depth(sparse.numpy())
-    doubt = depth_range_doubt(sparse.numpy())
-    if doubt is not None:
+    depths_m = sparse.numpy()[sparse.numpy() > 0]
+    if len(depths_m) and np.median(depths_m) > MAX_RANGE_M:
         warnings.warn(
-            f"the sparse depth map {doubt}: give metres, not values of a PNG or millimetres",
+            f"half of the sparse depth map's values are above {MAX_RANGE_M:g} m, beyond every "
+            "LiDAR: give metres, not values of a PNG or millimetres",
             stacklevel=4,
         )
     return sparse

@@ -26,8 +26,8 @@ _MIN_REACH_M: Final = 1.0
 _MAX_MEDIAN_CM: Final = 4000.0
 """Largest median range in centimetres; that of real sweeps is 6 to 18 m."""
 _MAX_MEDIAN_MM: Final = 100_000.0
-_MAX_NUMBER_M: Final = 1e9
-"""Largest median range in any unit and frame: a map in nanometres would be beyond."""
+_MAX_NUMBER_M: Final = 1e11
+"""Largest median range in any unit and frame: coordinates of UTM in millimetres have 5e9."""
 _SHORT_BYTES: Final = 2
 
 

@@ -22,7 +22,6 @@ from sightline.jobs.output_dirs import (
     claim_folders,
     data_name,
     finished_names,
-    is_finished,
 )
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.structures.sample import CameraLidarSample
@@ -298,10 +297,10 @@ def write_prediction(places: Places, sample: CameraLidarSample, prediction: obje
     for output, folder in places:
         path = folder / f"{sample.sample_id}{output.suffix}"
         output.write(path, sample, prediction)
-        if not is_finished(path):
+        if not path.is_file():
             raise ValueError(
-                f"the writer of the output {output.name} wrote no {path.name}, or an empty one; "
-                "write exactly the given file (np.save, for one, adds .npy to other suffixes)"
+                f"the writer of the output {output.name} wrote no {path.name}; write exactly the "
+                "given file (np.save, for one, adds .npy to other suffixes)"
             )
     remarks = (output.remark(prediction) for output, _ in places if output.remark is not None)
     return "; ".join(filter(None, remarks))

@@ -25,11 +25,11 @@ _PARTS: Final = (
     *("label_2", "labels", "points", "velodyne", "velodyne_raw"),
 )
 """Folders of one part of a data set without splits."""
-_SIBLINGS: Final = (
-    *(MANIFEST, "calib", "calibration", "intrinsics"),
+_SENSORS: Final = ("image", "image_2", "images", "points", "velodyne", "velodyne_raw")
+_CALIBRATIONS: Final = (
+    *("calib", "calibration", "intrinsics"),
     *("calibration.yaml", "calibration.yml", "calibration.json"),
 )
-"""Files and folders beside such a part."""
 """Folders of KITTI's object data set; an output in one lies inside the data set, too."""
 
 MANIFEST_NAME: Final = "sightline.json"
@@ -222,7 +222,7 @@ def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
         check_no_address(output)
         written = Path(os.path.normpath(output.absolute())), output.resolve()
         if any(path.is_relative_to(source) for path in written for source in sources):
-            raise data_change_error(data, output)
+            raise data_change_error(_data_root(data.absolute()), output)
         if output.is_file() and any(_links_to(root, output.resolve()) for root in roots):
             raise data_change_error(data, output)
 
@@ -235,8 +235,16 @@ def _data_root(data: Path) -> Path:
     drive = next((each.parent for each in data.parents if each.name == _DRIVE_DEPTH), None)
     if drive is not None:
         return drive.parent if drive.parent.name in _DRIVE_SPLITS else drive
-    has_siblings = any((data.parent / each).exists() for each in _SIBLINGS)
-    return data.parent if data.name in _PARTS and has_siblings else data
+    is_part = data.name in _PARTS and _is_data_set(data.parent)
+    return data.parent if is_part else data
+
+
+def _is_data_set(folder: Path) -> bool:
+    """Whether a folder has shards, or images or clouds with a calibration."""
+    if (folder / MANIFEST).is_file():
+        return True
+    has_sensor = any((folder / each).is_dir() for each in _SENSORS)
+    return has_sensor and any((folder / each).exists() for each in _CALIBRATIONS)
 
 
 def _targets(folder: Path) -> Iterator[Path]:

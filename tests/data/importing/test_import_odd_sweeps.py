@@ -114,6 +114,20 @@ def test_a_doubtful_first_sweep_is_told_and_refuses_no_others(tmp_path):
     assert "4 frames written" in report
 
 
+def test_several_doubtful_and_empty_first_sweeps_refuse_no_others(tmp_path):
+    ten = [FULL[BY_AZIMUTH[each : each + 10]] for each in (0, 20)]
+    report = str(imported(tmp_path, [*[FULL[:0]] * 4, *ten, *distinct(FULL, 4)]))
+    assert "10 frames written" in report
+    assert "warning: frame 000004 holds only 10 points" in report
+    assert "by the road in its clouds the LiDAR is" in report
+
+
+def test_a_lidar_that_starts_late_is_judged_by_later_sweeps(tmp_path):
+    down = distinct(FULL * np.float32([1, -1, -1, 1]), 3)
+    with pytest.raises(FileError, match=r"-z points up"):
+        imported(tmp_path, [*[FULL[:0]] * 6, *down])
+
+
 def test_doubtful_sweeps_alone_are_refused(tmp_path):
     sweeps = [FULL[BY_AZIMUTH[each : each + 10]] for each in (0, 20, 40)]
     with pytest.raises(FileError, match="unusable recording: it holds only 10 points"):

@@ -153,6 +153,8 @@ def test_lens_models_that_need_more_than_a_name_are_refused(tmp_path):
         ("/front/rectified/image", True),
         ("/front/rect/image", True),
         ("/front/image_undistorted", True),
+        ("/front/undistorted/image_raw", True),
+        ("/rectangle_cam/image", False),
         ("/front/image_raw", False),
         ("/rectifier/image_raw", False),
         ("/front/image_direct", False),
@@ -168,5 +170,6 @@ def test_rectified_images_are_known_by_their_topics(tmp_path, topic, is_straight
         with pytest.raises(ValueError, match=r"the lens distorts .*undistort the images by --undi"):
             import_recording(tmp_path / "drive", tmp_path / "out")
         return
-    import_recording(tmp_path / "drive", tmp_path / "out")
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
     assert read_recording_calibration(tmp_path / "out" / "calibration.yaml").lens is None
+    assert ("count as rectified, by the topic's name" in report) == ("image_" not in topic[6:13])

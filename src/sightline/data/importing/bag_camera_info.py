@@ -13,15 +13,13 @@ from sightline.data.importing.camera_region import ImageRegion, region_of_image
 from sightline.data.importing.frames import Rigid
 from sightline.data.kitti_calibration import check_intrinsics
 from sightline.data.recording_calibration import Lens, checked_matrices
-from sightline.data.undistortion import check_lens, lens_model
+from sightline.data.undistortion import check_lens, is_straight, lens_model
 from sightline.files.plain_text import shortened
 from sightline.geometry.rotations import rotation_fault
 
 CALIBRATION_REMEDY: Final = (
     "give a calibration file by --calibration (docs/recordings.md has an example)"
 )
-_STRAIGHT_MODELS: Final = ("none", "pinhole", "perspective")
-"""Names of models that do not distort; known lens models may have zeros as coefficients, too."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -180,10 +178,9 @@ def _lens(info: Any) -> Lens | None:  # noqa: ANN401 - a message
     """
     coefficients = tuple(_field(info, "d").tolist())
     name = str(info.distortion_model) or "plumb_bob"
-    model = lens_model(name, len(coefficients))
-    is_straight = name.lower() in _STRAIGHT_MODELS or model not in (None, "equidistant")
-    if is_straight and not any(coefficients):
+    if is_straight(name, coefficients):
         return None
+    model = lens_model(name, len(coefficients))
     if model is None:
         raise ValueError(f"the lens model {shortened(name, 40)!r} is unknown")
     check_lens(model, coefficients)

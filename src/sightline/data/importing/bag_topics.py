@@ -22,6 +22,8 @@ _DRIVERS_OWN: Final = {
 _COMPRESSED: Final = ("/compressed", "_compressed", "/jpeg", "/image_compressed")
 _OTHER_TRANSPORTS: Final = ("compressedDepth", "ffmpeg", "theora", "zstd")
 """Last names of further copies of an image topic, by ROS's image_transport."""
+_RECTIFIED: Final = {"rect", "rectified", "undistorted"}
+"""Words in the folders of a topic's name that tell of rectified images; rectifier does not."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,10 +38,24 @@ class ChosenTopics:
     @property
     def is_rectified(self) -> bool:
         """Whether the images are rectified, by the topic's name: image_rect, rectified/image .."""
-        image = _image_name(self.camera.name)
-        # image_direct and /rectifier/image_raw are not, RealSense's image_rect_raw is
-        words = re.split("[/_]", image if "raw" in image.split("_") else self.camera.name)
-        return any(word.startswith(("rect", "undistort")) for word in words)
+        words = _image_name(self.camera.name).split("_")
+        is_named_so = any(word.startswith(("rect", "undistort")) for word in words)
+        return is_named_so or self.is_in_rectified
+
+    @property
+    def is_in_rectified(self) -> bool:
+        """Whether a folder of the topic's name tells that images are rectified."""
+        folders = self.camera.name.rpartition("/")[0]
+        return not _RECTIFIED.isdisjoint(re.split("[/_]", folders))
+
+    def rectified_note(self) -> tuple[str, ...]:
+        """Note that images count as rectified by a folder of their topic's name; empty: not so."""
+        if not self.is_in_rectified:
+            return ()
+        return (
+            f"images of {shortened(self.camera.name)} count as rectified, by the topic's name: P "
+            "of CameraInfo is their camera matrix, and its lens is left out",
+        )
 
 
 def choose_topics(

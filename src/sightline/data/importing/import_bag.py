@@ -102,6 +102,7 @@ def import_bag(
         else:
             given, calibration_notes = calibration_of_bag(bag, topics, undistort=undistort)
             notes += (*calibration_notes, *(describe_info(topics) if info_topic is None else ()))
+            notes += topics.rectified_note()
         if undistort and given.lens is None:
             notes.append(STRAIGHT_NOTE)
         pairs = pair_messages(
@@ -136,9 +137,8 @@ def import_bag(
         }
         names = [f"{number:06}" for number in range(len(pairs.positions))]
         frames = _Frames(out, topics, written, intensity, is_guessed, new_from_old)
-        frames.try_first(
-            bag, dict(zip(names[:_MAX_TRIED_FRAMES], pairs.positions, strict=False)), source
-        )
+        tried = dict.fromkeys((*range(len(names))[:_MAX_TRIED_FRAMES], *_spread(len(names))))
+        frames.try_first(bag, {names[each]: pairs.positions[each] for each in tried}, source)
         acquire_output_dir(out, settings, results=RESULTS)
         notes += write_or_keep_calibration(out, written, names)
         times = dict(zip(names, pairs.times_s, strict=True))
@@ -194,12 +194,19 @@ class _Frames:
     ) -> None:
         """Check frames up to the first plausible one with points before any is written.
 
+        Args:
+            bag: The bag.
+            positions: Numbers of images and sweeps, of the first frames and some others.
+            source: The bag's path.
+
         Raises:
-            ValueError: No frame can be read, or all that can are doubtful or empty.
+            ValueError: None of the first frames can be read, or all that can are doubtful.
         """
         fault: ValueError | None = None
         num_empty = 0
-        for name, position in positions.items():
+        for number, (name, position) in enumerate(positions.items()):
+            if number == _MAX_TRIED_FRAMES and not num_empty and not self.doubts:
+                break  # none can be read
             with staging_folder() as staged:
                 trial = replace(self, out=staged, faults={}, blank={}, unread={})
                 trial.write(bag, {name: position})
@@ -359,13 +366,18 @@ def _digest(times_s: Sequence[float | Decimal]) -> str:
 def _some_clouds(bag: Bag, topics: ChosenTopics, pairs: Pairs) -> list[_Cloud]:
     """Read some readable sweeps of the drive: the first may be empty, or of a garage."""
     lidar = topics.lidar.name
-    chosen = np.linspace(0, len(pairs.positions) - 1, _NUM_TRIED_SWEEPS).round().astype(np.int64)
+    chosen = _spread(len(pairs.positions))
     selected = {(lidar, int(number)) for number in pairs.positions[chosen, 1]}
     clouds = []
     for message in bag.messages([lidar], selected=selected):
         with suppress(ValueError):  # reported when frames are written
             clouds.append(echoes(cloud_from_message(message.content, lidar)))
     return clouds
+
+
+def _spread(count: int) -> list[int]:
+    """Numbers of some frames of a drive, evenly spread."""
+    return [round(each) for each in np.linspace(0, count - 1, _NUM_TRIED_SWEEPS).tolist()]
 
 
 def _guess_intensity(clouds: Sequence[_Cloud]) -> float:

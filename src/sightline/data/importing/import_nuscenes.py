@@ -52,7 +52,7 @@ from sightline.data.velodyne import COLUMNS, other_format
 from sightline.files.atomic import atomic_link
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_layouts import has_columns
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.road_height import MAX_TILT_DEG
@@ -66,6 +66,8 @@ _MIN_STEP_US: Final = 4_000
 """Smallest time between two key frames; nuScenes' are half a second apart."""
 _MAX_GAP_S: Final = 0.15
 """Largest time between image and sweep; a turn of nuScenes' LiDAR takes 0.05 s, others' 0.1 s."""
+_MAX_TRIED_FRAMES: Final = 5
+"""Number of frames tried at the start: if all are doubtful, nothing is written."""
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26
 _REMEDY: Final = "extract nuScenes' archive again"
@@ -107,16 +109,7 @@ def import_nuscenes(
             f"{tables.folder}: the lens of {camera} distorts ({coefficients}); undistort images by "
             "--undistort"
         )
-    with staging_folder() as staged:
-        _Frames(staged, max_intensity).write(moments[0])
-        doubt = staged_doubt(
-            staged,
-            moments[0].image,
-            points=moments[0].sweep,
-            objects=tables.folder / "sample_annotation.json",
-        )
-    if doubt is not None:
-        raise unusable_error(doubt)
+    doubts = _first_doubts(moments, max_intensity, tables)
     acquire_output_dir(out, settings, results=RESULTS)
     kept = write_or_keep_times(out, {moment.name: moment.time_s for moment in moments})
     is_labelled = any(moment.annotations for moment in moments)
@@ -142,6 +135,7 @@ def import_nuscenes(
             *_rotation_notes(moments, camera),
             *((*tally.lines(), *_unannotated_notes(moments)) if pending else ()),
             *clouds.lines(),
+            *doubts,
             *describe_view(out),
         ),
     )
@@ -233,6 +227,30 @@ def _unannotated_notes(moments: Sequence[Moment]) -> Iterator[str]:
             f"label files, e.g. {names[0]}: they count as frames without objects; if they were "
             "not annotated, train and score by a sample list of the other frames"
         )
+
+
+def _first_doubts(
+    moments: Sequence[Moment], max_intensity: float, tables: Tables
+) -> tuple[str, ...]:
+    """Check frames up to the first plausible one, and describe the doubts of those before.
+
+    Raises:
+        FileError: Some first frames are all doubtful.
+    """
+    doubts: list[Problem] = []
+    for moment in moments[:_MAX_TRIED_FRAMES]:
+        with staging_folder() as staged:
+            _Frames(staged, max_intensity).write(moment)
+            doubt = staged_doubt(
+                staged,
+                moment.image,
+                points=moment.sweep,
+                objects=tables.folder / "sample_annotation.json",
+            )
+        if doubt is None:
+            return tuple(f"warning: {each}" for each in doubts)
+        doubts.append(doubt)
+    raise unusable_error(doubts[0])
 
 
 @dataclass(frozen=True, slots=True)
