@@ -67,6 +67,9 @@ def test_a_sensor_that_most_frames_are_bad_by_makes_its_scores_doubtful():
 
     dirty, sound, gone = camera("muddy", 0.1), camera("muddy", 0.9), camera("absent", 0.0)
     assert "2 of 3 images are bad by 'muddy' (2)" in doubts((dirty, dirty, sound, gone))[0]
+    own = doubts((dirty, dirty, sound, gone), are_own_limits=True)[0]
+    assert own.endswith("the limits are of other sensors: fit them to clean data of this one by "
+                        "sightline health-limits")  # fmt: skip
     for frames in ((dirty, sound), (gone,), (sound,), ()):
         assert doubts(frames) == ()
 

@@ -186,6 +186,7 @@ def test_whole_numbers_that_are_evenly_spread_are_taken_for_ring_numbers(first):
     [
         ("x y z ring intensity", "'x', 'y', 'z', 'intensity'"),
         ("X Y Z Reflectivity", "'X', 'Y', 'Z', 'Reflectivity'"),
+        ("y intensity X Z", "'X', 'y', 'Z', 'intensity'"),
         ("range azimuth", "'x', 'y', 'z'"),
     ],
 )

@@ -85,7 +85,9 @@ def health(
     own_limits = limits is not None or fit_first is not None
     size = None if own_limits or not len(dataset) else dataset[0].image_size
     sparse_maps = describe_sparse_maps(dataset, data)
-    doubtful = () if limits else doubts(frames, size, has_sweeps=sparse_maps is None)
+    doubtful = doubts(
+        frames, size, has_sweeps=sparse_maps is None, are_own_limits=limits is not None
+    )
     report = HealthReport(
         frames=frames,
         limits={"camera": chosen.camera, "lidar": chosen.lidar},

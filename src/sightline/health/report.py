@@ -61,8 +61,9 @@ def doubts(
     image_size: tuple[int, int] | None = None,
     *,
     has_sweeps: bool = True,
+    are_own_limits: bool = False,
 ) -> tuple[str, ...]:
-    """List reasons why the included limits may be for other sensors.
+    """List reasons why the limits may be for other sensors.
 
     A sensor is bad in most frames, or a camera in some and its images are of another size. A larger
     image shows more of the sky, whose clouds resemble stray light ('lifted') and whose even parts
@@ -72,7 +73,15 @@ def doubts(
         frames: Judged frames.
         image_size: Height, width [px] of the images. None: not known.
         has_sweeps: Whether the LiDAR's data are sweeps, not sparse depth maps.
+        are_own_limits: Whether the limits come from the user's file.
     """
+    remedy = (
+        "the limits are of other sensors: fit them to clean data of this one by sightline "
+        "health-limits"
+        if are_own_limits
+        else "its scores are meaningless: fit limits to its first frames by --fit-first 30, or to "
+        "clean data by sightline health-limits, given as --limits"
+    )
     sensors = [("camera", "images"), *[("lidar", "sweeps")] * has_sweeps]
     doubtful = []
     is_camera_doubtful = False
@@ -86,8 +95,7 @@ def doubts(
         checks = ", ".join(f"'{check}' ({count})" for check, count in worst.most_common(3))
         doubtful.append(
             f"{worst.total()} of {len(delivered)} {data_name} are bad by {checks}; if this is "
-            "normal for your sensor, its scores are meaningless: fit limits to its first frames by "
-            "--fit-first 30, or to clean data by sightline health-limits, given as --limits"
+            f"normal for your sensor, {remedy}"
         )
     if not is_camera_doubtful:
         doubtful += _doubt_of_size(frames, image_size)

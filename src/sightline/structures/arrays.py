@@ -226,7 +226,7 @@ def cloud_columns(points: np.ndarray | Tensor) -> Float64[np.ndarray, "num_point
 
 def _structured_array_message(names: Sequence[str]) -> str:
     """Message for a structured array: its fields, and the stack of them that is expected."""
-    coordinates = [name for name in names if name.lower() in ("x", "y", "z")]
+    coordinates = sorted((name for name in names if name.lower() in ("x", "y", "z")), key=str.lower)
     intensity = [name for name in names if name.lower() in _INTENSITY_FIELDS][:1]
     if len(coordinates) != 3:
         coordinates = ["x", "y", "z"]
