@@ -43,6 +43,55 @@ def test_an_organised_cloud_is_no_batch(cloud):
         assert not is_batch_of_clouds(each)
 
 
+def repeated(cloud, seed):
+    """Another sweep on the same rays: noise of 2 cm, and one ray in three hits something else."""
+    generator = np.random.default_rng(seed)
+    range_m = np.linalg.norm(cloud[..., :3], axis=-1, keepdims=True)
+    rise_m = generator.normal(0, 0.02, range_m.shape)
+    rise_m += (generator.random(range_m.shape) < 0.3) * generator.uniform(-0.4, 0.4) * range_m
+    again = cloud.copy()
+    again[..., :3] *= 1 + rise_m / range_m
+    again[generator.random(cloud.shape[:2]) < 0.1] = 0
+    return again
+
+
+@pytest.mark.parametrize("num_clouds", [2, 5])
+def test_sweeps_of_an_organised_lidar_are_a_batch_also_flattened(num_clouds):
+    for cloud in CLOUDS[:2]:
+        batch = np.stack([repeated(cloud, seed) for seed in range(num_clouds)])
+        assert is_batch_of_clouds(batch)
+        assert is_batch_of_clouds(batch.reshape(num_clouds, -1, 4))
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.5])
+@pytest.mark.parametrize("single", ["repeated", "absent"])
+def test_two_returns_of_an_organised_lidar_are_no_batch(share, single):
+    generator = np.random.default_rng(3)
+    for cloud in CLOUDS[:2]:
+        range_m = np.linalg.norm(cloud[..., :3], axis=-1, keepdims=True)
+        is_double = generator.random(range_m.shape) < share
+        second = cloud.copy()
+        second[..., :3] *= 1 + (0.5 + generator.exponential(3, range_m.shape)) / range_m
+        second = np.where(is_double, second, cloud if single == "repeated" else 0)
+        swapped = generator.random(range_m.shape) < 0.5  # the stronger first
+        strongest = np.where(swapped & is_double, second, cloud)
+        others = np.where(swapped & is_double, cloud, second)
+        for pair in ((cloud, second), (strongest, others)):
+            assert not is_batch_of_clouds(np.stack(pair))
+            assert not is_batch_of_clouds(np.stack(pair).reshape(2, -1, 4))
+
+
+@pytest.mark.parametrize("num_parts", [2, 4])
+def test_interleaved_columns_or_rings_are_no_batch(num_parts):
+    cloud = organised(64, 4096)
+    cloud = repeated(cloud, 0)
+    for axis in (0, 1):
+        parts = [
+            cloud.take(range(at, cloud.shape[axis], num_parts), axis) for at in range(num_parts)
+        ]
+        assert not is_batch_of_clouds(np.stack(parts))
+
+
 def test_two_returns_of_each_ray_are_no_batch():
     second = POINTS.copy()
     second[::9, :3] *= 1.3
@@ -75,3 +124,18 @@ def test_the_sweeps_of_kitti_are_a_batch_together_and_not_alone(kitti_root):
         count = min(len(first), len(second))
         assert is_batch_of_clouds(np.stack((first[:count], second[:count])))
         assert not is_batch_of_clouds(first[None])
+    images = [range_image(points) for points in sweeps]
+    found = [is_batch_of_clouds(np.stack(pair)) for pair in pairwise(images)]
+    assert sum(found) >= len(found) - 1
+    assert is_batch_of_clouds(np.stack(images).reshape(len(images), -1, 4))
+
+
+def range_image(points, num_rings=64, num_columns=256):
+    """Points of a camera's view by elevation and azimuth; 0: none."""
+    x, y, z, _ = points.T
+    column = ((0.5 - np.arctan2(y, x) / (np.pi / 2)) * num_columns).astype(int)
+    ring = ((3 - np.degrees(np.arctan2(z, np.hypot(x, y)))) / 28 * num_rings).astype(int)
+    is_inside = (column >= 0) & (column < num_columns) & (ring >= 0) & (ring < num_rings)
+    image = np.zeros((num_rings, num_columns, 4), np.float32)
+    image[ring[is_inside], column[is_inside]] = points[is_inside]
+    return image

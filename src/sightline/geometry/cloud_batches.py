@@ -19,13 +19,21 @@ _WHOLE_SHARE: Final = 0.75  # of the spreads of all points
 _OTHER_DIRECTION_RAD: Final = math.radians(10)
 """Smallest angle between a tenth of the points of one index in separate clouds. It is smaller
 between two returns of a ray, and between lasers that scan one pattern side by side."""
+_SAME_RAY_RAD: Final = math.radians(0.5)  # nine in ten pairs of two sweeps of an organised LiDAR
+_NEXT_RAY_RAD: Final = math.radians(0.05)  # smallest step between columns or rings
+_MIN_PAIRED_SHARE: Final = 0.5  # of the points with an echo in either cloud
+_EQUAL_M: Final = 1e-4
+_MAX_EQUAL_SHARE: Final = 0.3  # of the pairs; most rays have the same last and strongest return
+_SMALL_M: Final = 0.5  # smaller than the distance between two returns of a ray
+_MIN_SMALL_SHARE: Final = 0.01  # of the pairs, of small rises and of small falls
 
 
 def is_batch_of_clouds(array: Real[np.ndarray, "rows *columns fields"]) -> bool:
     """Check if the rows of an array are separate clouds, not rings or columns of an organised one.
 
     The directions of each spread as far as all, and points of one index lie in unlike directions,
-    or all clouds are equal. In doubt the result is False.
+    or in the same directions with other ranges than two returns of a ray have, or all clouds are
+    equal. In doubt the result is False.
 
     Args:
         array: x, y, z first.
@@ -46,7 +54,7 @@ def is_batch_of_clouds(array: Real[np.ndarray, "rows *columns fields"]) -> bool:
         if (_spreads(cloud[used]) < _WHOLE_SHARE * whole).any():
             return False
     is_equal = (points == points[0])[has_echo].all()
-    return bool(is_equal) or _are_unlike(directions, has_echo)
+    return bool(is_equal) or _are_separate(points, directions, has_echo)
 
 
 def _spreads(directions: Float64[np.ndarray, "num_points 3"]) -> Float64[np.ndarray, "3"]:
@@ -55,15 +63,49 @@ def _spreads(directions: Float64[np.ndarray, "num_points 3"]) -> Float64[np.ndar
     return np.asarray(np.sqrt(variances.clip(min=0)))
 
 
-def _are_unlike(
+def _are_separate(
+    points: Float64[np.ndarray, "num_clouds num_points 3"],
     directions: Float64[np.ndarray, "num_clouds num_points 3"],
     has_echo: Bool[np.ndarray, "num_clouds num_points"],
 ) -> bool:
-    """Check if points of one index lie in unlike directions in the first and most other clouds."""
-    num_unlike = 0
-    for cloud, used in zip(directions[1:], has_echo[1:], strict=True):
+    """Check if the first and most other clouds are separate, by their points of one index."""
+    num_separate = 0
+    for cloud, cloud_directions, used in zip(points[1:], directions[1:], has_echo[1:], strict=True):
         both = used & has_echo[0]
-        cosines = (cloud[both] * directions[0, both]).sum(axis=-1)
-        if len(cosines) and np.quantile(cosines, 0.1) < math.cos(_OTHER_DIRECTION_RAD):
-            num_unlike += 1
-    return 2 * num_unlike >= len(directions) - 1
+        if not both.any():
+            continue
+        first, second = directions[0, both], cloud_directions[both]
+        angle = float(np.quantile(np.linalg.norm(second - first, axis=-1), 0.9))
+        if angle > _OTHER_DIRECTION_RAD:
+            num_separate += 1
+        elif angle < _SAME_RAY_RAD and both.sum() >= _MIN_PAIRED_SHARE * (used | has_echo[0]).sum():
+            is_scanned_again = _are_same_rays(first, second)
+            num_separate += is_scanned_again and _has_other_ranges(points[0, both], cloud[both])
+    return 2 * num_separate >= len(points) - 1
+
+
+def _are_same_rays(
+    first: Float64[np.ndarray, "num_points 3"], second: Float64[np.ndarray, "num_points 3"]
+) -> bool:
+    """Check if directions differ by chance only, not by a step to the next column or ring."""
+    azimuth = np.arctan2(
+        first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0],
+        (first[:, :2] * second[:, :2]).sum(axis=-1),
+    )
+    elevation = second[:, 2] - first[:, 2]
+    return bool(max(abs(np.median(azimuth)), abs(np.median(elevation))) < _NEXT_RAY_RAD)
+
+
+def _has_other_ranges(
+    first: Float64[np.ndarray, "num_points 3"], second: Float64[np.ndarray, "num_points 3"]
+) -> bool:
+    """Check if ranges on the same rays are of separate sweeps, not of two returns of each ray.
+
+    Two returns are equal, or half a metre or more apart, and often the first is always the nearer.
+    """
+    rise_m = np.linalg.norm(second, axis=-1) - np.linalg.norm(first, axis=-1)
+    is_equal = np.abs(rise_m) < _EQUAL_M
+    small_rises = (rise_m >= _EQUAL_M) & (rise_m < _SMALL_M)
+    small_falls = (rise_m <= -_EQUAL_M) & (rise_m > -_SMALL_M)
+    small_share = min(small_rises.mean(), small_falls.mean())
+    return bool(is_equal.mean() <= _MAX_EQUAL_SHARE and small_share >= _MIN_SMALL_SHARE)
