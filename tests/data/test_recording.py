@@ -259,6 +259,32 @@ def test_a_cloud_of_which_nothing_is_left_is_a_problem_of_check(tmp_path):
     assert problem.problem == "holds no point: all 50 rows are not finite or at 0, 0, 0"
 
 
+@pytest.mark.parametrize(
+    ("intensities", "said"),
+    [
+        (np.linalg.norm(POINTS[:, :3], axis=1), "intensities are the points' distances"),
+        (np.full(len(POINTS), 7), "all intensities are 7, so reflectances"),
+        (np.linspace(0, 1, len(POINTS)) ** 2 % 0.4, "intensities are below a hundredth of max"),
+    ],
+)
+def test_intensities_without_use_are_a_problem_of_check_and_told_on_opening(
+    tmp_path, recwarn, intensities, said
+):
+    write_recording(tmp_path)
+    cloud = tmp_path / "points" / "a.npy"
+    (tmp_path / "points" / "a.pcd").unlink()
+    np.save(cloud, np.column_stack((POINTS[:, :3], intensities)))
+    assert list(summarize_tree(tmp_path))
+    (problem,) = check_tree(tmp_path)
+    assert problem.path == cloud
+    assert problem.problem.startswith(said)
+    assert not recwarn.list
+    with pytest.warns(UserWarning, match=f"a.npy: {said}"):
+        open_dataset(tmp_path)
+    np.save(cloud, POINTS * np.float32([1, 1, 1, 0]))  # the LiDAR measures none
+    assert not list(check_tree(tmp_path))
+
+
 def test_recordings_travel_between_processes(tmp_path):
     write_recording(tmp_path, ("a",))
     copy = pickle.loads(pickle.dumps(open_dataset(tmp_path)))

@@ -51,7 +51,8 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
 
     Points without an echo (x, y, z not finite or all zero) are left out, with a warning if they are
     most of the cloud. Non-finite intensities become 0, with a warning. Intensities above
-    max_intensity, such as of retroreflectors, become 1.
+    max_intensity, such as of retroreflectors, become 1. Doubtful ones are found when a recording is
+    opened or checked (`intensity_doubt`).
 
     Args:
         path: The file.
@@ -61,7 +62,7 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
         FileError: The file cannot be read or is truncated, lacks a coordinate, is not in metres, or
             an intensity is negative, or more than one in a hundred is above max_intensity.
     """
-    return checked_cloud(cloud_rows(path), max_intensity, path)
+    return checked_cloud(cloud_rows(path), max_intensity, path, warn_intensities=False)
 
 
 def cloud_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
@@ -97,10 +98,11 @@ def checked_cloud(
     source: Path | str,
     *,
     warn_losses: bool = True,
+    warn_intensities: bool = True,
 ) -> Float32[np.ndarray, "num_echoes 4"]:
     """Select points with an echo, with reflectances in [0, 1]; warns of unusual losses.
 
-    Also warns if all intensities are far below max_intensity.
+    Also warns of doubtful intensities (`intensity_doubt`).
 
     Raises:
         FileError: Points are not in metres, or intensities do not fit the scale (`cloud_fault`);
@@ -113,7 +115,8 @@ def checked_cloud(
     if fault is not None:
         problem, remedy = fault
         raise FileError(source, f"holds {problem}", remedy)
-    warn_of_intensities(points, max_intensity)
+    if warn_intensities:
+        warn_of_intensities(points, max_intensity)
     points[:, 3] = reflectances(points[:, 3], max_intensity)
     return points
 

@@ -32,7 +32,7 @@ from sightline.data.lidar_mount import (
     pose_of_recording,
 )
 from sightline.data.pixels import is_in_view
-from sightline.data.point_files import cloud_rows, read_cloud
+from sightline.data.point_files import checked_cloud, cloud_rows, read_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
     read_recording_calibration,
@@ -40,7 +40,8 @@ from sightline.data.recording_calibration import (
 )
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import hollow_doubt
-from sightline.geometry.echoes import is_echo
+from sightline.geometry.echoes import echoes, is_echo
+from sightline.geometry.intensity_checks import intensity_doubt
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
     has_too_few_in_image,
@@ -247,17 +248,9 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
     calibration = read_or_note(read_recording_calibration, frame.calibration, [])
     image = examine_image(frame.image, found)
     depth_m = examine_depth(frame.depth, found)
-    points = read_or_note(
-        # without a calibration, the limit of intensities is unknown
-        partial(
-            read_cloud, max_intensity=math.inf if calibration is None else calibration.max_intensity
-        ),
-        frame.points,
-        found.unreadable,
-    )
-    if points is not None and frame.points is not None:
-        found.has_empty_sweep = not len(points)
-        found.nearly_empty += _check_hollow(points, frame.points)
+    # without a calibration, the limit of intensities is unknown
+    max_intensity = math.inf if calibration is None else calibration.max_intensity
+    points, is_hollow = _examine_cloud(frame.points, max_intensity, found)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     size = None if image is None else (image.shape[0], image.shape[1])
     if objects is not None and frame.objects is not None:
@@ -271,7 +264,7 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         if mismatch is not None:
             found.implausible.insert(0, mismatch)  # may be the cause of boxes beyond the image
             return found
-    if not found.is_consistent or found.nearly_empty:
+    if not found.is_consistent or is_hollow:
         return found
     view = view_of_recording(frame)
     if view is not None and view.doubt is not None:
@@ -285,6 +278,31 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         found.implausible += check_depth_fit(depth_m, points, image_from_lidar, frame.depth)
     _check_label_fit(found, frame.objects, objects, calibration, points, size)
     return found
+
+
+def _examine_cloud(
+    path: Path | None, max_intensity: float, found: Findings
+) -> tuple[Float32[np.ndarray, "_num_points 4"] | None, bool]:
+    """Read and examine a cloud; None: it is absent or unreadable. Also returns if it is hollow."""
+    rows = read_or_note(cloud_rows, path, found.unreadable)
+    if rows is None or path is None:
+        return None, False
+    check = partial(checked_cloud, rows, max_intensity, warn_intensities=False)
+    points = read_or_note(check, path, found.unreadable)
+    if points is None:
+        return None, False
+    found.has_empty_sweep = not len(points)
+    hollow = _check_hollow(points, path)
+    found.nearly_empty += hollow or _check_intensities(echoes(rows), max_intensity, path)
+    return points, bool(hollow)
+
+
+def _check_intensities(
+    points: Float32[np.ndarray, "_num_points 4"], max_intensity: float, path: Path
+) -> list[Problem]:
+    """Check for intensities without use; zeros mean that the LiDAR measures none."""
+    doubt = intensity_doubt(points, max_intensity) if points[:, 3].any() else None
+    return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
 
 
 def _check_label_fit(
