@@ -269,9 +269,10 @@ def test_points_that_are_not_finite_are_counted_in_a_warning(weights, sample):
         (torch.full((4, 4), -1.0), None, "holds -1.0 in row 0, column 0"),
         (np.full((4, 4), np.nan), None, "holds nan"),
         (torch.ones(1, 4, 4), None, r"shape \(1, 4, 4\), expected height and width"),
-        (torch.ones(4, 4), torch.zeros(3, 4, 5, dtype=torch.uint8), r"expected torch.uint8"),
-        (torch.ones(4, 4), np.zeros((3, 4, 4), np.uint8), r"of shape \(4, 4, 3\)"),
-        (torch.ones(4, 4), torch.zeros(3, 4, 4), "the image is torch.float32"),
+        (torch.ones(4, 4), torch.zeros(3, 4, 5, dtype=torch.uint8), "torch.uint8 .*; give it in"),
+        (torch.ones(4, 5), np.zeros((3, 4, 5), np.uint8), r"\(4, 5, 3\).*; it has channels first"),
+        (torch.ones(4, 4), torch.zeros(3, 4, 4), r"torch.float32 .*\(255 \* image\).round\(\)"),
+        (torch.ones(4, 4), np.full((4, 4, 3), -2.0), "are probably normalised: give"),
     ],
 )
 def test_inputs_that_make_no_sense_are_refused_in_one_line(weights, sparse, image, expected):
@@ -346,6 +347,27 @@ def test_a_sparse_map_of_a_png_s_values_or_millimetres_is_told(weights):
         ):
             predictor.complete(wrong, image)
     predictor.complete(sparse, image)
+
+
+@pytest.mark.parametrize(
+    ("levels", "cause"), [(1, "of shares from 0 to 1"), (2, "a normalised one")]
+)
+def test_a_picture_that_was_cast_before_scaling_is_told(weights, sample, levels, cause):
+    predictor = DepthPredictor.load(weights)
+    sparse, image = random_frame(16, 24)
+    with pytest.warns(UserWarning, match=f"no level above {levels} of 255.* probably {cause}"):
+        predictor.complete(sparse, image % (levels + 1))
+    given = (sample.points, sample.calibration, sample.image_size, sample.image % (levels + 1))
+    with pytest.warns(UserWarning, match=f"no level above {levels} of 255"):
+        predictor.complete_points(*given)
+    predictor(dataclasses.replace(sample, image=given[-1]))  # told when it was made
+
+
+def test_an_image_size_with_width_before_height_is_told(weights, sample):
+    predictor = DepthPredictor.load(weights)
+    predictor.complete_points(sample.points, sample.calibration, sample.image_size)
+    with pytest.warns(UserWarning, match="height and width are probably swapped"):
+        predictor.complete_points(sample.points, sample.calibration, sample.image_size[::-1])
 
 
 def test_there_is_no_completer_of_a_method_that_there_is_not():

@@ -15,6 +15,7 @@ from sightline.geometry.given_arrays import given_array
 from sightline.geometry.mount import MAX_RANGE_M
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.arrays import image_remedy, warn_of_levels
 from sightline.structures.sample import CameraLidarSample, check_finite_points
 
 COORDINATES: Final = 3
@@ -112,10 +113,26 @@ def rgb_planes(image: RGBImage | None, size: tuple[int, int]) -> Float32[Tensor,
     planes = _to_tensor("the image", image)
     expected = (*size, 3) if is_channels_last else (3, *size)
     if planes.dtype != torch.uint8 or tuple(planes.shape) != expected:
+        channels = planes.shape[-1 if is_channels_last else 0] if planes.ndim == 3 else 0
+        remedy = (
+            "give it in that size"
+            if planes.dtype == torch.uint8 and channels == 3
+            else image_remedy(planes.numpy(), is_tensor=not is_channels_last)
+        )
         raise ValueError(
             f"the image is {planes.dtype} of shape {tuple(planes.shape)}, expected torch.uint8 of "
-            f"shape {expected} like the sparse depth map; convert it to RGB of 8 bits and that size"
+            f"shape {expected} like the sparse depth map; {remedy}"
         )
     if is_channels_last:
         planes = planes.permute(2, 0, 1)
     return torch.from_numpy(planes.numpy(force=True) / np.float32(255))
+
+
+def given_planes(
+    image: RGBImage | None, size: tuple[int, int]
+) -> Float32[Tensor, "3 height width"]:
+    """Convert a user's image as `rgb_planes` does, and warn of levels from 0 to 3 alone."""
+    planes = rgb_planes(image, size)
+    if image is not None:
+        warn_of_levels((planes * 255).round().to(torch.uint8).numpy(), stacklevel=4)
+    return planes

@@ -21,6 +21,7 @@ from sightline.depth_completion.given_inputs import (
     RGBImage,
     SparseMap,
     checked_points,
+    given_planes,
     rgb_planes,
     sparse_depth_of,
     sparse_plane,
@@ -42,6 +43,7 @@ from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.inference.sample_predictor import SamplePredictor
+from sightline.structures.arrays import warn_of_view
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample
 
@@ -173,11 +175,11 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
             return self._guess(sample)
         sparse, image = sparse_depth_of(sample), sample.image
         if self.image_weights is None or image is None or not bool(image.any()):
-            return self.complete(sparse, image)
+            return self._complete(sparse, rgb_planes(image, sample.image_size))
         holes = find_holes(sparse.numpy())
         if holes.all():
             return self._image_predictor().predict(sample)
-        completed = self.complete(sparse, image)
+        completed = self._complete(sparse, rgb_planes(image, sample.image_size))
         if not holes.any():
             return completed
         return _filled(completed, self._image_predictor().predict(sample), torch.from_numpy(holes))
@@ -202,15 +204,17 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         """
         checked = checked_points(points)
         sparse = sparse_depth_map(checked, calibration, image_size)
+        cloud = torch.nn.functional.pad(checked[:, :COORDINATES].float(), (0, 1))
+        warn_of_view(cloud, calibration, image_size, camera="image_from_camera", stacklevel=3)
         if image is None:
             return self.complete(sparse)
-        rgb = rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
+        rgb = given_planes(image, (sparse.shape[0], sparse.shape[1]))
         sample = CameraLidarSample(
             sample_id="the given points",
             calibration=calibration,
             image_size=(sparse.shape[0], sparse.shape[1]),
             image=(rgb * 255).round().to(torch.uint8),
-            points=torch.nn.functional.pad(checked[:, :COORDINATES].float(), (0, 1)),
+            points=cloud,
         )
         return self.predict(sample)
 
@@ -230,7 +234,11 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         # All but the network in numpy, which uses one thread: PyTorch's others would keep waiting
         # for work on the cores that an engine of another library needs.
         sparse = sparse_plane(sparse_depth_m)
-        rgb = rgb_planes(image, (sparse.shape[0], sparse.shape[1]))
+        return self._complete(sparse, given_planes(image, (sparse.shape[0], sparse.shape[1])))
+
+    def _complete(
+        self, sparse: Float32[Tensor, "height width"], rgb: Float32[Tensor, "3 height width"]
+    ) -> DepthMap:
         settings = self._network.config
         if settings.filling == "street":
             raise ValueError(
