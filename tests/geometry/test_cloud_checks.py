@@ -139,13 +139,20 @@ def test_distances_in_place_of_intensities_are_doubted(intensities):
 
 @pytest.mark.parametrize(
     "times",
-    [np.linspace(0, 0.1, len(PLACES)), np.repeat(np.arange(100.0), 1 + len(PLACES) // 100)],
+    [
+        np.linspace(0, 0.1, len(PLACES)),
+        np.repeat(np.arange(100.0), 1 + len(PLACES) // 100),
+        np.arange(len(PLACES)) % 300 * 1e-4,  # ring by ring
+        np.where(np.arange(len(PLACES)) % 1000, np.linspace(0, 0.1, len(PLACES)), 0),  # stray zeros
+        np.sort(np.random.default_rng(0).random(len(PLACES))),
+    ],
 )
-def test_times_in_place_of_intensities_are_doubted(times):
+def test_times_in_place_of_intensities_and_sorted_clouds_are_doubted(times):
     points = np.column_stack((PLACES, times[: len(PLACES)]))
-    with pytest.warns(UserWarning, match="only rise along the cloud, as times of measurement do;"):
+    cause = "only rise along the cloud or its rings: times, or a cloud that was sorted by them; "
+    with pytest.warns(UserWarning, match=cause):
         warn_of_intensities(points, times.max())
-    points[5, 3] = times.max()
+    points[::20, 3] = 0
     warn_of_intensities(points, times.max())  # an error if it warned
 
 

@@ -17,6 +17,7 @@ _LEAST_BYTE = -128  # of eight bits with a sign
 _BRIGHTER_SHARE: Final = 0.01  # of a sweep's points: retroreflectors exceed many scales
 _DARK_SHARE: Final = 0.01  # share of max_intensity: for 255, about 1 for the scale [0, 1]
 _MIN_DISTINCT: Final = 50  # distances and times in a cloud
+_MAX_FALLS: Final = 0.02  # per rise of times, which restart in each ring; 1 in intensities
 _DISTANCE_SHARE: Final = 1e-3  # largest error of a distance in place of an intensity
 _DISTANCE_ROUNDING_M: Final = 0.02
 _WHOLE_ROUNDING: Final = 2.0  # also for numbers that were cut off, which lowers the factor
@@ -106,14 +107,15 @@ def intensity_doubt(
     kind = (
         "are the points' distances from the LiDAR, times a constant"
         if _are_distances(points)
-        else "only rise along the cloud, as times of measurement do"
+        else "only rise along the cloud or its rings: times, or a cloud that was sorted by them"
         if _are_times(intensities)
         else None
     )
     if kind is not None:
         return (
             f"intensities {kind}",
-            "give columns in the order x, y, z, intensity, and zeros for an unknown intensity",
+            "give columns in the order x, y, z, intensity, zeros for an unknown intensity, and "
+            "points in the order of measurement",
         )
     darkest, brightest = float(intensities.min()), float(intensities.max())
     if darkest == brightest:
@@ -152,9 +154,11 @@ def _are_distances(points: Float[np.ndarray, "num_points 4"]) -> bool:
 
 
 def _are_times(numbers: Float[np.ndarray, " num_points"]) -> bool:
-    """Check if numbers only rise, and in many steps."""
+    """Check if numbers only rise, in many steps, but for rare restarts, as in each ring."""
     steps = np.diff(numbers)
-    return bool((steps >= 0).all() and np.count_nonzero(steps) >= _MIN_DISTINCT)
+    num_rises = int(np.count_nonzero(steps > 0))
+    num_falls = int(np.count_nonzero(steps < 0))
+    return num_rises >= _MIN_DISTINCT and num_falls <= _MAX_FALLS * num_rises
 
 
 def _likely_scale(intensities: Float[np.ndarray, " num_points"]) -> float:
