@@ -114,6 +114,14 @@ def test_a_doubtful_first_sweep_is_told_and_refuses_no_others(tmp_path):
     assert "4 frames written" in report
 
 
+def test_sweeps_above_the_guessed_scale_are_counted_once(tmp_path):
+    bright = FULL.copy()
+    bright[::2, 3] = 1000
+    # The first is doubtful, so the second is tried, too.
+    report = str(imported(tmp_path, [FULL[BY_AZIMUTH[:10]], bright, *distinct(FULL, 7)]))
+    assert "warning: 1 sweeps, e.g. that of frame 000001, have more than one point" in report
+
+
 def test_several_doubtful_and_empty_first_sweeps_refuse_no_others(tmp_path):
     ten = [FULL[BY_AZIMUTH[each : each + 10]] for each in (0, 20)]
     report = str(imported(tmp_path, [*[FULL[:0]] * 4, *ten, *distinct(FULL, 4)]))

@@ -62,7 +62,7 @@ from sightline.files.problem import Problem
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.echoes import echoes
 from sightline.geometry.intensity_checks import exceeds_scale
-from sightline.geometry.mount import turn_ahead
+from sightline.geometry.mount import mount_doubt, turn_ahead
 from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
 from sightline.jobs.progress import track
@@ -113,14 +113,14 @@ def import_bag(
         notes += (*bag.kind_notes(read), *bag.publisher_notes(read))
         notes += bag.count_notes(bag.num_read)
         intensity = max_intensity or given.max_intensity
-        clouds = _some_clouds(bag, topics, pairs)
         is_guessed = max_intensity is None and intensity == 1
+        mount = given.matrices.camera_from_lidar
+        is_needed = is_guessed or mount_doubt(mount) is not None
+        clouds = _some_clouds(bag, topics, pairs) if is_needed else []
         if is_guessed:
             intensity = _guess_intensity(clouds)
-        upright_from_old = turn_upright(clouds, given.matrices.camera_from_lidar)
-        new_from_upright, angle_deg = turn_ahead(
-            given.matrices.camera_from_lidar @ upright_from_old.T
-        )
+        upright_from_old = turn_upright(clouds, mount)
+        new_from_upright, angle_deg = turn_ahead(mount @ upright_from_old.T)
         new_from_old = new_from_upright @ upright_from_old
         written = replace(turned_calibration(given, new_from_old), max_intensity=1.0)
         settings = {
@@ -208,7 +208,7 @@ class _Frames:
             if number == _MAX_TRIED_FRAMES and not num_empty and not self.doubts:
                 break  # none can be read
             with staging_folder() as staged:
-                trial = replace(self, out=staged, faults={}, blank={}, unread={})
+                trial = replace(self, out=staged, faults={}, bright=[], blank={}, unread={})
                 trial.write(bag, {name: position})
                 if trial.faults:
                     fault = fault or trial.faults[name]
@@ -381,6 +381,6 @@ def _spread(count: int) -> list[int]:
 
 
 def _guess_intensity(clouds: Sequence[_Cloud]) -> float:
-    """Guess the smallest usual intensity scale on which most of some sweeps are valid."""
+    """Guess the smallest usual scale on which as many sweeps are valid as on the largest."""
     num_valid = [sum(cloud_fault(each, scale) is None for each in clouds) for scale in _INTENSITIES]
     return _INTENSITIES[num_valid.index(max(num_valid))]
