@@ -208,3 +208,14 @@ def test_several_merges_in_a_mapping_are_taken(tmp_path, capsys):
     path.write_text("x: &x {data: KITTI}\ny: &y {out: o}\nz:\n  <<: *x\n  <<: *y\n")
     assert main(["predict", "depth-completion", "--config", str(path)]) == 2
     assert "has the setting x, which the command lacks" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--config", "-c"])
+def test_settings_of_a_training_that_are_too_large_are_refused_before_they_are_read(
+    tmp_path, capsys, option
+):
+    path = tmp_path / "large.yaml"
+    with path.open("wb") as file:
+        file.truncate(2**35)
+    assert main(["fit", option, str(path), "--run_folder", str(tmp_path / "run")]) == 2
+    assert f"sightline: {path}: is {2**35} bytes long, expected up to" in capsys.readouterr().err

@@ -6,11 +6,7 @@ import subprocess
 import sys
 import textwrap
 import time
-import traceback
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,49 +18,12 @@ from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK
-from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.predict import predict
-from sightline.inference.predictor import check_predictor
 from sightline.jobs.run import JobResult
 from sightline.structures.predictions import DepthMap
 from tests.data.trees import write_drive
+from tests.inference.function_predictor import FunctionPredictor, sparse, write
 from tests.inference.trees import IMAGE_SIZE, contents_of, write_object_tree
-
-
-@dataclass(frozen=True)
-class FunctionPredictor:
-    """Predictor made of a function."""
-
-    function: Callable
-    name: str = "sparse"
-    parts: tuple[str, ...] = ("points",)
-    needs: tuple[str, ...] = ()
-    gives: tuple[str, ...] = ("depth",)
-    made_by: dict[str, str] = field(default_factory=dict)
-
-    def __call__(self, sample):
-        return self.function(sample)
-
-
-@pytest.fixture
-def data(tmp_path):
-    return write_object_tree(tmp_path / "data", 6)
-
-
-@pytest.fixture
-def out(tmp_path):
-    return tmp_path / "out"
-
-
-def sparse(sample):
-    """Predict the projected sweep: quick, and different for each frame."""
-    depth_m = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
-    return DepthMap(depth_m=depth_m, valid=depth_m > 0)
-
-
-def write(data, out, function=sparse, *, workers=1, overwrite=False, **fields):
-    predictor = FunctionPredictor(function, **fields)
-    return predict(TASK, predictor, data, out, workers=workers, overwrite=overwrite)
 
 
 def write_nearest(data, out, **job):
@@ -458,19 +417,6 @@ def by_both(sample):
 BOTH = FunctionPredictor(by_both, parts=("image", "points"))
 
 
-@pytest.mark.parametrize("kind", ["none", "other"])
-def test_a_writer_that_leaves_no_file_of_the_given_name_is_told(data, out, kind, monkeypatch):
-    def write_other(path, _sample, prediction):
-        if kind == "other":
-            np.save(path, prediction.depth_m.numpy())  # adds a suffix
-
-    output = replace(TASK.outputs[0], write=write_other)
-    monkeypatch.setattr(type(TASK), "outputs", (output,))
-    message = f"sample 000000: the writer of the output {output.name} wrote no 000000.png; write e"
-    with pytest.raises(ValueError, match=message):
-        write(data, out)
-
-
 @pytest.mark.parametrize(("folder", "noun"), [("velodyne", "point clouds"), ("image_2", "images")])
 def test_a_sensor_that_no_frame_has_is_told(data, out, folder, noun):
     shutil.rmtree(data / "training" / folder)
@@ -505,43 +451,3 @@ def test_a_frame_whose_points_miss_the_image_is_told_wherever_it_is(data, out):
 
 def test_frames_with_both_sensors_give_no_warning(data, out):
     predict(TASK, BOTH, data, out, workers=1)  # warnings are errors here
-
-
-def fail_in_the_third(sample):
-    if sample.sample_id == "000002":
-        raise KeyError("cls")
-    return sparse(sample)
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_error_of_an_own_predictors_code_names_its_frame(data, out, workers):
-    with pytest.raises((KeyError, RuntimeError)) as raised:
-        write(data, out, fail_in_the_third, workers=workers)
-    text = "".join(traceback.format_exception(raised.value))
-    assert "sample 000002" in text
-    assert "in fail_in_the_third" in text
-    assert "KeyError: 'cls'" in text
-
-
-@pytest.mark.parametrize(
-    ("predictor", "told"),
-    [
-        (None, "the predictor is None, expected an object of sightline.inference.predictor"),
-        (FunctionPredictor, "the predictor is the class FunctionPredictor, expected an object"),
-        (
-            FunctionPredictor(sparse, made_by={"weights": Path("a")}),
-            r"FunctionPredictor\.made_by\['weights'\] is of type pathlib.PosixPath, expected text",
-        ),
-        (FunctionPredictor(sparse, name=Path("a")), "Predictor.name is of type pathlib.PosixPath"),
-        (FunctionPredictor(sparse, gives="depth"), r"gives is the text 'depth', .* \('depth',\)$"),
-    ],
-)
-def test_a_predictor_that_declares_what_no_manifest_can_hold_is_refused(predictor, told):
-    with pytest.raises(ValueError, match=told):
-        check_predictor(predictor)
-
-
-def test_what_predictors_declare_is_checked_before_any_work(data, out):
-    with pytest.raises(ValueError, match=r"made_by\['x'\] is of type numpy.float32, expected text"):
-        write(data, out, made_by={"x": np.float32(1)})
-    assert not out.exists()

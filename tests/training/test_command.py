@@ -12,7 +12,6 @@ import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sightline.cli.main import main
-from sightline.files.problem import FileError
 from sightline.files.weights import read_weights
 from sightline.training.command import run_training
 from sightline.training.run_log import read_run_log
@@ -148,13 +147,6 @@ class RefusedTruth(toy.ToyModule):
         raise ValueError(f"a truth of {len(batch)} holds no depth at all")
 
     score = losses
-
-
-def test_settings_that_are_too_large_are_refused_before_they_are_read(recipes):
-    with Path("large.yaml").open("wb") as file:
-        file.truncate(2**35)
-    with pytest.raises(FileError, match=r"^large.yaml: is \d+ bytes long, expected up to \d+"):
-        run_training("fit", ["--config", "large.yaml"], recipes)
 
 
 def test_a_batch_that_is_refused_is_named(frames):

@@ -240,7 +240,7 @@ def _data_root(data: Path) -> Path:
 
 
 def _is_data_set(folder: Path) -> bool:
-    """Whether a folder has shards, or images or clouds with a calibration."""
+    """Check if a folder is a data set: has shards, or images or clouds with a calibration."""
     if (folder / MANIFEST).is_file():
         return True
     has_sensor = any((folder / each).is_dir() for each in _SENSORS)

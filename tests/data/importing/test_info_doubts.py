@@ -1,11 +1,12 @@
 """Doubts whether CameraInfo belongs to the images and their frame."""
 
+import cv2
 import numpy as np
 import pytest
 
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.recording_calibration import read_recording_calibration
-from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, BagMaker
+from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, IMAGE, BagMaker
 
 BASELINE_M = 0.12
 LENS = (-0.03, 0.01, 0.0005, -0.0003, -0.002)
@@ -143,6 +144,18 @@ def test_lens_models_that_need_more_than_a_name_are_refused(tmp_path):
         bag.cloud("/points", 10**9)
     with pytest.raises(ValueError, match=r"the lens model 'pinhole' is unknown; .*--calibration"):
         import_recording(tmp_path / "drive", tmp_path / "out", undistort=True)
+
+
+def test_compressed_images_are_rectified_without_a_note_by_their_usual_name(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9, distortion=LENS)
+        content = cv2.imencode(".jpg", IMAGE)[1].tobytes()
+        bag.jpeg("/front/image_rect/compressed", 10**9, content)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "count as rectified" not in report
+    assert read_recording_calibration(tmp_path / "out" / "calibration.yaml").lens is None
 
 
 @pytest.mark.parametrize(

@@ -37,15 +37,15 @@ class ChosenTopics:
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the images are rectified, by the topic's name: image_rect, rectified/image .."""
+        """True if the topic's name tells of rectified images: image_rect, rectified/image .."""
         words = _image_name(self.camera.name).split("_")
         is_named_so = any(word.startswith(("rect", "undistort")) for word in words)
         return is_named_so or self.is_in_rectified
 
     @property
     def is_in_rectified(self) -> bool:
-        """Whether a folder of the topic's name tells that images are rectified."""
-        folders = self.camera.name.rpartition("/")[0]
+        """True if a folder of the topic's name tells of rectified images: rectified/image."""
+        folders = _raw_topic_name(self.camera.name).rpartition("/")[0]
         return not _RECTIFIED.isdisjoint(re.split("[/_]", folders))
 
     def rectified_note(self) -> tuple[str, ...]:

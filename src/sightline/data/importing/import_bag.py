@@ -175,7 +175,7 @@ class _Frames:
     calibration: RecordingCalibration
     max_intensity: float
     is_guessed: bool
-    """Whether `max_intensity` was guessed from some sweeps."""
+    """True if `max_intensity` was guessed from some sweeps, false if the user gave it."""
     new_from_old: Rigid
     faults: dict[str, ValueError] = field(default_factory=dict)
     """Errors of the left-out frames, by name."""
@@ -200,7 +200,8 @@ class _Frames:
             source: The bag's path.
 
         Raises:
-            ValueError: None of the first frames can be read, or all that can are doubtful.
+            ValueError: None of the first frames can be read, all that can are doubtful, or the
+                calibration is.
         """
         fault: ValueError | None = None
         num_empty = 0
@@ -215,6 +216,8 @@ class _Frames:
                     continue
                 write_calibration(staged, self.calibration)
                 doubt = staged_doubt(staged, source, calibration_remedy=_CALIBRATION_REMEDY)
+                if doubt is not None and doubt.remedy == _CALIBRATION_REMEDY:
+                    raise unusable_error(doubt)  # other frames have the same calibration
                 if doubt is not None:
                     self.doubts[name] = doubt
                 elif (staged / POINTS / f"{name}.bin").stat().st_size:
