@@ -14,7 +14,7 @@ from sightline.files.shard_path import data_path
 from sightline.inference.predict import predict_shards
 from sightline.jobs.run import JobResult
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from tests.inference.test_predict import FunctionPredictor, sparse, write
+from tests.inference.function_predictor import FunctionPredictor, sparse, write
 from tests.inference.trees import write_object_tree
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*only the frames in training are used")

@@ -283,7 +283,7 @@ def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later
 SLOW_JOB = """
     import sys, time
     from pathlib import Path
-    from tests.inference.test_predict import sparse, write
+    from tests.inference.function_predictor import sparse, write
 
     def slow(sample):
         time.sleep(0.2)
