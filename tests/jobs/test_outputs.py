@@ -175,3 +175,7 @@ def test_folders_of_usual_names_are_no_data_set(tmp_path):
         check_outputs({"--json": tmp_path / "results" / "new.json"}, data=[tmp_path / name])
     (tmp_path / "images").mkdir()
     check_outputs({"--json": tmp_path / "new.json"}, data=[tmp_path / "drive"])
+    for name in ("training/drive", "testing/drive", "proj_depth/drive", "proj_depth/a/drive"):
+        (tmp_path / name / "images").mkdir(parents=True)
+        check_outputs({"--json": tmp_path / "new.json"}, data=[tmp_path / name])
+    check_outputs({"--json": tmp_path / "new.json"}, data=[tmp_path / "training"])

@@ -16,10 +16,14 @@ from sightline.files.problem import escaped
 from sightline.files.shard_index import MANIFEST, read_manifest
 
 KITTI_SPLITS: Final = ("training", "testing")
+"""Folders of KITTI's object data set; an output in one lies inside the data set, too."""
 _DRIVE_SPLITS: Final = ("train", "val")
 """Folders of drives in a KITTI depth completion tree."""
 _DRIVE_DEPTH: Final = "proj_depth"
 """Folder of depth maps in a drive of such a tree."""
+_DRIVE_PARTS: Final = ("groundtruth", "velodyne_raw")
+_SPLIT_PARTS: Final = ("calib", "image_2", "label_2", "velodyne", "velodyne_reduced")
+"""Folders that tell a split of KITTI's object data set from other folders of its name."""
 _PARTS: Final = (
     *("calib", "depth", "groundtruth_depth", "image", "image_2", "images"),
     *("label_2", "labels", "points", "velodyne", "velodyne_raw"),
@@ -30,7 +34,7 @@ _CALIBRATIONS: Final = (
     *("calib", "calibration", "intrinsics"),
     *("calibration.yaml", "calibration.yml", "calibration.json"),
 )
-"""Folders of KITTI's object data set; an output in one lies inside the data set, too."""
+"""Folders and files that, beside a sensor's folder, tell a data set."""
 
 MANIFEST_NAME: Final = "sightline.json"
 """Manifest in an output folder: describes the source of the other files."""
@@ -229,14 +233,21 @@ def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
 
 def _data_root(data: Path) -> Path:
     """Root of a data set, from an object tree's split, or the folder of one part of any layout."""
-    split = next((each for each in (data, data.parent) if each.name in KITTI_SPLITS), None)
-    if split is not None:
-        return split.parent
-    drive = next((each.parent for each in data.parents if each.name == _DRIVE_DEPTH), None)
-    if drive is not None:
-        return drive.parent if drive.parent.name in _DRIVE_SPLITS else drive
+    for split in (data, data.parent):
+        if split.name in KITTI_SPLITS and _is_split(split):
+            return split.parent
+    for maps in data.parents:
+        if maps.name == _DRIVE_DEPTH and any((maps / each).is_dir() for each in _DRIVE_PARTS):
+            drive = maps.parent
+            return drive.parent if drive.parent.name in _DRIVE_SPLITS else drive
     is_part = data.name in _PARTS and _is_data_set(data.parent)
     return data.parent if is_part else data
+
+
+def _is_split(folder: Path) -> bool:
+    """Check if a folder is a split of an object tree, which may be packed into shards."""
+    has_part = any((folder / each).is_dir() for each in _SPLIT_PARTS)
+    return has_part or (folder.parent / MANIFEST).is_file()
 
 
 def _is_data_set(folder: Path) -> bool:
