@@ -6,9 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from sightline.depth_completion.registration import TASK
+from sightline.detection2d import registration as detection2d
+from sightline.detection2d.predictor import DetectionResult
+from sightline.detection3d import registration as detection3d
+from sightline.geometry.boxes2d import Boxes2D
+from sightline.geometry.boxes3d import Boxes3D
+from sightline.inference.predict import predict
 from sightline.inference.predictor import check_predictor
+from sightline.structures.predictions import DepthMap, Detections2D, Detections3D
 from tests.inference.function_predictor import FunctionPredictor, sparse, write
 
 
@@ -23,6 +31,54 @@ def test_a_writer_that_leaves_no_file_of_the_given_name_is_told(data, out, kind,
     message = f"sample 000000: the writer of the output {output.name} wrote no 000000.png; write e"
     with pytest.raises(ValueError, match=message):
         write(data, out)
+
+
+def in_millimetres(sample):
+    return DepthMap(depth_m=sparse(sample).depth_m * 1000, valid=sparse(sample).valid)
+
+
+def at_another_size(_sample):
+    return DepthMap(depth_m=torch.ones(3, 4), valid=torch.ones(3, 4, dtype=torch.bool))
+
+
+@pytest.mark.parametrize(
+    ("function", "told"),
+    [
+        (in_millimetres, r"sample 000000: \d+ of \d+ depths are above 256 m, .* give metres"),
+        (at_another_size, r"000000.png is 3x4 \(height x width\), expected .*resize its maps"),
+    ],
+)
+def test_depth_maps_of_other_units_or_sizes_are_refused(data, out, function, told):
+    with pytest.raises(ValueError, match=told):
+        write(data, out, function)
+    assert not list(out.glob("*.png"))
+
+
+@pytest.mark.parametrize("box", [(300.0, 300.0, 50.0, 50.0), (np.nan, 100.0, 200.0, 200.0)])
+def test_image_boxes_without_sound_edges_are_refused(data, out, box):
+    def detect(_sample):
+        boxes = Boxes2D(torch.tensor([(10.0, 10.0, 20.0, 20.0), box]))
+        found = Detections2D(
+            class_names=("Car", "Car"), boxes=boxes, scores=torch.tensor([0.5, 0.9])
+        )
+        return DetectionResult(detections=found)
+
+    predictor = FunctionPredictor(detect, gives=("detections2d",))
+    told = "sample 000000: detection 1 of 2 has the box .*expected finite x_min, y_min"
+    with pytest.raises(ValueError, match=told):
+        predict(detection2d.TASK, predictor, data, out)
+
+
+@pytest.mark.parametrize("size", [-4.0, 0.0, np.inf])
+def test_boxes_in_3d_without_a_sound_size_are_refused(data, out, size):
+    def detect(_sample):
+        boxes = Boxes3D(torch.tensor([(20.0, 0.0, -1.0, size, 2.0, 1.5, 0.0)]))
+        return Detections3D(class_names=("Car",), boxes=boxes, scores=torch.tensor([0.9]))
+
+    predictor = FunctionPredictor(detect, gives=("detections3d",))
+    told = "sample 000000: detection 0 of 1 has the box .*expected finite x, y, z, length, width"
+    with pytest.raises(ValueError, match=told):
+        predict(detection3d.TASK, predictor, data, out)
 
 
 def fail_in_the_third(sample):

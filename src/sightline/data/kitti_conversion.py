@@ -141,6 +141,30 @@ def kitti_from_detections2d(found: Detections2D, image_size: tuple[int, int]) ->
     )
 
 
+def check_boxes(found: Detections2D | Detections3D) -> None:
+    """Check detections before they are written, since invalid boxes would be taken as unseen.
+
+    Raises:
+        ValueError: A number of a box is not finite, x_max is below x_min or y_max below y_min, or
+            a size in 3D is not positive.
+    """
+    boxes = found.boxes.tensor.detach().cpu()
+    if isinstance(found, Detections2D):
+        is_valid = (boxes[:, 2:] >= boxes[:, :2]).all(dim=1)
+        expected = "finite x_min, y_min, x_max, y_max in pixels, the smaller first"
+    else:
+        is_valid = (boxes[:, 3:6] > 0).all(dim=1)
+        expected = "finite x, y, z, length, width, height, yaw, sizes above 0"
+    is_valid &= boxes.isfinite().all(dim=1)
+    if not is_valid.all():
+        number = int(is_valid.int().argmin())
+        numbers = ", ".join(f"{each:g}" for each in boxes[number].tolist())
+        raise ValueError(
+            f"detection {number} of {len(boxes)} has the box {numbers}, expected {expected}; "
+            "correct the predictor"
+        )
+
+
 def detections2d_from_kitti(objects: KittiObjects) -> Detections2D:
     """Convert the 2D boxes of a result file, in its order."""
     return Detections2D(

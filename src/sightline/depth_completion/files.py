@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import torch
@@ -15,10 +16,23 @@ from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.predictions import DepthMap, Perception
 from sightline.structures.sample import CameraLidarSample
 
+_MAX_FAR_SHARE: Final = 0.5  # of the depths, beyond the format's range
 
-def write_depth(path: Path, depth_map: DepthMap) -> None:
-    """Write the depths as a 16-bit PNG; depths beyond its range of 256 m become 0 (none)."""
-    _write(path, depth_map.depth_m)
+
+def write_depth(path: Path, sample: CameraLidarSample, depth_map: DepthMap) -> None:
+    """Write the depths as a 16-bit PNG; depths beyond its range of 256 m become 0 (none).
+
+    Raises:
+        ValueError: The map does not have the image's size, or most depths are beyond the range.
+    """
+    num_far = int((depth_map.depth_m > MAX_DEPTH_M).sum())
+    num_depths = int((depth_map.depth_m > 0).sum())
+    if num_far > _MAX_FAR_SHARE * num_depths:
+        raise ValueError(
+            f"{num_far} of {num_depths} depths are above {MAX_DEPTH_M:.0f} m, which a depth PNG "
+            "cannot hold; let the predictor give metres"
+        )
+    _write(path, sample, depth_map.depth_m)
 
 
 def describe_guess(depth_map: DepthMap) -> str:
@@ -28,15 +42,15 @@ def describe_guess(depth_map: DepthMap) -> str:
     return "hold depth guessed from the image, where the sweep has no points"
 
 
-def write_uncertainty(path: Path, depth_map: DepthMap) -> None:
+def write_uncertainty(path: Path, sample: CameraLidarSample, depth_map: DepthMap) -> None:
     """Write the expected absolute errors in the same format; infinite ones become 0.
 
     Raises:
-        ValueError: The map has no expected errors.
+        ValueError: The map has no expected errors, or does not have the image's size.
     """
     if depth_map.uncertainty_m is None:
         raise ValueError("the depth map has no expected errors; leave the uncertainty out")
-    _write(path, torch.where(depth_map.uncertainty_m.isinf(), 0.0, depth_map.uncertainty_m))
+    _write(path, sample, torch.where(depth_map.uncertainty_m.isinf(), 0.0, depth_map.uncertainty_m))
 
 
 def read_depth(path: Path, sample: CameraLidarSample, perception: Perception) -> Perception:
@@ -78,16 +92,25 @@ def read_uncertainty(path: Path, sample: CameraLidarSample, perception: Percepti
 
 def _read(path: Path, sample: CameraLidarSample) -> Float32[Tensor, "height width"]:
     values_m = torch.from_numpy(read_depth_png(path))
-    if tuple(values_m.shape) != sample.image_size:
-        raise ValueError(
-            f"{path} is {values_m.shape[0]}x{values_m.shape[1]} (height x width), expected "
-            f"{sample.image_size[0]}x{sample.image_size[1]} like sample {sample.sample_id}; name "
-            "the results of this data set"
-        )
+    _check_size(path, sample, values_m, "name the results of this data set")
     return values_m
 
 
-def _write(path: Path, values_m: Float32[Tensor, "height width"]) -> None:
+def _check_size(
+    path: Path, sample: CameraLidarSample, values_m: Float32[Tensor, "height width"], remedy: str
+) -> None:
+    if tuple(values_m.shape) != sample.image_size:
+        raise ValueError(
+            f"{path} is {values_m.shape[0]}x{values_m.shape[1]} (height x width), expected "
+            f"{sample.image_size[0]}x{sample.image_size[1]} like sample {sample.sample_id}; "
+            f"{remedy}"
+        )
+
+
+def _write(
+    path: Path, sample: CameraLidarSample, values_m: Float32[Tensor, "height width"]
+) -> None:
+    _check_size(path, sample, values_m, "let the predictor resize its maps to the image")
     values = values_m.cpu().numpy()
     # One stray return beyond the format's reach must not end the job of a whole data set.
     too_far = np.isfinite(values) & (values > MAX_DEPTH_M)

@@ -23,17 +23,15 @@ if TYPE_CHECKING:
 
 
 def _write_depth(path: Path, sample: "CameraLidarSample", depth_map: "DepthMap") -> None:
-    del sample
     from sightline.depth_completion.files import write_depth
 
-    write_depth(path, depth_map)
+    write_depth(path, sample, depth_map)
 
 
 def _write_uncertainty(path: Path, sample: "CameraLidarSample", depth_map: "DepthMap") -> None:
-    del sample
     from sightline.depth_completion.files import write_uncertainty
 
-    write_uncertainty(path, depth_map)
+    write_uncertainty(path, sample, depth_map)
 
 
 def _describe_guess(depth_map: "DepthMap") -> str:

@@ -12,7 +12,11 @@ from torch import Tensor
 
 from sightline.data import kitti_labels
 from sightline.data.image_file import write_rgb
-from sightline.data.kitti_conversion import detections2d_from_kitti, kitti_from_detections2d
+from sightline.data.kitti_conversion import (
+    check_boxes,
+    detections2d_from_kitti,
+    kitti_from_detections2d,
+)
 from sightline.detection2d.config import CLASSES, PostprocessConfig
 from sightline.detection2d.fusion import DetectorOutput
 from sightline.detection2d.placement import Placement, to_detections
@@ -190,7 +194,12 @@ def _rgb(planes: Float[Tensor, "3 height width"]) -> UInt8[np.ndarray, "height w
 
 
 def write_results(path: Path, sample: CameraLidarSample, result: DetectionResult) -> None:
-    """Write KITTI's result file."""
+    """Write KITTI's result file.
+
+    Raises:
+        ValueError: A box or a score is invalid.
+    """
+    check_boxes(result.detections)
     kitti_labels.write_objects(path, kitti_from_detections2d(result.detections, sample.image_size))
 
 

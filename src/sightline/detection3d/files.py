@@ -4,7 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from sightline.data import kitti_labels
-from sightline.data.kitti_conversion import detections3d_from_kitti, kitti_from_detections
+from sightline.data.kitti_conversion import (
+    check_boxes,
+    detections3d_from_kitti,
+    kitti_from_detections,
+)
 from sightline.structures.level import level_calibration, level_detections, mounted_detections
 from sightline.structures.predictions import Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
@@ -15,7 +19,11 @@ def write_results(path: Path, sample: CameraLidarSample, detections: Detections3
 
     Boxes outside the image are left out, as in KITTI's labels; of samples with `all_around` they
     have a 2D box of -1, without an area.
+
+    Raises:
+        ValueError: A box or a score is invalid.
     """
+    check_boxes(detections)
     kitti_labels.write_objects(
         path,
         kitti_from_detections(
