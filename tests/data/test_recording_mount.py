@@ -182,6 +182,18 @@ def test_a_tilt_that_the_calibration_gives_is_taken_and_labels_match_in_the_leve
     assert (boxes_of_cars(sample)[:, 2] - boxes_of_cars(level)[:, 2]).abs().max() > 1
 
 
+@pytest.mark.parametrize(("roll_deg", "pitch_deg"), [(0.0, 30.0), (40.0, 0.0)])
+def test_a_steep_tilt_that_the_calibration_gives_is_no_fault_of_the_transform(
+    tmp_path, recwarn, roll_deg, pitch_deg
+):
+    tilt = Tilt(roll_deg=roll_deg, pitch_deg=pitch_deg)
+    given = {"roll": roll_deg, "pitch": pitch_deg}
+    write_tilted_recording(tmp_path, tilt, lidar_tilt_deg=given)
+    assert list(check_tree(tmp_path)) == []
+    open_dataset(tmp_path)
+    assert not recwarn.list
+
+
 def test_a_tilt_that_the_road_contradicts_is_told(tmp_path):
     write_recording(tmp_path, ("a",), lidar_tilt_deg={"roll": 0, "pitch": 12})
     (summary,) = summarize_tree(tmp_path)

@@ -5,7 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt, write_sweep
+from sightline.data.velodyne import (
+    doubtful_reflectances,
+    hollow_sweep,
+    read_sweep,
+    sweep_doubt,
+    write_sweep,
+)
 from sightline.files.problem import FileError
 from sightline.geometry.cloud_layouts import other_layout
 
@@ -251,15 +257,6 @@ def test_text_is_named_as_text(tmp_path, text, said):
         (lambda cloud: cloud[:5], "holds only 5 points, expected thousands"),
         (lambda cloud: np.repeat(cloud[:1], 20_000, axis=0), "20000 points at only one place"),
         (lambda cloud: np.repeat(cloud[:9], 200, axis=0), "1800 points at only 9 places"),
-        (lambda cloud: cloud * np.float32([1, 1, 1, 0]), "all intensities are 0, so reflectances"),
-        (lambda cloud: cloud * np.float32([1, 1, 1, 0]) + np.float32([0, 0, 0, 1]), "are 1, so"),
-        (lambda cloud: cloud / np.float32([1, 1, 1, 255]), "are below a hundredth of max_inten"),
-        (
-            lambda cloud: np.column_stack((cloud[:, :3], np.linspace(0, 0.1, len(cloud)))).astype(
-                "f4"
-            ),
-            "intensities only rise along the cloud",
-        ),
     ],
 )
 def test_a_sweep_with_hardly_anything_in_it_is_doubted(tmp_path, change, said):
@@ -271,9 +268,32 @@ def test_a_sweep_with_hardly_anything_in_it_is_doubted(tmp_path, change, said):
     assert hollow_sweep(tmp_path, np.repeat(cloud, 2, axis=0)) == []  # two echoes a ray
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda cloud: cloud * np.float32([1, 1, 1, 0]), "all intensities are 0, so reflectances"),
+        (lambda cloud: cloud * np.float32([1, 1, 1, 0]) + np.float32([0, 0, 0, 1]), "are 1, so"),
+        (lambda cloud: cloud / np.float32([1, 1, 1, 255]), "are below a hundredth of max_inten"),
+        (
+            lambda cloud: np.column_stack((cloud[:, :3], np.linspace(0, 0.1, len(cloud)))).astype(
+                "f4"
+            ),
+            "intensities only rise along the cloud",
+        ),
+    ],
+)
+def test_reflectances_that_are_of_no_use_are_doubted(tmp_path, change, said):
+    cloud = a_cloud()
+    (doubt,) = doubtful_reflectances(tmp_path, change(cloud))
+    assert said in doubt.problem
+    assert doubtful_reflectances(tmp_path, cloud) == []
+    assert doubtful_reflectances(tmp_path, cloud[:0]) == []
+
+
 def test_no_sweep_of_kitti_is_hollow(kitti_root):
     for path in [*kitti_root.glob("training/velodyne/*.bin"), *kitti_root.glob("full_sweeps/*")]:
-        assert hollow_sweep(path, read_sweep(path)) == []
+        sweep = read_sweep(path)
+        assert hollow_sweep(path, sweep) == doubtful_reflectances(path, sweep) == []
 
 
 def test_the_remedy_of_a_sweeps_intensities_is_that_of_their_fault(tmp_path):

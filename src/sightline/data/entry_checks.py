@@ -74,7 +74,7 @@ def check_sample_frames(
         raise FileError(problem.path, problem.problem, problem.remedy)
     doubts = [
         *shared,
-        *(each for found in findings for each in (*found.implausible, *found.nearly_empty)),
+        *(each for found in findings for each in found.doubts()),
     ]
     doubts += [] if is_corrupted(root) else check_repeats(selected)
     doubts += [] if is_corrupted(root) else check_orientations(selected)

@@ -31,7 +31,12 @@ from sightline.data.map_png import (
     read_depth_png,
 )
 from sightline.data.pixels import is_in_view
-from sightline.data.velodyne import hollow_sweep, read_sweep, sweep_doubt
+from sightline.data.velodyne import (
+    doubtful_reflectances,
+    hollow_sweep,
+    read_sweep,
+    sweep_doubt,
+)
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.mount import MAX_RANGE_M, has_too_few_in_image
 from sightline.geometry.mount_axes import axes_doubt
@@ -63,6 +68,8 @@ class Findings:
     """Implausible values, and files that probably do not belong together."""
     nearly_empty: list[Problem] = field(default_factory=list)
     """Clouds with hardly any points, which contradict no other file."""
+    doubtful_intensities: list[Problem] = field(default_factory=list)
+    """Clouds whose reflectances are probably of no use; their points are."""
     has_blank_image: bool = False
     """Whether the image has a single colour."""
     has_grey_image: bool = False
@@ -71,7 +78,11 @@ class Findings:
 
     def all(self) -> list[Problem]:
         """Return all faults."""
-        return [*self.unreadable, *self.impossible, *self.implausible, *self.nearly_empty]
+        return [*self.unreadable, *self.impossible, *self.doubts()]
+
+    def doubts(self) -> list[Problem]:
+        """Return the faults that leave the frame usable."""
+        return [*self.implausible, *self.nearly_empty, *self.doubtful_intensities]
 
     @property
     def is_consistent(self) -> bool:
@@ -91,8 +102,9 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
         depth_m = None if other_size else depth_m
     matrices = read_or_note(read_object_matrices, frame.calibration, found.unreadable)
     if matrices is not None and frame.calibration is not None:
-        found.implausible += check_matrices(matrices, size, frame.calibration)
-        read_or_note(read_object_pose, frame.calibration, found.unreadable)
+        pose = read_or_note(read_object_pose, frame.calibration, found.unreadable)
+        tilt = None if pose is None else pose.tilt
+        found.implausible += check_matrices(matrices, size, frame.calibration, tilt=tilt)
     points = _examine_sweep(frame.points, found)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     if points is not None and frame.points is not None and matrices is not None:
@@ -205,6 +217,8 @@ def _examine_sweep(
     else:
         found.implausible += _check_points(points, path)
         found.nearly_empty += hollow_sweep(path, points)
+        if not found.nearly_empty:
+            found.doubtful_intensities += doubtful_reflectances(path, points)
     return points
 
 

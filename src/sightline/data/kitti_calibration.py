@@ -383,6 +383,7 @@ def check_matrices(
     size: tuple[int, int] | None,
     path: Path,
     *,
+    tilt: Tilt | None = None,
     remedy: str = _REMEDY,
 ) -> list[Problem]:
     """Find implausible values in a calibration.
@@ -391,6 +392,7 @@ def check_matrices(
         matrices: Matrices as read.
         size: Height and width of the image, if known.
         path: File or folder of the matrices.
+        tilt: Given tilt of the LiDAR, by which the camera is not upright in its frame.
         remedy: Remedy; by default that of KITTI's files.
     """
     intrinsics, column = np.hsplit(matrices.image_from_camera, [3])
@@ -401,7 +403,8 @@ def check_matrices(
             f"has a camera {offset_m:.4g} m from the rectified origin, expected at most "
             f"{MAX_OFFSET_M:.0f} m"
         )
-    mount = mount_doubt(matrices.camera_from_lidar)
+    level_from_lidar = np.eye(4) if tilt is None else tilt.level_from_lidar
+    mount = mount_doubt(matrices.camera_from_lidar @ level_from_lidar.T)
     if mount is not None:
         doubts.append(f"holds a transform from LiDAR to camera that {mount}")
     return check_intrinsics(intrinsics, size, path, remedy=remedy) + [

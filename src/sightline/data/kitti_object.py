@@ -162,7 +162,11 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         else:
             height, width = centred_image_size(calibration)
         seen = None if sized is None else (height, width)
-        self._judge.judge(matrices.stacked, seen, lambda: check_matrices(matrices, seen, path))
+        self._judge.judge(
+            matrices.stacked,
+            seen,
+            lambda: check_matrices(matrices, seen, path, tilt=pose.tilt),
+        )
         depth = read_depth(frame.depth) if frame.depth and "depth" in self.parts else None
         if frame.depth is not None and depth is not None and depth.shape != (height, width):
             raise FileError(

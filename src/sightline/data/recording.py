@@ -261,7 +261,10 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             return
         if first is not None and contents is not None and path is not None:
             size = _seen_size(first, contents)
-            for doubt in check_matrices(contents.matrices, size, path, remedy=CALIBRATION_REMEDY):
+            doubts = check_matrices(
+                contents.matrices, size, path, tilt=contents.lidar_tilt, remedy=CALIBRATION_REMEDY
+            )
+            for doubt in doubts:
                 warnings.warn(str(doubt), stacklevel=4)
         if "points" in self.parts:
             self._warn_of_pose()

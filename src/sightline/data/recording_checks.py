@@ -55,6 +55,10 @@ CALIBRATION_REMEDY = (
     "correct the calibration file, or both clouds and calibration if both have another "
     "convention; see docs/recordings.md"
 )
+_VIEW_REMEDY = (
+    f"{CALIBRATION_REMEDY}; where other frames fit, this point cloud is a part of a turn or of "
+    "another time: leave its frame out"
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -114,12 +118,13 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
     num_shown = int(np.count_nonzero(shown))
     share = num_shown / len(points)
     axes = axes_doubt(points, matrices.camera_from_lidar)
-    problem = _doubt(calibration, size)
+    problem, remedy = _doubt(calibration, size), CALIBRATION_REMEDY
     if problem is None and has_too_few_in_image(num_shown, len(points)):
         problem = (
             f"projects only {num_shown} of the {len(points)} points of frame {frame.sample_id} "
             f"into the image of {size[0]}x{size[1]} (height x width)"
         )
+        remedy = _VIEW_REMEDY
     return RecordingView(
         sample_id=frame.sample_id,
         share=share,
@@ -129,7 +134,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
             if axes is not None
             else None
             if problem is None
-            else Problem(path=frame.calibration, problem=problem, remedy=CALIBRATION_REMEDY)
+            else Problem(path=frame.calibration, problem=problem, remedy=remedy)
         ),
     )
 
@@ -224,7 +229,9 @@ def calibration_problems(
     doubt = _doubt(calibration, size)
     if doubt is not None:
         return [Problem(path=path, problem=doubt, remedy=CALIBRATION_REMEDY)]
-    return check_matrices(calibration.matrices, size, path, remedy=CALIBRATION_REMEDY)
+    return check_matrices(
+        calibration.matrices, size, path, tilt=calibration.lidar_tilt, remedy=CALIBRATION_REMEDY
+    )
 
 
 def _doubt(calibration: RecordingCalibration, size: tuple[int, int] | None) -> str | None:
@@ -293,7 +300,9 @@ def _examine_cloud(
         return None, False
     found.has_empty_sweep = not len(points)
     hollow = _check_hollow(points, path)
-    found.nearly_empty += hollow or _check_intensities(echoes(rows), max_intensity, path)
+    found.nearly_empty += hollow
+    if not hollow:
+        found.doubtful_intensities += _check_intensities(echoes(rows), max_intensity, path)
     return points, bool(hollow)
 
 

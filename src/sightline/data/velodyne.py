@@ -136,17 +136,23 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
 
 
 def hollow_sweep(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> list[Problem]:
-    """Find doubts about a sweep with few points or positions, or with useless reflectances.
-
-    An empty sweep is no problem.
+    """Find doubts about a sweep with few points or positions; an empty sweep is no problem.
 
     Args:
         path: The file, for the problems.
         points: Result of `read_sweep`.
     """
-    hollow = hollow_doubt(points)
-    if hollow is not None:
-        return [Problem(path=path, problem=hollow[0], remedy=hollow[1])]
+    doubt = hollow_doubt(points)
+    return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
+
+
+def doubtful_reflectances(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> list[Problem]:
+    """Find doubts about the reflectances of a sweep with points enough.
+
+    Args:
+        path: The file, for the problems.
+        points: Result of `read_sweep`.
+    """
     doubt = intensity_doubt(points, 1.0)
     return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
 

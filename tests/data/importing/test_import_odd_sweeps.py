@@ -5,8 +5,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from sightline.data.check import check_tree
 from sightline.data.importing.import_recording import ImportReport, import_recording
 from sightline.data.open import open_dataset
+from sightline.data.recording_calibration import read_recording_calibration
 from sightline.files.problem import FileError
 from tests.data.recordings import BASE_FROM_LIDAR, CAMERA_FROM_BASE, POINTS, SAMPLE, BagMaker
 
@@ -63,6 +65,19 @@ def test_a_lidar_upside_down_or_on_its_side_is_turned(tmp_path, axis, angle_deg,
     )
 
 
+@pytest.mark.parametrize(("axis", "angle_deg"), [("x", 0), ("x", 180), ("y", 180), ("x", 90)])
+def test_a_turned_lidar_keeps_its_tilt_by_tf(tmp_path, axis, angle_deg):
+    turn, pitch = np.eye(4), np.eye(4)
+    turn[:3, :3] = Rotation.from_euler(axis, angle_deg, degrees=True).as_matrix()
+    pitch[:3, :3] = Rotation.from_euler("y", -2.5, degrees=True).as_matrix()
+    mount = pitch @ turn
+    turned = FULL.copy()
+    turned[:, :3] = FULL[:, :3] @ mount[:3, :3]
+    imported(tmp_path, distinct(turned, 2), BASE_FROM_LIDAR @ mount)
+    tilt = read_recording_calibration(tmp_path / "out" / "calibration.yaml").lidar_tilt
+    assert (tilt.roll_deg, tilt.pitch_deg) == pytest.approx((0.0, -2.5), abs=1e-3)
+
+
 def test_a_lidar_upside_down_whose_calibration_is_of_one_upright_is_refused(tmp_path):
     with pytest.raises(FileError, match=r"-z points up: .*convert only the points"):
         imported(tmp_path, distinct(FULL * np.float32([1, -1, -1, 1]), 2))
@@ -108,6 +123,20 @@ def test_one_faulty_sweep_does_not_decide_the_scale_of_intensities(tmp_path, fau
     assert open_dataset(tmp_path / "out")[0].points[:, 3].max() > 0.9
 
 
+def test_doubtful_intensities_are_told_once_and_refuse_no_import(tmp_path):
+    constant = [points.copy() for points in distinct(FULL, 3)]
+    for number, points in enumerate(constant):
+        points[:, 3] = 100
+        points[-1, 0] += number  # sweeps differ
+    report = str(imported(tmp_path, constant))
+    assert report.count("warning") == 1
+    assert "warning: all intensities are 100, so reflectances carry no information" in report
+    assert "3 frames written" in report
+    (tmp_path / "sorted").mkdir()
+    report = str(imported(tmp_path / "sorted", [FULL[np.argsort(FULL[:, 3])]]))
+    assert "warning: intensities only rise along the cloud" in report
+
+
 def test_a_doubtful_first_sweep_is_told_and_refuses_no_others(tmp_path):
     report = str(imported(tmp_path, [FULL[BY_AZIMUTH[:10]], *distinct(FULL, 3)]))
     assert "warning: frame 000000 holds only 10 points, expected thousands" in report
@@ -150,6 +179,9 @@ def test_a_first_sweep_of_a_part_of_a_turn_does_not_blame_the_calibration(tmp_pa
     assert "warning" not in report
     open_dataset(tmp_path / "out")
     assert not recwarn.list
+    (problem,) = check_tree(tmp_path / "out")
+    assert "projects only 0 of the 3000 points of frame 000000" in problem.problem
+    assert problem.remedy.endswith("part of a turn or of another time: leave its frame out")
 
 
 def test_an_empty_first_sweep_is_not_the_one_that_is_judged(tmp_path):

@@ -48,6 +48,22 @@ def test_levels_of_visibility_are_those_of_their_table(data, tmp_path, level, oc
     assert "no visibility" not in report
 
 
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        (0, "warning: all intensities are 100, so reflectances carry no information"),
+        (1 / 255, "warning: intensities are below a hundredth of max_intensity, 255, so"),
+    ],
+)
+def test_tables_with_doubtful_intensities_are_imported_with_a_word(data, tmp_path, scale, said):
+    for path in data.glob("samples/LIDAR_TOP/*"):
+        points = np.fromfile(path, np.float32).reshape(-1, 5)
+        points[:, 3] = points[:, 3] * scale + (100 if scale == 0 else 0)
+        points.tofile(path)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert report.count(said) == 1
+
+
 @pytest.mark.parametrize(("token", "occlusion"), [("1", 2), ("2", 1), ("3", 1), ("4", 0)])
 def test_without_their_table_tokens_are_nuscenes(data, tmp_path, token, occlusion):
     set_entries(data, "sample_annotation", visibility_token=token)

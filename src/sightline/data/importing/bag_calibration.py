@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -49,7 +50,7 @@ def calibration_of_bag(
         undistort: Whether to undistort images of a distorting lens.
 
     Returns:
-        The calibration, and notes on choices.
+        The calibration, with a tilt by TF of any angle, and notes on choices.
 
     Raises:
         ValueError: There is no CameraInfo, or no TF chain from the LiDAR's frame to the camera's;
@@ -168,16 +169,26 @@ def _baseline_notes(
     )
 
 
-def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) -> Tilt | None:
-    """Find the LiDAR's tilt in a level frame of ROS (REP 105); None: no such frame, or no tilt.
+def with_plausible_tilt(calibration: RecordingCalibration) -> RecordingCalibration:
+    """Remove the tilt by TF of a LiDAR whose clouds were turned upright, unless it is plausible.
 
-    Frames with such a name in which the LiDAR is upside down are not the vehicle's.
+    Tilts below a degree count as level. Frames with a vehicle's name in which the LiDAR is still
+    upside down or on its side are not the vehicle's.
+    """
+    tilt = calibration.lidar_tilt
+    is_plausible = tilt is not None and _MIN_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG
+    return calibration if is_plausible else replace(calibration, lidar_tilt=None)
+
+
+def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) -> Tilt | None:
+    """Find the LiDAR's tilt in a level frame of ROS (REP 105), of any angle; None: no such frame.
+
+    LiDARs may be mounted upside down or on their side.
     """
     for vehicle in _LEVEL_FRAMES:
         vehicle_from_lidar = find_transform(transforms, vehicle, lidar)
         if vehicle_from_lidar is not None:
-            tilt = Tilt.from_up(vehicle_from_lidar[2, :3])
-            return tilt if _MIN_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG else None
+            return Tilt.from_up(vehicle_from_lidar[2, :3])
     return None
 
 

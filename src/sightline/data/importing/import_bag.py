@@ -16,7 +16,7 @@ from jaxtyping import Float32, Int64
 from sightline.data.frame_checks import is_blank
 from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
-from sightline.data.importing.bag_calibration import calibration_of_bag
+from sightline.data.importing.bag_calibration import calibration_of_bag, with_plausible_tilt
 from sightline.data.importing.bag_clocks import Clock
 from sightline.data.importing.bag_files import describe_unread_files, size_of_bag
 from sightline.data.importing.bag_messages import (
@@ -123,6 +123,8 @@ def import_bag(
         new_from_upright, angle_deg = turn_ahead(mount @ upright_from_old.T)
         new_from_old = new_from_upright @ upright_from_old
         written = replace(turned_calibration(given, new_from_old), max_intensity=1.0)
+        if calibration is None:
+            written = with_plausible_tilt(written)
         settings = {
             "sightline": version("sightline"),
             "source": data_name(source),

@@ -224,10 +224,12 @@ def staged_doubt(
         size = calibration.image_size if frame.image is None else read_image_size(frame.image)
         intrinsics = calibration.matrices.image_from_camera[:, :3]
         doubts = check_intrinsics(intrinsics, size, frame.calibration, usual=False)
+        found = examine_recording_frame(frame, reference=None)
         doubts = doubts or [
             each
-            for each in examine_recording_frame(frame, reference=None).all()
-            if each.path != frame.calibration  # its fit is reported when all is written
+            for each in found.all()
+            # the calibration's fit is reported when all is written, intensities as read
+            if each.path != frame.calibration and each not in found.doubtful_intensities
         ]
     except FileError as error:
         doubts = [error.problem]
