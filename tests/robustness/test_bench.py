@@ -14,11 +14,13 @@ import pytest
 
 from sightline.corruptions import suites
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
 from sightline.depth_completion.predictor import DepthCompleter
 from sightline.depth_completion.registration import TASK as DEPTH
 from sightline.evaluation.held_out import evaluate_held_out
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.evaluation.kitti_object import evaluate_objects
+from sightline.files import shard_index
 from sightline.robustness import bench
 from sightline.robustness.bench import BenchSettings, run_bench
 from sightline.robustness.frames import open_frames
@@ -188,6 +190,60 @@ def test_kept_predictions_of_frames_that_were_changed_since_are_told(tmp_path):
     told = f"of 2 frames .* first is 000001: .* to make them anew, remove {out / 'answers'}"
     with pytest.warns(UserWarning, match=told):
         detect(out, data=data, cases=("clean",))
+
+
+def _labels_without_cars(data):
+    for path in (data / "training" / "label_2").iterdir():
+        path.write_text(path.read_text().replace("Car ", "Van "))
+
+
+def _exchange_by_an_older_folder(data):
+    """Replace the labels by a folder whose files were not changed for years."""
+    folder, corrected = data / "training" / "label_2", data.with_name("corrected")
+    shutil.copytree(folder, corrected / "training" / "label_2")
+    _labels_without_cars(corrected)
+    for path in (corrected / "training" / "label_2").iterdir():
+        os.utime(path, (0, 0))
+    shutil.rmtree(folder)
+    (corrected / "training" / "label_2").rename(folder)
+
+
+@pytest.mark.parametrize("is_packed", [False, True])
+@pytest.mark.parametrize("change", [_labels_without_cars, _exchange_by_an_older_folder])
+def test_scores_of_labels_that_were_changed_since_are_repeated(change, is_packed, tmp_path):
+    tree, out = tmp_path / "data", tmp_path / "out"
+    shutil.copytree(PACKAGED_FRAMES, tree)
+    data = tmp_path / "shards" if is_packed else tree
+
+    def scores(*cases):
+        if is_packed:
+            write_shards(tree, data, frames_per_shard=1)
+            shard_index._kept_tree.cache_clear()  # as in a new process
+        found = detect(out, data=data, cases=cases).record.scores
+        return {case: found[case]["Car_bbox_0.5_hard_all_points"] for case in found}
+
+    assert scores("camera_blank")["clean"] == 100
+    before = {path: path.stat().st_mtime_ns for path in (out / "scores").iterdir()}
+    scores("camera_blank")
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    change(tree)
+    assert scores("lidar_blank") == {"clean": None, "camera_blank": None, "lidar_blank": None}
+
+
+def test_kept_predictions_of_occlusions_at_labels_that_were_changed_since_are_told(tmp_path):
+    data, out = tmp_path / "data", tmp_path / "out"
+    shutil.copytree(PACKAGED_FRAMES, data)
+    settings = {"data": data, "suite": "dgfn7", "cases": ("camera_blank", "lidar_occlusion")}
+    detect(out, **settings)
+    later_ns = (out / "robustness.json").stat().st_mtime_ns + 10**9
+    os.utime(data / "training/label_2/000001.txt", ns=(later_ns, later_ns))
+    folder = out / "answers" / "lidar_occlusion"
+    told = f"{folder}: of 2 frames .* first is 000001: .* by the labels, remove {folder} to make"
+    with pytest.warns(UserWarning, match=told):
+        detect(out, **settings)
+    shutil.rmtree(folder)
+    os.utime(data / "training/label_2/000001.txt")
+    detect(out, **settings)  # warnings are errors here
 
 
 def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):

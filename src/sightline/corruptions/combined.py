@@ -15,6 +15,7 @@ from sightline.corruptions.corruption import (
     nowhere,
 )
 from sightline.corruptions.kinds import find_kind
+from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.files.plain_text import shortened
 from sightline.geometry.arguments import wrong_type
@@ -125,3 +126,12 @@ def needs_calibration(corruption: Corruption) -> bool:
     if isinstance(corruption, Combined):
         return any(map(needs_calibration, corruption.parts))
     return corruption.needs_calibration
+
+
+def hits_objects(corruption: Corruption) -> bool:
+    """Test whether a corruption, or a part, is placed by the labels of the frame."""
+    if isinstance(corruption, Combined):
+        return any(map(hits_objects, corruption.parts))
+    if isinstance(corruption, CameraOcclusion | LidarOcclusion):
+        return corruption.box.placement == "object"
+    return False

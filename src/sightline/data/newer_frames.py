@@ -8,8 +8,10 @@ from pathlib import Path
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import Part
 from sightline.data.sample_dataset import NamedSubset, SampleDataset
-from sightline.data.sample_files import list_sample_files
+from sightline.data.sample_files import label_file, list_sample_files
+from sightline.files.shard_path import stored_file
 
+_SHARD_SUFFIX = ".tar"
 _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}
 
 
@@ -19,6 +21,7 @@ def warn_of_newer_frames(
     *,
     parts: Collection[Part],
     remedy: str = "to make them anew, add --overwrite",
+    with_calibration: bool = True,
 ) -> None:
     """Warn if files of frames are newer than the kept results of the frames.
 
@@ -28,12 +31,14 @@ def warn_of_newer_frames(
     Args:
         dataset: Data set of `open_dataset`.
         results: Indices of frames, each with its kept results, if any.
-        parts: Parts that results are made from, beside the calibration.
+        parts: Parts that results are made from.
         remedy: Continuation of the warning.
+        with_calibration: Whether results are made from the calibration, too.
     """
-    names = {name for part in {*parts, "calibration"} for name in (part, _IN_DEPTH_TREES.get(part))}
+    used = {*parts, "calibration"} if with_calibration else set(parts)
+    names = {name for part in used for name in (part, _IN_DEPTH_TREES.get(part))}
     listed: list[dict[str, Path]] = []
-    shared = _shared_calibration(dataset)
+    shared = _shared_calibration(dataset) if with_calibration else []
     kept, older, first = 0, 0, None
     for index, paths in results:
         if not paths:
@@ -51,6 +56,26 @@ def warn_of_newer_frames(
             f"{remedy}",
             stacklevel=3,
         )
+
+
+def labels_changed_at(dataset: SampleDataset) -> float:
+    """Time of the last change of a data set's label files or their folders [s]; 0: no such time.
+
+    Files copied with their old times, and a folder that was exchanged, count as changed then. The
+    labels in a shard changed when the shard was written; those on a server have no time.
+    """
+    files = (label_file(dataset, index) for index in range(len(dataset)))
+    stored = {path: None for each in files if each and (path := stored_file(each))}
+    folders = dict.fromkeys(path.parent for path in stored if path.suffix != _SHARD_SUFFIX)
+    return max((_changed_status_at(path) for path in (*stored, *folders)), default=0.0)
+
+
+def _changed_status_at(path: Path) -> float:
+    """Time of the last change of a file's content, name or times [s]; 0: removed meanwhile."""
+    with suppress(OSError):
+        status = path.stat()
+        return max(status.st_mtime, status.st_ctime)  # mtime may be set to the past
+    return 0.0
 
 
 def _shared_calibration(dataset: SampleDataset) -> list[Path]:

@@ -50,6 +50,14 @@ def is_single_shard(path: Path) -> bool:
     return isinstance(path, ShardPath) and any(each.suffix == ".tar" for each in path.parents)
 
 
+def stored_file(path: Path) -> Path | None:
+    """File of this machine that holds a path: a tar for one in shards. None: it is on a server."""
+    found = _tree_of(Path(str(path))) if isinstance(path, ShardPath) else None
+    member = found[0].files.get(found[1]) if found is not None else None
+    stored = path if member is None else member.tar
+    return None if url_of(stored) is not None else stored
+
+
 def shared_tar(path: Path) -> Path | None:
     """Tar of the files that belong to no frame, in the shards of a path; None: it is in none.
 

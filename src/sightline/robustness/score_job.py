@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from sightline.data.newer_frames import labels_changed_at
 from sightline.data.sample_dataset import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
@@ -59,17 +60,19 @@ def score_cases(
         workers: Number of workers; 1 on this machine uses this process alone.
         driver: Kind of workers.
         anew: Whether to repeat existing scores, because predictions may have changed. Those of
-            files that were changed later are repeated in any case.
+            predictions or true labels that were changed later are repeated in any case.
 
     Raises:
         ValueError: A file is missing or invalid; the message contains the case.
     """
     files = {case: out / _SCORES / f"{case}.json" for case in cases}
+    truth_changed_at = labels_changed_at(dataset) if "objects" in scoring.parts else 0.0
     works = [
         _CaseWork(scoring, dataset, case, data_path(predictions / case), path, are_given=anew)
         for case, path in files.items()
         if anew
         or _stored_scores(path, scoring) is None
+        or truth_changed_at > path.stat().st_mtime
         or _is_newer(data_path(predictions / case), path)
     ]
     run_job(works, workers, description="scoring", driver=driver)
