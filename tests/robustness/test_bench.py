@@ -367,6 +367,21 @@ def test_a_folder_of_another_run_is_refused(oracle_run):
         detect(out, seed=4)
 
 
+def test_a_folder_is_refused_in_words_where_files_or_the_list_of_frames_changed(tmp_path):
+    data, out = tmp_path / "data", tmp_path / "out"
+    shutil.copytree(PACKAGED_FRAMES, data)
+    detect(out, data=data, cases=(), sample_list=["000000"])
+    other = "with another list of frames, files of the data set that had other names or sizes "
+    with pytest.raises(ValueError, match=other):
+        detect(out, data=data, cases=(), sample_list=["000001"])
+    label = data / "training/label_2/000000.txt"
+    label.write_text(label.read_text().replace("Car ", "Truck "))
+    with pytest.raises(ValueError, match=r"made with files of the data set .* labels, .*; name an"):
+        detect(out, data=data, cases=(), sample_list=["000000"])
+    shutil.rmtree(out)
+    detect(out, data=data, cases=(), sample_list=["000000"])
+
+
 def test_a_class_in_place_of_a_predictor_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(OracleTask, "predictor", lambda *_, **__: Oracle)
     with pytest.raises(ValueError, match="the predictor is the class Oracle, expected an object"):

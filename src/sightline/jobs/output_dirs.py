@@ -46,6 +46,14 @@ _WRITTEN_SUFFIXES = (*RESULT_SUFFIXES, ".csv", ".html", ".json", ".jsonl", ".md"
 # of files that commands write to folders; others, such as weights, are never replaced
 _EMPTY_SUFFIXES = (".txt", ".bin")
 _MAX_MANIFEST_BYTES = 2**22
+_DIGESTS: Final = {
+    "frames_sha256": "another list of frames",
+    "files_digest": (
+        "files of the data set that had other names or sizes (images, point clouds, labels, "
+        "calibrations)"
+    ),
+}
+"""Descriptions of differing digests, which by themselves tell users nothing."""
 _MAX_DIFFERENCES = 12  # settings in an error message
 _MAX_VALUE_LENGTH = 60  # characters of a setting in an error message
 
@@ -344,6 +352,8 @@ def _differences(before: Mapping[str, object], now: Mapping[str, object]) -> Ite
         held, requested = before.get(name), now.get(name)
         if isinstance(held, dict) and isinstance(requested, dict):
             yield from (f"{name} {inner}" for inner in _differences(held, requested))
+        elif held != requested and name in _DIGESTS and None not in (held, requested):
+            yield _DIGESTS[name]
         elif held != requested:
             held_text, requested_text = shortened_pair(
                 _text(held), _text(requested), _MAX_VALUE_LENGTH

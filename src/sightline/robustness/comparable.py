@@ -14,6 +14,8 @@ _MAX_PARAMETERS = 200  # characters of a case's parameters in an error message
 _SAME: Final = 0.01
 """Largest difference from the clean score, as a share of it, of a sensor's method where that sensor
 is sound; above 0, as methods of others may draw random numbers."""
+_IN_WORDS: Final = {"figures": "other metrics", "frames_sha256": "another list of frames"}
+"""Descriptions of differing settings whose values tell users nothing."""
 _FILES: Final = "files_digest"
 
 
@@ -98,10 +100,9 @@ def _check(title: str, actual: Mapping[str, object], required: Mapping[str, obje
     for name, value in required.items():
         if name != _FILES and actual[name] != value:
             there, wanted = shortened_pair(str(actual[name]), str(value), _MAX_VALUE)
-            found = "other metrics" if name == "figures" else f"{name} {there}"
-            expected = "" if name == "figures" else f" instead of {wanted}"
+            found = _IN_WORDS.get(name, f"{name} {there} instead of {wanted}")
             raise ValueError(
-                f"{title} is of {found}{expected}, so scores cannot be compared; give one of the "
+                f"{title} is of {found}, so scores cannot be compared; give one of the "
                 "same task, data, frames, suite and seed"
             )
 
