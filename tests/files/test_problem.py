@@ -51,6 +51,7 @@ def test_a_line_for_people_holds_nothing_that_steers_a_screen():
     [
         MemoryError(),
         RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried"),
+        RuntimeError("Exception from src/inference/src/dev/plugin.cpp:54: can't alloc\n"),
         RuntimeError("std::bad_alloc"),
         ImportError("libtorch.so: failed to map segment from shared object"),
         RuntimeError("(-4:Insufficient memory) Failed to allocate 99 bytes"),

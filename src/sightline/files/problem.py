@@ -148,7 +148,7 @@ class SetupError(ValueError):
 
 
 _OUT_OF_MEMORY = (
-    "can't allocate memory",  # PyTorch
+    "can't alloc",  # PyTorch (can't allocate memory), OpenVINO
     "not enough memory",
     "out of memory",  # CUDA
     "bad_alloc",  # C++
