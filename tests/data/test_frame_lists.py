@@ -1,6 +1,7 @@
 import os
 import re
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -33,6 +34,29 @@ def test_a_list_is_a_path_or_a_name_in_image_sets_or_the_frames_themselves(tmp_p
     assert read_sample_list(tmp_path / "ImageSets" / "mine.txt", "elsewhere") == expected
     assert read_sample_list(str(tmp_path / "ImageSets" / "mine.txt"), "elsewhere") == expected
     assert read_sample_list(["000003", "000001"], tmp_path) == expected
+
+
+def test_lists_of_the_data_set_go_before_packaged_ones_and_files_of_their_names(
+    tmp_path, monkeypatch
+):
+    lists, here = tmp_path / "ImageSets", tmp_path / "here"
+    lists.mkdir()
+    here.mkdir()
+    monkeypatch.chdir(here)
+    for name in ("val", "kitti-object-val", "mine"):
+        (here / name).write_text("000007")
+    (lists / "val.txt").write_text("000003")
+    assert read_sample_list("val", tmp_path) == ("000003",)
+    assert read_sample_list("./val", tmp_path) == ("000007",)
+    assert read_sample_list(here / "val", tmp_path) == ("000007",)
+    assert read_sample_list(Path("val"), tmp_path) == ("000007",)
+    assert len(read_sample_list("kitti-object-val", tmp_path)) == 3769
+    (lists / "kitti-object-val.txt").write_text("000001")
+    assert read_sample_list("kitti-object-val", tmp_path) == ("000001",)
+    assert read_sample_list("mine", tmp_path) == ("000007",)
+    (lists / "val.txt.txt").write_text("000009")
+    (here / "val.txt").write_text("000007")
+    assert read_sample_list("val.txt", tmp_path) == ("000007",)
 
 
 def test_an_unknown_list_is_answered_with_those_there_are(tmp_path):

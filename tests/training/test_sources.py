@@ -46,6 +46,19 @@ def test_a_list_of_training_frames_alone_is_divided_as_the_simulator_writes_it(t
     assert frames(tree, "train") == list(range(2, 12))
 
 
+def test_files_of_the_current_folder_are_no_lists_of_the_data(tree, monkeypatch):
+    monkeypatch.chdir(tree.parent)
+    for name in ("train", "val"):
+        (tree.parent / name).write_text("000007\n")
+    assert frames(tree, "val") == [0, 1]
+    assert frames(tree, "train") == list(range(2, 12))
+    write_list(tree, "val", (5, 7))
+    write_list(tree, "train", (3, 9))
+    assert frames(tree, "val") == [5, 7]
+    assert frames(tree, "train") == [3, 9]
+    assert frames(tree, "./train") == [7]
+
+
 def test_where_nothing_validates_on_the_folder_all_of_it_trains(tree):
     assert frames(tree, "train", held_out_for=()) == list(range(12))
     write_list(tree, "train", (3, 4))

@@ -27,9 +27,11 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
     """Read the frames of a list, in its order.
 
     Args:
-        sample_list: The frames themselves; or the name, without ".txt", of a list in the package
-            ("kitti-object-train": 3712 frames, "kitti-object-val": 3769, as commonly published) or
-            in `root`/ImageSets; or the path of a file or a pipe with one frame per line.
+        sample_list: The frames themselves; or the name, without ".txt", of a list in
+            `root`/ImageSets or else in the package ("kitti-object-train": 3712 frames,
+            "kitti-object-val": 3769, as commonly published); or the path of a file or a pipe with
+            one frame per line. Text without a suffix or a folder is first a name: a file `val` in
+            the current folder is "./val".
         root: The data set's folder.
 
     Raises:
@@ -71,12 +73,10 @@ def _piped_text(path: Path, inode: int) -> str:
 
 
 def _find(sample_list: str | Path, root: Path) -> Path:
-    candidates = (
-        Path(sample_list),
-        _PACKAGED / f"{sample_list}.txt",
-        root / "ImageSets" / f"{sample_list}.txt",
-    )
-    for candidate in candidates:
+    named = (root / "ImageSets" / f"{sample_list}.txt", _PACKAGED / f"{sample_list}.txt")
+    file = Path(sample_list)
+    is_name = sample_list == file.name and not file.suffix  # not for a `Path`
+    for candidate in (*named, file) if is_name else (file, *named):
         if candidate.is_file() or candidate.is_fifo():
             return candidate
     known = sorted(path.stem for path in _PACKAGED.glob("*.txt"))

@@ -21,6 +21,7 @@ from sightline.evaluation.object_report import ObjectEntry, ObjectReport
 from sightline.files.plain_text import shortened
 from sightline.inference.network import LoadedNetwork
 from sightline.simulation.generate import MANIFEST_NAME as SIMULATION_MANIFEST
+from sightline.simulation.packaged import PACKAGED_FRAMES
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -145,7 +146,7 @@ def is_published_split(dataset: KittiObjectDataset) -> bool:
     """Check that these are KITTI's val split, and not simulated frames of the same names."""
     if (dataset.root / SIMULATION_MANIFEST).exists():
         return False
-    return set(dataset.sample_ids) == set(read_sample_list(_PUBLISHED_SPLIT, dataset.root))
+    return set(dataset.sample_ids) == set(read_sample_list(_PUBLISHED_SPLIT, PACKAGED_FRAMES))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

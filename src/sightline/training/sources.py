@@ -191,4 +191,4 @@ def _has_box(objects: KittiObjects, box: LearnedBox | None) -> Bool[np.ndarray, 
 
 
 def _has_list(folder: Path, name: str) -> bool:
-    return Path(name).is_file() or (folder / "ImageSets" / f"{name}.txt").is_file()
+    return (folder / "ImageSets" / f"{name}.txt").is_file()
