@@ -73,6 +73,16 @@ _CASES = {
     'sightline.load("detection2d-fast-cpu", engine=5)': "load: engine is of type int, expected",
     'sightline.evaluate_realism(PACKAGED_FRAMES, None, real_labels="labels")':
         "--real-labels has no effect without real data",
+    'predict("detection2d", sightline.load("detection2d-fast-cpu"), PACKAGED_FRAMES, Path("out"))':
+        "predict: task is of type str, expected PredictingTask",
+    'predict(DETECTION2D, sightline.load("detection2d-fast-cpu"), PACKAGED_FRAMES, "out")':
+        "predict: out is of type str, expected Path",
+    'predict(DETECTION2D, sightline.load("detection2d-fast-cpu"), 5, Path("out"))':
+        "predict: data is of type int, expected Path",
+    'predict_shards("detection2d", sightline.load("detection2d-fast-cpu"), Path("a"), Path("b"))':
+        "predict_shards: task is of type str, expected PredictingTask",
+    'sightline.MultiTaskPredictor({"detection2d": lambda _: 0})':
+        "the predictor is the function <lambda>, expected an object of sightline.inference",
     'sightline.evaluate_realism(PACKAGED_FRAMES, None, max_frames=0)': "must be at least 1, got",
     "sightline.evaluate_held_out([given], lambda _: 0)":
         "the method's prediction is of type int, expected DepthMap",
@@ -158,6 +168,8 @@ from sightline.augmentation import faults
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.blank import CameraFramesLost
 from sightline.depth_completion.methods import complete_depth
+from sightline.detection2d.registration import TASK as DETECTION2D
+from sightline.inference.predict import predict, predict_shards
 from sightline.health.monitor import HealthMonitor
 from sightline.health.sequence import DriveMonitor
 from sightline.visualization.birds_eye import draw_birds_eye

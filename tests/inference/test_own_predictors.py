@@ -97,11 +97,24 @@ def test_an_error_of_an_own_predictors_code_names_its_frame(data, out, workers):
     assert "KeyError: 'cls'" in text
 
 
+class Silent:
+    """Callable without any declaration."""
+
+    def __call__(self, sample):
+        return sparse(sample)
+
+
 @pytest.mark.parametrize(
     ("predictor", "told"),
     [
         (None, "the predictor is None, expected an object of sightline.inference.predictor"),
         (FunctionPredictor, "the predictor is the class FunctionPredictor, expected an object"),
+        (sparse, "the predictor is the function sparse, expected an object of sightline.inference"),
+        (FunctionPredictor(sparse).__call__, "the predictor is the function __call__, expected"),
+        (Silent(), r"Silent, which lacks name, parts, needs, gives, made_by; give it all members"),
+        ("nearest", "the predictor is of type str, which lacks name, parts, .*, __call__; give it"),
+        (FunctionPredictor(sparse, made_by=None), r"made_by is of type NoneType, .* give \{\} for"),
+        (FunctionPredictor(sparse, parts=None), "parts is of type NoneType, expected a tuple; giv"),
         (
             FunctionPredictor(sparse, made_by={"weights": Path("a")}),
             r"FunctionPredictor\.made_by\['weights'\] is of type pathlib.PosixPath, expected text",

@@ -13,6 +13,7 @@ from sightline.data.open import open_dataset
 from sightline.data.pixels import is_in_view
 from sightline.data.sample_dataset import SampleDataset
 from sightline.data.sample_files import sweeps_folder, warn_of_missing_sensors
+from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor, check_predictor
 from sightline.jobs.crew import Driver
@@ -30,6 +31,7 @@ Places = tuple[tuple[Output, Path], ...]
 """Outputs to write, each with its folder."""
 
 
+@named_arguments
 def predict(
     task: PredictingTask,
     predictor: Predictor,
@@ -116,6 +118,7 @@ def predict(
     return JobResult(written=len(pending), skipped=skipped, notes=notes)
 
 
+@named_arguments
 def predict_shards(
     task: PredictingTask,
     predictor: Predictor,

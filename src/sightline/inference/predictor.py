@@ -4,7 +4,8 @@ import json
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from types import FunctionType, MethodType
+from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 from sightline.geometry.arguments import check_collection, type_name
 
@@ -55,25 +56,40 @@ class Predictor(Protocol):
         ...
 
 
+_MEMBERS: Final = ("name", "parts", "needs", "gives", "made_by")
+
+
 def check_predictor(predictor: object) -> None:
     """Check the members that a predictor declares, before the first sample.
 
     Raises:
-        ValueError: It is none, or a class; or its names or its entries of a manifest are no text.
+        ValueError: It is none, a class or a function, or lacks a member; or its names or its
+            entries of a manifest are no text.
     """
-    if predictor is None or isinstance(predictor, type):
-        given = "None" if predictor is None else f"the class {predictor.__name__}"
+    if predictor is None or isinstance(predictor, type | FunctionType | MethodType):
         raise ValueError(
-            f"the predictor is {given}, expected an object of "
+            f"the predictor is {_described(predictor)}, expected an object of "
             "sightline.inference.predictor.Predictor; return one, made by its constructor"
         )
     kind = type(predictor).__name__
-    name: object = getattr(predictor, "name", "")
+    lacking = [each for each in (*_MEMBERS, "__call__") if not hasattr(predictor, each)]
+    if lacking:
+        raise ValueError(
+            f"the predictor is of type {type_name(predictor)}, which lacks {', '.join(lacking)}; "
+            "give it all members of sightline.inference.predictor.Predictor"
+        )
+    name, *collections, made_by = (getattr(predictor, member) for member in _MEMBERS)
     if not isinstance(name, str):
         raise ValueError(f"{kind}.name is of type {type_name(name)}, expected text; give str(..)")
-    for member in ("parts", "needs", "gives"):
-        check_collection(f"{kind}.{member}", getattr(predictor, member, ()))
-    for entry, value in getattr(predictor, "made_by", {}).items():
+    for member, values in zip(_MEMBERS[1:-1], collections, strict=True):
+        check_collection(f"{kind}.{member}", values)
+        if not isinstance(values, Collection):
+            given = f"{kind}.{member} is of type {type_name(values)}"
+            raise ValueError(f"{given}, expected a tuple; give () for none")
+    if not isinstance(made_by, Mapping):
+        given = f"{kind}.made_by is of type {type_name(made_by)}"
+        raise ValueError(f"{given}, expected a dictionary; give {{}} for none")
+    for entry, value in made_by.items():
         try:
             json.dumps(value)
         except (TypeError, ValueError) as error:
@@ -81,6 +97,14 @@ def check_predictor(predictor: object) -> None:
                 f"{kind}.made_by[{entry!r}] is of type {type_name(value)}, expected text for "
                 "manifests; give str(..)"
             ) from error
+
+
+def _described(predictor: object) -> str:
+    """Describe what is no object of a predictor."""
+    if predictor is None:
+        return "None"
+    kind = "class" if isinstance(predictor, type) else "function"
+    return f"the {kind} {getattr(predictor, '__name__', '')}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
