@@ -50,6 +50,11 @@ DATA = str(PACKAGED_FRAMES)
             "--around has no effect without 3D detection",
         ),
         (
+            ["perceive", DATA, "OUT", "--detection2d", "none", "--detection3d", "none",
+             "--depth-completion", "linear", "--all-outputs"],
+            "--all-outputs has no effect on these tasks and predictors, which have no further outp",
+        ),
+        (
             ["robustness", "--compare", "a", "b", "--cases", "clean", "--engine", "torch"],
             "--cases and --engine have no effect with --compare, which reads finished runs",
         ),

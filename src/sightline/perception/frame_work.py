@@ -19,6 +19,7 @@ from sightline.inference.predict import (
     read_sample,
     write_prediction,
 )
+from sightline.inference.predictor import Predictor
 from sightline.jobs.output_dirs import Claim, data_name
 from sightline.joining.files import write_objects
 from sightline.joining.models import JOINED
@@ -81,6 +82,12 @@ class FrameWork:
         atomic_write_text(self.out / folder / f"{self.name}.json", f"{line}\n")
 
 
+def further_outputs(task_name: str, predictor: Predictor) -> tuple[str, ...]:
+    """Names of a task's outputs after its first that the predictor gives."""
+    outputs = find_task(task_name).outputs[1:]
+    return tuple(output.name for output in outputs if output.name in predictor.gives)
+
+
 def result_places(
     perceiver: MultiTaskPredictor, out: Path, *, all_outputs: bool
 ) -> dict[str, Places]:
@@ -88,11 +95,8 @@ def result_places(
     places = {}
     for name, predictor in perceiver.predictors.items():
         task = find_task(name)
-        also = {
-            output.name: out / f"{name}-{output.name}"
-            for output in task.outputs[1:]
-            if all_outputs and output.name in predictor.gives
-        }
+        further = further_outputs(name, predictor) if all_outputs else ()
+        also = {output: out / f"{name}-{output}" for output in further}
         places[name] = output_places(task, predictor, out / name, also)
     return places
 

@@ -24,6 +24,7 @@ from sightline.joining.alignment import MIN_FRAMES, Alignment
 from sightline.perception.frame_work import (
     FrameWork,
     done_frames,
+    further_outputs,
     predicting_tasks,
     result_claims,
     result_places,
@@ -146,7 +147,7 @@ def perceive(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
     warn_of_missing_sensors(dataset, data, perceiver.parts, stacklevel=2)
-    _check_tasks(perceiver, around=around)
+    _check_tasks(perceiver, around=around, all_outputs=all_outputs)
     if align and perceiver.alignment is None:
         perceiver = _aligned(perceiver, dataset, out, workers, driver)
     if perceiver.alignment:
@@ -197,8 +198,13 @@ def _check_all_there(out: Path, names: Sequence[str], lines: Collection[str]) ->
         )
 
 
-def _check_tasks(perceiver: MultiTaskPredictor, *, around: bool | None) -> None:
+def _check_tasks(perceiver: MultiTaskPredictor, *, around: bool | None, all_outputs: bool) -> None:
     """Refuse an option of a task that is left out, and warn where objects are not joined."""
+    has_further = any(further_outputs(*each) for each in perceiver.predictors.items())
+    refuse_without_effect(
+        "on these tasks and predictors, which have no further outputs",
+        all_outputs=all_outputs and not has_further,
+    )
     is_searched = SWEEP_TASK in perceiver.predictors
     refuse_without_effect("without 3D detection", around=around is not None and not is_searched)
     if perceiver.lacks_models:
@@ -224,7 +230,7 @@ def perceive_shards(
     hold each frame's line, but no perception.jsonl and no times, which differ between runs. Frames
     are taken as calibrated, since a shard alone may be too short to measure the LiDAR's rotation.
     """
-    _check_tasks(perceiver, around=around)
+    _check_tasks(perceiver, around=around, all_outputs=all_outputs)
     return pack_results(
         _ShardWriter(perceiver, velodyne, all_outputs, around),
         data,
