@@ -2,7 +2,7 @@
 
 import traceback
 from dataclasses import replace
-from pathlib import Path
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -116,10 +116,10 @@ class Silent:
         (FunctionPredictor(sparse, made_by=None), r"made_by is of type NoneType, .* give \{\} for"),
         (FunctionPredictor(sparse, parts=None), "parts is of type NoneType, expected a tuple; giv"),
         (
-            FunctionPredictor(sparse, made_by={"weights": Path("a")}),
-            r"FunctionPredictor\.made_by\['weights'\] is of type pathlib.PosixPath, expected text",
+            FunctionPredictor(sparse, made_by={"weights": Fraction(1)}),
+            r"FunctionPredictor\.made_by\['weights'\] is of type fractions.Fraction, expected text",
         ),
-        (FunctionPredictor(sparse, name=Path("a")), "Predictor.name is of type pathlib.PosixPath"),
+        (FunctionPredictor(sparse, name=Fraction(1)), "name is of type fractions.Fraction"),
         (FunctionPredictor(sparse, gives="depth"), r"gives is the text 'depth', .* \('depth',\)$"),
     ],
 )

@@ -356,7 +356,7 @@ def test_a_killed_worker_leaves_no_semaphore_of_a_progress_bar(tmp_path):
 
 def test_warnings_of_workers_are_given_in_the_process_of_the_job():
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+        warnings.simplefilter("always", UserWarning)
         assert list(run_pieces(warns, 4, 2)) == ["0", "1", "2", "3"]
     texts = [str(each.message) for each in caught]
     assert sorted(text[:5] for text in texts) == ["0.npy", "0.npy", "1.npy", "1.npy"]

@@ -92,7 +92,7 @@ _RULES: Final[tuple[tuple[str, Callable[..., _Refusal]], ...]] = (
     (r'Parser key "(\w+)":\s+Expected an? (.*)\. Got value: (.*)', _wrong_value),
     (r'Parser key "(\w+)":.*Subtypes: \[(.*)\]\s+Errors:.*Given value: (.*)', _wrong_value),
     (r'Parser key "(\w+)":.*(?:does not support item assignment|is not iterable)', _no_list),
-    (r'Parser key "(\w+)":.*(?:not int|not float|not bool|not list|not dict|not date)', _no_name),
+    (r'Parser key "(\w+)":.*not \'?(?:int|float|bool|list|dict|date)\'?', _no_name),
     (rf'Parser key "(\w+)": {re.escape(UNQUOTED)}', _no_name),
     (r"Unexpected config:.*", _no_settings),
     (r"Problems parsing config:\s+(.*)", _faulty_settings),

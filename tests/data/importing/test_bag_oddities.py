@@ -1,4 +1,5 @@
 import sqlite3
+from contextlib import closing
 from types import SimpleNamespace
 
 import numpy as np
@@ -97,7 +98,7 @@ def test_names_and_encodings_of_any_length_are_shown_in_short():
 def test_times_of_receipt_of_no_clock_are_named(tmp_path):
     bag = write_bag(tmp_path / "drive", 1, storage=StoragePlugin.SQLITE3)
     (path,) = bag.glob("*.db3")
-    with sqlite3.connect(path) as database:
+    with closing(sqlite3.connect(path)) as database, database:
         database.execute("update messages set timestamp = 9223372036854775807")
     with pytest.raises(ValueError, match=r"unreadable messages of .*: its time of receipt, 9223"):
         import_recording(path, tmp_path / "out")
