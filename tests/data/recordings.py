@@ -182,6 +182,7 @@ class BagMaker:
         binning=(0, 0),
         region=(0, 0, 0, 0),
         offset_px=0.0,
+        has_projection=True,
     ):
         """region: x, y, height, width."""
         roi = self.new(
@@ -194,6 +195,7 @@ class BagMaker:
         )
         projection = np.pad(matrix, ((0, 0), (0, 1)))
         projection[0, 3] = offset_px
+        projection *= has_projection
         message = self.new(
             "sensor_msgs/msg/CameraInfo",
             header=self.header("camera_optical", time_ns),

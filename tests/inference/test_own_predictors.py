@@ -37,6 +37,12 @@ def in_millimetres(sample):
     return DepthMap(depth_m=sparse(sample).depth_m * 1000, valid=sparse(sample).valid)
 
 
+def of_an_infinite_sky(sample):
+    depth_m = torch.full(sample.image_size, torch.inf)
+    depth_m[-10:] = 5.0
+    return DepthMap(depth_m=depth_m, valid=depth_m < 9)
+
+
 def at_another_size(_sample):
     return DepthMap(depth_m=torch.ones(3, 4), valid=torch.ones(3, 4, dtype=torch.bool))
 
@@ -45,6 +51,7 @@ def at_another_size(_sample):
     ("function", "told"),
     [
         (in_millimetres, r"sample 000000: \d+ of \d+ depths are above 256 m, .* give metres"),
+        (of_an_infinite_sky, r"the first is inf m at row 0, .* use 0 for no value"),
         (at_another_size, r"000000.png is 3x4 \(height x width\), expected .*resize its maps"),
     ],
 )

@@ -56,8 +56,8 @@ CALIBRATION_REMEDY = (
     "convention; see docs/recordings.md"
 )
 _VIEW_REMEDY = (
-    f"{CALIBRATION_REMEDY}; where other frames fit, this point cloud is a part of a turn or of "
-    "another time: leave its frame out"
+    f"{CALIBRATION_REMEDY}; where other frames of this camera fit, this point cloud is a part of a "
+    "turn or of another time: leave its frame out"
 )
 
 

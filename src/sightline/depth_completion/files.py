@@ -25,8 +25,8 @@ def write_depth(path: Path, sample: CameraLidarSample, depth_map: DepthMap) -> N
     Raises:
         ValueError: The map does not have the image's size, or most depths are beyond the range.
     """
-    num_far = int((depth_map.depth_m > MAX_DEPTH_M).sum())
-    num_depths = int((depth_map.depth_m > 0).sum())
+    depth_m = depth_map.depth_m[depth_map.depth_m.isfinite()]  # others are refused below
+    num_far, num_depths = int((depth_m > MAX_DEPTH_M).sum()), int((depth_m > 0).sum())
     if num_far > _MAX_FAR_SHARE * num_depths:
         raise ValueError(
             f"{num_far} of {num_depths} depths are above {MAX_DEPTH_M:.0f} m, which a depth PNG "

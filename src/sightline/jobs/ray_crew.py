@@ -3,6 +3,7 @@
 import itertools
 import os
 import signal
+import warnings
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,6 +41,7 @@ class RayCrew:
         self._is_own = not self._ray.is_initialized()
         if self._is_own:
             self._connect()
+        self._warn_of_busy_cluster()
         self._piece = self._ray.put(piece)
         self._make = self._ray.remote(num_cpus=1, max_restarts=0)(_Actor).remote
         self._actors: dict[int, Any] = {}
@@ -58,6 +60,16 @@ class RayCrew:
             ) from error
         for number, handler in handlers.items():  # Ray replaces that of SIGTERM
             signal.signal(number, handler)
+
+    def _warn_of_busy_cluster(self) -> None:
+        """Warn if no CPU is free, as actors then wait without a word."""
+        if self._ray.available_resources().get("CPU", 0) < 1:
+            number = self._ray.cluster_resources().get("CPU", 0)
+            warnings.warn(
+                f"no CPU of the Ray cluster is free, it has {number:g} in all: the job waits for "
+                "one; start further nodes by: ray start --address HEAD:6379",
+                stacklevel=2,
+            )
 
     def hire(self) -> int:
         """Request an actor."""

@@ -110,6 +110,27 @@ def test_later_sweeps_above_the_guessed_scale_are_kept_and_told(tmp_path, scale,
     assert "have more than one point" not in str(given)
 
 
+@pytest.mark.parametrize("empty", [0.0, np.nan])
+def test_the_scale_is_exceeded_by_points_with_an_echo_alone(tmp_path, empty):
+    sweeps = distinct(np.repeat(FULL, 2, axis=0), 13)
+    for sweep in sweeps:
+        sweep[::2, :3] = empty
+        sweep[::2, 3] = 65535
+    sweeps[1][1 : len(FULL) : 32, 3] = 600  # 1.6 % of the echoes, 0.8 % of the rows
+    report = str(imported(tmp_path, sweeps))
+    assert "intensities of 0 to 255" in report
+    assert "13 frames written" in report
+    assert "warning: 1 sweeps, e.g. that of frame 000001, have more than one point in a" in report
+
+
+def test_one_bright_sweep_does_not_decide_the_scale_of_intensities(tmp_path):
+    sweeps = distinct(FULL, 5)
+    sweeps[3][::20, 3] = 600
+    report = str(imported(tmp_path, sweeps))
+    assert "intensities of 0 to 255" in report
+    assert "warning: 1 sweeps, e.g. that of frame 000003, have more than one point in a" in report
+
+
 @pytest.mark.parametrize("fault", ["negative", "millimetres"])
 def test_one_faulty_sweep_does_not_decide_the_scale_of_intensities(tmp_path, fault):
     sweeps = distinct(FULL, 5)

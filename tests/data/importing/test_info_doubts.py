@@ -186,3 +186,19 @@ def test_rectified_images_are_known_by_their_topics(tmp_path, topic, is_straight
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
     assert read_recording_calibration(tmp_path / "out" / "calibration.yaml").lens is None
     assert ("count as rectified, by the topic's name" in report) == ("image_" not in topic[6:13])
+
+
+@pytest.mark.parametrize("topic", ["/front/image_undistorted", "/undistorted/front/image"])
+def test_rectified_images_without_p_have_k(tmp_path, topic):
+    folder = topic.rpartition("/")[0]
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info(
+            f"{folder}/camera_info", 10**9, has_projection=False, rectification=np.zeros((3, 3))
+        )
+        bag.image(topic, 10**9)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "but P of CameraInfo holds zeros: K is their camera matrix" in report
+    matrices = read_recording_calibration(tmp_path / "out" / "calibration.yaml").matrices
+    np.testing.assert_allclose(matrices.image_from_camera[:, :3], CAMERA_MATRIX)

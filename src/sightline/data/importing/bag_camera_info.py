@@ -44,6 +44,8 @@ class _Candidate:
     """Number of the first of these messages, from 0."""
     doubt: str
     """Reason why it does not fit the images; empty: it does."""
+    notes: tuple[str, ...]
+    """Notes on the reading."""
     count: int = 0
 
 
@@ -79,7 +81,8 @@ def camera_of_bag(
                 fault = fault or str(error)
                 continue
             doubt = _doubt(calibration, image_size)
-            candidates[content] = _Candidate(calibration, message.number, doubt)
+            read_notes = _projection_notes(info, topics)
+            candidates[content] = _Candidate(calibration, message.number, doubt, read_notes)
         candidates[content].count += 1
     if not candidates and fault:
         raise ValueError(f"topic {label}: {fault}; {CALIBRATION_REMEDY}")
@@ -105,7 +108,7 @@ def camera_of_bag(
             f"warning: {usable - chosen.count} of {total} messages of {label} differ from number "
             f"{chosen.first} (from 0), {reason}: it is used for all images",
         )
-    return chosen.calibration, notes
+    return chosen.calibration, (*notes, *chosen.notes)
 
 
 def _content(info: Any) -> tuple[object, ...]:  # noqa: ANN401 - a message
@@ -153,20 +156,32 @@ def _doubt(calibration: CameraCalibration, image_size: tuple[int, int] | None) -
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
     """Read image_from_camera of the full resolution, and the rectifying rotation.
 
+    Nodes that undistort images often send K alone, and zeros for P and R.
+
     Raises:
         ValueError: R is no rotation; the message continues a sentence that begins with the topic.
     """
     rectified_from_camera = np.eye(4)
-    if topics.is_rectified:
+    if topics.is_rectified and _field(info, "p").any():
         image_from_camera = _field(info, "p").reshape(3, 4)
         rotation = _field(info, "r").reshape(3, 3)
         fault = rotation_fault(rotation)
-        if image_from_camera.any() and fault is not None:
+        if fault is not None:
             raise ValueError(f"R is no rotation: {fault}")
         rectified_from_camera[:3, :3] = rotation
     else:
         image_from_camera = np.pad(_field(info, "k").reshape(3, 3), ((0, 0), (0, 1)))
     return image_from_camera, rectified_from_camera
+
+
+def _projection_notes(info: Any, topics: ChosenTopics) -> tuple[str, ...]:  # noqa: ANN401
+    """Note that rectified images get K, as P holds zeros; empty: not so."""
+    if not topics.is_rectified or _field(info, "p").any():
+        return ()
+    return (
+        f"images of {shortened(topics.camera.name)} count as rectified, by the topic's name, but P "
+        "of CameraInfo holds zeros: K is their camera matrix, and its lens is left out",
+    )
 
 
 def _lens(info: Any) -> Lens | None:  # noqa: ANN401 - a message

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import partial
 from importlib.metadata import version
+from itertools import compress
 from pathlib import Path
 from typing import Final
 
@@ -60,7 +61,7 @@ from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 from sightline.geometry.cloud_checks import cloud_fault
-from sightline.geometry.echoes import echoes
+from sightline.geometry.echoes import echoes, is_echo
 from sightline.geometry.intensity_checks import exceeds_scale
 from sightline.geometry.mount import mount_doubt, turn_ahead
 from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
@@ -342,8 +343,9 @@ class _Frames:
 
     def _within_scale(self, name: str, points: _Cloud) -> _Cloud:
         """Limit intensities to a guessed scale of whole numbers, as later sweeps may exceed it."""
-        is_above = np.isfinite(points[:, 3]) & (points[:, 3] > self.max_intensity)
-        if not self.is_guessed or self.max_intensity == 1 or not exceeds_scale(is_above):
+        has_echo = is_echo(points)
+        is_above = has_echo & np.isfinite(points[:, 3]) & (points[:, 3] > self.max_intensity)
+        if not self.is_guessed or self.max_intensity == 1 or not exceeds_scale(is_above[has_echo]):
             return points
         self.bright.append(name)
         limited = points.copy()
@@ -386,6 +388,8 @@ def _spread(count: int) -> list[int]:
 
 
 def _guess_intensity(clouds: Sequence[_Cloud]) -> float:
-    """Guess the smallest usual scale on which as many sweeps are valid as on the largest."""
-    num_valid = [sum(cloud_fault(each, scale) is None for each in clouds) for scale in _INTENSITIES]
-    return _INTENSITIES[num_valid.index(max(num_valid))]
+    """Guess the smallest usual scale on which most of the sweeps valid on the largest are valid."""
+    filled = [each for each in clouds if len(each)]
+    num_valid = [sum(cloud_fault(each, scale) is None for each in filled) for scale in _INTENSITIES]
+    is_usual = (2 * each > num_valid[-1] for each in num_valid)
+    return next(compress(_INTENSITIES, is_usual), _INTENSITIES[0])
