@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pypcd4 import Encoding, PointCloud
 
-from sightline.data.point_files import checked_cloud, read_cloud
+from sightline.data.point_files import read_cloud
 from sightline.data.rings import ring_numbers
 from sightline.files.problem import FileError
 from tests.data.recordings import POINTS, write_cloud_file
@@ -169,11 +169,6 @@ def test_a_field_of_rings_brings_points_into_kittis_order(tmp_path, suffix, name
     found = ring_numbers(read_cloud(path))
     assert abs(found.max() - rings.max()) <= 1
     np.testing.assert_array_equal(np.sort(read_cloud(path), axis=0), np.sort(POINTS, axis=0))
-
-
-def test_a_scale_far_above_all_intensities_is_doubted():
-    with pytest.warns(UserWarning, match="are below a hundredth of max_intensity, 255, so"):
-        checked_cloud(POINTS.copy(), 255.0, "/points")
 
 
 def test_rings_in_the_place_of_intensities_are_told_as_such(tmp_path):

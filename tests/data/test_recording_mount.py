@@ -222,6 +222,8 @@ def test_clouds_with_z_down_are_told_to_be_converted_with_their_calibration(tmp_
         assert problems, said
         assert "-z points up" in problems[0].problem
         assert problems[0].path == folder / "points" / "a.pcd"
+        (summary,) = summarize_tree(folder)
+        assert "too little of the road" not in str(summary)
 
 
 def test_a_tilt_of_zeros_is_as_none_and_keeps_the_clouds_from_being_levelled(tmp_path):

@@ -53,6 +53,15 @@ def shards(tree, tmp_path):
     return tmp_path / "shards"
 
 
+@pytest.mark.parametrize("name", ["training", "drive"])
+def test_a_recording_is_packed_under_any_name_of_its_folder(tmp_path, name):
+    recording = write_recording(tmp_path / name)
+    write_shards(recording, tmp_path / "shards", frames_per_shard=2)
+    packed, loose = open_dataset(tmp_path / "shards"), open_dataset(recording)
+    assert packed.sample_ids == loose.sample_ids
+    torch.testing.assert_close(packed[0].points, loose[0].points, rtol=0, atol=0)
+
+
 def contents(root):
     """Contents of the files of a folder that are not hidden, by their paths."""
     return {

@@ -194,6 +194,17 @@ def test_a_recordings_labels_choose_as_well(tmp_path):
     assert open_with_classes(root, "Cyclist").sample_ids == ("b",)
 
 
+@pytest.mark.parametrize("name", ["training", "testing", "drive"])
+def test_a_recordings_lists_are_found_under_any_name_of_its_folder(tmp_path, name):
+    root = recordings.write_recording(tmp_path / name, ("000000", "000001", "000002"))
+    write_list(root, "train", (0, 1))
+    write_list(root, "val", (2,))
+    lines = []
+    assert frames(root, "train", lines=lines) == [0, 1]
+    assert frames(root, "val", lines=lines) == [2]
+    assert lines == []
+
+
 def test_data_without_labels_cannot_be_chosen_by_class(tmp_path):
     drive = trees.write_drive(tmp_path / "drive")
     with pytest.raises(ValueError, match="no labels, needed for with_classes Car; leave it out"):

@@ -21,7 +21,6 @@ def warn_of_newer_frames(
     *,
     parts: Collection[Part],
     remedy: str = "to make them anew, add --overwrite",
-    with_calibration: bool = True,
 ) -> None:
     """Warn if files of frames are newer than the kept results of the frames.
 
@@ -31,14 +30,12 @@ def warn_of_newer_frames(
     Args:
         dataset: Data set of `open_dataset`.
         results: Indices of frames, each with its kept results, if any.
-        parts: Parts that results are made from.
+        parts: Parts that results are made from, beside the calibration.
         remedy: Continuation of the warning.
-        with_calibration: Whether results are made from the calibration, too.
     """
-    used = {*parts, "calibration"} if with_calibration else set(parts)
-    names = {name for part in used for name in (part, _IN_DEPTH_TREES.get(part))}
+    names = {name for part in {*parts, "calibration"} for name in (part, _IN_DEPTH_TREES.get(part))}
     listed: list[dict[str, Path]] = []
-    shared = _shared_calibration(dataset) if with_calibration else []
+    shared = _shared_calibration(dataset)
     kept, older, first = 0, 0, None
     for index, paths in results:
         if not paths:
@@ -71,10 +68,13 @@ def labels_changed_at(dataset: SampleDataset) -> float:
 
 
 def _changed_status_at(path: Path) -> float:
-    """Time of the last change of a file's content, name or times [s]; 0: removed meanwhile."""
+    """Time of the last change of a file's content, name or times [s]; 0: removed meanwhile.
+
+    A link changes with its target, and where it is made to lead to another one.
+    """
     with suppress(OSError):
-        status = path.stat()
-        return max(status.st_mtime, status.st_ctime)  # mtime may be set to the past
+        found = (path.stat(), path.lstat())
+        return max(max(each.st_mtime, each.st_ctime) for each in found)  # mtime may be set back
     return 0.0
 
 

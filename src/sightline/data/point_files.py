@@ -31,7 +31,7 @@ from sightline.geometry.cloud_checks import (
     warn_of_integers,
 )
 from sightline.geometry.echoes import echoes, warn_of_losses
-from sightline.geometry.intensity_checks import reflectances, warn_of_intensities
+from sightline.geometry.intensity_checks import reflectances
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
 """Suffixes of the files for `read_cloud`, in any case."""
@@ -62,7 +62,7 @@ def read_cloud(path: Path | str, max_intensity: float = 1.0) -> Float32[np.ndarr
         FileError: The file cannot be read or is truncated, lacks a coordinate, is not in metres, or
             an intensity is negative, or more than one in a hundred is above max_intensity.
     """
-    return checked_cloud(cloud_rows(path), max_intensity, path, warn_intensities=False)
+    return checked_cloud(cloud_rows(path), max_intensity, path)
 
 
 def cloud_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
@@ -98,11 +98,8 @@ def checked_cloud(
     source: Path | str,
     *,
     warn_losses: bool = True,
-    warn_intensities: bool = True,
 ) -> Float32[np.ndarray, "num_echoes 4"]:
     """Select points with an echo, with reflectances in [0, 1]; warns of unusual losses.
-
-    Also warns of doubtful intensities (`intensity_doubt`).
 
     Raises:
         FileError: Points are not in metres, or intensities do not fit the scale (`cloud_fault`);
@@ -115,8 +112,6 @@ def checked_cloud(
     if fault is not None:
         problem, remedy = fault
         raise FileError(source, f"holds {problem}", remedy)
-    if warn_intensities:
-        warn_of_intensities(points, max_intensity)
     points[:, 3] = reflectances(points[:, 3], max_intensity)
     return points
 

@@ -72,6 +72,8 @@ class RecordingView:
     """Height, width [px] of the image."""
     doubt: Problem | None
     """Implausibility with the likely cause."""
+    is_turned: bool
+    """Whether the road shows that the cloud's z axis does not point up."""
 
     def __str__(self) -> str:
         """Format the share in one clause."""
@@ -129,6 +131,7 @@ def view_of_recording(frame: ObjectFrame | None) -> RecordingView | None:
         sample_id=frame.sample_id,
         share=share,
         size=size,
+        is_turned=axes is not None,
         doubt=(
             Problem(path=frame.points, problem=axes[0], remedy=axes[1])
             if axes is not None
@@ -170,7 +173,9 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
             f"LiDAR is {pose.height_m:.2f} m above it"
         )
     lowness = "" if pose.height_m is None else describe_lowness(pose.height_m)
-    if calibration.lidar_height_m is None and (pose.height_m is not None or has_points(frames)):
+    has_other_axes = view is not None and view.is_turned
+    is_told = pose.height_m is not None or (has_points(frames) and not has_other_axes)
+    if calibration.lidar_height_m is None and is_told:
         described.append(
             f"warning: its clouds show too little of the road to find the LiDAR's height above "
             f"it: KITTI's {KITTI_LIDAR_HEIGHT_M} m is assumed; give lidar_height_m"
@@ -294,7 +299,7 @@ def _examine_cloud(
     rows = read_or_note(cloud_rows, path, found.unreadable)
     if rows is None or path is None:
         return None, False
-    check = partial(checked_cloud, rows, max_intensity, warn_intensities=False)
+    check = partial(checked_cloud, rows, max_intensity)
     points = read_or_note(check, path, found.unreadable)
     if points is None:
         return None, False

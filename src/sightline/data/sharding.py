@@ -46,6 +46,7 @@ from sightline.jobs.output_dirs import (
     acquire_output_dir,
     check_no_shards,
     data_name,
+    is_split,
 )
 from sightline.jobs.progress import track
 from sightline.jobs.read_ahead import check_threads, map_ahead
@@ -216,7 +217,7 @@ def _check_has_calibration(data: Path) -> None:
 
 def _find_sources(data: Path) -> _Sources:
     root, below = data, ""
-    if data.resolve().name in KITTI_SPLITS:  # readers know a split by its folder's name
+    if is_split(data.resolve()):  # readers know a split by its folder's name
         root, below = data.resolve().parent, data.resolve().name
     frames: dict[tuple[str, str], list[str]] = {}
     others: list[str] = []

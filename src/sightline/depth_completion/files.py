@@ -25,7 +25,8 @@ def write_depth(path: Path, sample: CameraLidarSample, depth_map: DepthMap) -> N
     Raises:
         ValueError: The map does not have the image's size, or most depths are beyond the range.
     """
-    depth_m = depth_map.depth_m[depth_map.depth_m.isfinite()]  # others are refused below
+    is_judged = depth_map.valid & depth_map.depth_m.isfinite()  # others are refused below
+    depth_m = depth_map.depth_m[is_judged]
     num_far, num_depths = int((depth_m > MAX_DEPTH_M).sum()), int((depth_m > 0).sum())
     if num_far > _MAX_FAR_SHARE * num_depths:
         raise ValueError(
@@ -111,7 +112,7 @@ def _write(
     path: Path, sample: CameraLidarSample, values_m: Float32[Tensor, "height width"]
 ) -> None:
     _check_size(path, sample, values_m, "let the predictor resize its maps to the image")
-    values = values_m.cpu().numpy()
+    values = values_m.detach().cpu().numpy()
     # One stray return beyond the format's reach must not end the job of a whole data set.
     too_far = np.isfinite(values) & (values > MAX_DEPTH_M)
     write_depth_png(path, np.where(too_far, np.float32(0), values))

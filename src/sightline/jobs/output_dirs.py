@@ -242,7 +242,7 @@ def check_outside_dataset(data: Path, outputs: Iterable[Path]) -> None:
 def _data_root(data: Path) -> Path:
     """Root of a data set, from an object tree's split, or the folder of one part of any layout."""
     for split in (data, data.parent):
-        if split.name in KITTI_SPLITS and _is_split(split):
+        if is_split(split):
             return split.parent
     for maps in data.parents:
         if maps.name == _DRIVE_DEPTH and any((maps / each).is_dir() for each in _DRIVE_PARTS):
@@ -252,8 +252,10 @@ def _data_root(data: Path) -> Path:
     return data.parent if is_part else data
 
 
-def _is_split(folder: Path) -> bool:
+def is_split(folder: Path) -> bool:
     """Check if a folder is a split of an object tree, which may be packed into shards."""
+    if folder.name not in KITTI_SPLITS:
+        return False
     has_part = any((folder / each).is_dir() for each in _SPLIT_PARTS)
     return has_part or (folder.parent / MANIFEST).is_file()
 

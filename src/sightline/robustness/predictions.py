@@ -1,13 +1,14 @@
 """Predictions of methods for every frame in every case, stored for scoring."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sightline.corruptions.combined import hits_objects
 from sightline.corruptions.suites import Case
 from sightline.data.kitti_trees import Part
-from sightline.data.newer_frames import warn_of_newer_frames
+from sightline.data.newer_frames import labels_changed_at, warn_of_newer_frames
 from sightline.data.sample_dataset import SampleDataset
 from sightline.inference.predictor import Predictor
 from sightline.jobs.crew import Driver
@@ -81,40 +82,54 @@ def predict_in_cases(
         for start in range(0, len(pending), _CASES_PER_READ):
             cases_of_read = tuple(pending[start : start + _CASES_PER_READ])
             works.append(_FrameWork(dataset, index, name, writer, seed, cases_of_read))
-    _warn_of_newer_frames(dataset, runs, writer.suffix, present)
+    kept = (
+        (
+            index,
+            [
+                folder / case / f"{name}{writer.suffix}"
+                for (folder, case), finished in present.items()
+                if name in finished
+            ],
+        )
+        for index, name in enumerate(dataset.sample_ids)
+    )
+    folders = ", ".join(dict.fromkeys(str(each.folder) for each in runs))
+    parts: tuple[Part, ...] = ("image", "points", "depth")  # labels are read for the scores
+    remedy = f"to make them anew, remove {folders}"
+    warn_of_newer_frames(dataset, kept, parts=parts, remedy=remedy)
+    hitting = {name for name, case in cases.items() if hits_objects(case.corruption)}
+    _warn_of_newer_labels(
+        dataset,
+        {
+            folder / case: [folder / case / f"{name}{writer.suffix}" for name in finished]
+            for (folder, case), finished in present.items()
+            if case in hitting and finished
+        },
+    )
     run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
     total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)
 
 
-def _warn_of_newer_frames(
-    dataset: SampleDataset,
-    runs: Sequence[MethodRun],
-    suffix: str,
-    present: Mapping[tuple[Path, str], frozenset[str]],
-) -> None:
-    """Warn if frames are newer than their kept predictions: their sensors, or labels that are hit.
+def _warn_of_newer_labels(dataset: SampleDataset, kept: Mapping[Path, Sequence[Path]]) -> None:
+    """Warn of kept predictions whose occlusions are placed by labels that changed since.
 
-    Other labels are only scored against, and scores are repeated.
+    Args:
+        dataset: Data set of the predictions.
+        kept: Predictions by their folder, of such cases.
     """
-    hitting = {case.name for each in runs for case in each.cases if hits_objects(case.corruption)}
-
-    def kept(places: Collection[tuple[Path, str]]) -> Iterator[tuple[int, list[Path]]]:
-        for index, name in enumerate(dataset.sample_ids):
-            found = [place for place in places if name in present[place]]
-            yield index, [folder / case / f"{name}{suffix}" for folder, case in found]
-
-    folders = ", ".join(dict.fromkeys(str(each.folder) for each in runs))
-    sensors: tuple[Part, ...] = ("image", "points", "depth")
-    labels: tuple[Part, ...] = ("objects",)
-    remedy = f"to make them anew, remove {folders}"
-    warn_of_newer_frames(dataset, kept(present), parts=sensors, remedy=remedy)
-    at_labels = [(folder, case) for folder, case in present if case in hitting]
-    folders = ", ".join(str(folder / case) for folder, case in at_labels)
-    remedy = f"as their occlusions are placed by the labels, remove {folders} to make them anew"
-    warn_of_newer_frames(
-        dataset, kept(at_labels), parts=labels, remedy=remedy, with_calibration=False
-    )
+    changed_at = labels_changed_at(dataset) if kept else 0.0
+    older = [
+        folder
+        for folder, paths in kept.items()
+        if changed_at > min(path.stat().st_mtime for path in paths)
+    ]
+    if older:
+        warnings.warn(
+            "labels were changed or copied since predictions were made whose occlusions are placed "
+            f"by them; to make them anew, remove {', '.join(map(str, older))}",
+            stacklevel=3,
+        )
 
 
 def check_numbers(seed: int, workers: int, driver: Driver = "local") -> None:

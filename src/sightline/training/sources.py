@@ -20,7 +20,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.shard_path import data_path
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
-from sightline.jobs.output_dirs import KITTI_SPLITS
+from sightline.jobs.output_dirs import is_split
 
 LearnedBox = Literal["2D", "3D"]
 """Kind of the labelled boxes that a network learns."""
@@ -56,9 +56,9 @@ class SourceConfig:
 
 @named_arguments
 def data_tree(source: SourceConfig, root: Path) -> Path:
-    """Canonical folder of a source; the parent of a folder `training`."""
+    """Canonical folder of a source; that of the whole object tree for its split `training`."""
     path = (root / source.path).resolve()
-    return path.parent if path.name == "training" else path
+    return path.parent if path.name == "training" and is_split(path) else path
 
 
 @named_arguments
@@ -83,7 +83,7 @@ def open_source(
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
     """
     path = data_path(root / source.path)
-    lists = path.parent if path.name in KITTI_SPLITS else path
+    lists = path.parent if is_split(path) else path
     has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
     has_lists = (has_val and has_train) or (has_train and not held_out_for)
     frames: str | tuple[str, ...] | None = source.sample_list

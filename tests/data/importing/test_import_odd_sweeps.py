@@ -151,11 +151,33 @@ def test_doubtful_intensities_are_told_once_and_refuse_no_import(tmp_path):
         points[-1, 0] += number  # sweeps differ
     report = str(imported(tmp_path, constant))
     assert report.count("warning") == 1
-    assert "warning: all intensities are 100, so reflectances carry no information" in report
+    said = "warning: in 3 of 3 sweeps, e.g. that of frame 000000, all intensities are 100, so"
+    assert said in report
     assert "3 frames written" in report
     (tmp_path / "sorted").mkdir()
     report = str(imported(tmp_path / "sorted", [FULL[np.argsort(FULL[:, 3])]]))
-    assert "warning: intensities only rise along the cloud" in report
+    assert "that of frame 000000, intensities only rise along the cloud" in report
+
+
+def test_a_doubt_about_one_sweep_has_no_remedy_for_all(tmp_path):
+    sweeps = distinct(FULL, 6)
+    sweeps[3][:, 3] /= 200
+    report = str(imported(tmp_path, sweeps))
+    said = "warning: in 1 of 6 sweeps, e.g. that of frame 000003, intensities are below a hundredth"
+    assert said in report
+    assert "look at what the LiDAR delivered in these frames" in report
+    assert "--max-intensity" not in report
+
+
+@pytest.mark.parametrize("num_zero", [3, 4])
+def test_sweeps_of_zeros_do_not_decide_the_scale_of_intensities(tmp_path, num_zero):
+    sweeps = distinct(FULL, 5)
+    for number, sweep in enumerate(sweeps[:num_zero]):
+        sweep[:, 3] = 0
+        sweep[-1, 0] += number
+    report = str(imported(tmp_path, sweeps))
+    assert "intensities of 0 to 255" in report
+    assert "5 frames written" in report
 
 
 def test_a_doubtful_first_sweep_is_told_and_refuses_no_others(tmp_path):

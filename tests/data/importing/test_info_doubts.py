@@ -10,6 +10,7 @@ from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, IMAGE, BagMa
 
 BASELINE_M = 0.12
 LENS = (-0.03, 0.01, 0.0005, -0.0003, -0.002)
+SMALLER = CAMERA_MATRIX * [[0.9], [0.9], [1.0]]
 OFFSET_PX = -BASELINE_M * CAMERA_MATRIX[0, 0]
 
 
@@ -200,5 +201,20 @@ def test_rectified_images_without_p_have_k(tmp_path, topic):
         bag.cloud("/points", 10**9)
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
     assert "but P of CameraInfo holds zeros: K is their camera matrix" in report
+    matrices = read_recording_calibration(tmp_path / "out" / "calibration.yaml").matrices
+    np.testing.assert_allclose(matrices.image_from_camera[:, :3], CAMERA_MATRIX)
+
+
+def test_a_message_with_p_goes_before_more_messages_without(tmp_path):
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for each in range(2):
+            bag.info("/front/camera_info", 10**9 + each, matrix=SMALLER, has_projection=False)
+        bag.info("/front/camera_info", 10**9 + 2)
+        bag.image("/front/image_rect", 10**9)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "2 of 3 messages of /front/camera_info hold no calibration: number 2 (from 0)" in report
+    assert "the first of them: P holds zeros" in report
     matrices = read_recording_calibration(tmp_path / "out" / "calibration.yaml").matrices
     np.testing.assert_allclose(matrices.image_from_camera[:, :3], CAMERA_MATRIX)

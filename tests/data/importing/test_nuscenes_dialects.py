@@ -51,8 +51,8 @@ def test_levels_of_visibility_are_those_of_their_table(data, tmp_path, level, oc
 @pytest.mark.parametrize(
     ("scale", "said"),
     [
-        (0, "warning: all intensities are 100, so reflectances carry no information"),
-        (1 / 255, "warning: intensities are below a hundredth of max_intensity, 255, so"),
+        (0, "all intensities are 100, so reflectances carry no information"),
+        (1 / 255, "intensities are below a hundredth of max_intensity, 255, so"),
     ],
 )
 def test_tables_with_doubtful_intensities_are_imported_with_a_word(data, tmp_path, scale, said):
@@ -61,6 +61,7 @@ def test_tables_with_doubtful_intensities_are_imported_with_a_word(data, tmp_pat
         points[:, 3] = points[:, 3] * scale + (100 if scale == 0 else 0)
         points.tofile(path)
     report = str(import_recording(data, tmp_path / "out"))
+    assert report.count("warning: in 2 of 2 sweeps, e.g. that of frame scene-0001-000, ") == 1
     assert report.count(said) == 1
 
 

@@ -43,7 +43,7 @@ class _Candidate:
     first: int
     """Number of the first of these messages, from 0."""
     doubt: str
-    """Reason why it does not fit the images; empty: it does."""
+    """Reason to prefer others: it does not fit the images, or lacks P; empty: none."""
     notes: tuple[str, ...]
     """Notes on the reading."""
     count: int = 0
@@ -80,8 +80,8 @@ def camera_of_bag(
                 unusable += 1
                 fault = fault or str(error)
                 continue
-            doubt = _doubt(calibration, image_size)
             read_notes = _projection_notes(info, topics)
+            doubt = _doubt(calibration, image_size) or ("P holds zeros" if read_notes else "")
             candidates[content] = _Candidate(calibration, message.number, doubt, read_notes)
         candidates[content].count += 1
     if not candidates and fault:

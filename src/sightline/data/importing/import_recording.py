@@ -1,6 +1,5 @@
 """`sightline import`: convert drives of other formats to recordings."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +9,7 @@ from sightline.data.importing.bag_files import SUFFIXES, unread_bag
 from sightline.data.importing.import_bag import import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
-from sightline.data.importing.writer import ImportReport, collected_warnings
+from sightline.data.importing.writer import ImportReport
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.files.byte_source import url_of
 from sightline.files.problem import refuse_without_effect, shown_place
@@ -114,17 +113,14 @@ def import_recording(
         clock=clock != "header",
         max_gap_s=max_gap_s != _MAX_GAP_S,
     )
-    notes: list[str] = []
-    with collected_warnings(notes):
-        report = import_nuscenes(
-            tables,
-            out,
-            camera=camera_topic or "CAM_FRONT",
-            lidar=lidar_topic or "LIDAR_TOP",
-            max_intensity=max_intensity or 255.0,
-            undistort=undistort,
-        )
-    return replace(report, notes=(*report.notes, *notes))
+    return import_nuscenes(
+        tables,
+        out,
+        camera=camera_topic or "CAM_FRONT",
+        lidar=lidar_topic or "LIDAR_TOP",
+        max_intensity=max_intensity or 255.0,
+        undistort=undistort,
+    )
 
 
 def _check_numbers(max_gap_s: float, max_intensity: float | None) -> None:

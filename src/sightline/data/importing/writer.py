@@ -43,6 +43,8 @@ from sightline.data.rings import turned_in_order
 from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import FileError, Problem, plain_line
+from sightline.geometry.echoes import echoes
+from sightline.geometry.intensity_checks import intensity_doubt
 from sightline.geometry.tilt import Tilt
 from sightline.jobs.output_dirs import check_outside_dataset
 
@@ -89,6 +91,10 @@ class CloudTally:
     """Kept points with a non-finite intensity."""
     empty: tuple[str, ...] = ()
     """Frames without a remaining point."""
+    doubtful: tuple[str, ...] = ()
+    """Frames with doubtful intensities."""
+    doubt: tuple[str, str] | None = None
+    """Problem of the first of these, and its remedy."""
 
     @classmethod
     def count(
@@ -96,8 +102,16 @@ class CloudTally:
         name: str,
         sweep: Float32[np.ndarray, "num_points 4"],
         kept: Float32[np.ndarray, "num_echoes 4"],
+        doubt: tuple[str, str] | None,
     ) -> "CloudTally":
-        """Count a frame's points before and after the removal of points without an echo."""
+        """Count a frame's points before and after the removal of points without an echo.
+
+        Args:
+            name: Name of the frame.
+            sweep: Points as read.
+            kept: Points with an echo.
+            doubt: Doubt about their intensities.
+        """
         lost = len(sweep) - len(kept)
         not_finite = int((~np.isfinite(sweep[:, :3]).all(axis=1)).sum()) if lost else 0
         lacks_intensity = np.isfinite(sweep[:, :3]).all(axis=1) & ~np.isfinite(sweep[:, 3])
@@ -108,6 +122,8 @@ class CloudTally:
             no_echo=lost - not_finite,
             no_intensity=int(lacks_intensity.sum()),
             empty=() if len(kept) else (name,),
+            doubtful=() if doubt is None else (name,),
+            doubt=doubt,
         )
 
     def __add__(self, other: "CloudTally") -> "CloudTally":
@@ -119,6 +135,8 @@ class CloudTally:
             no_echo=self.no_echo + other.no_echo,
             no_intensity=self.no_intensity + other.no_intensity,
             empty=self.empty + other.empty,
+            doubtful=self.doubtful + other.doubtful,
+            doubt=self.doubt or other.doubt,
         )
 
     def lines(self) -> tuple[str, ...]:
@@ -143,6 +161,14 @@ class CloudTally:
                 f"of frame {self.empty[0]}"
                 + (": the recording has only images" if len(self.empty) == self.clouds else "")
             )
+        if self.doubt is not None:
+            problem, remedy = self.doubt
+            is_usual = 2 * len(self.doubtful) > self.clouds - len(self.empty)
+            lines.append(
+                f"warning: in {len(self.doubtful)} of {self.clouds} sweeps, e.g. that of frame "
+                f"{self.doubtful[0]}, {problem}; "
+                + (remedy if is_usual else "look at what the LiDAR delivered in these frames")
+            )
         return tuple(lines)
 
 
@@ -154,8 +180,10 @@ def count_echoes(
     Raises:
         FileError: See `checked_cloud`.
     """
-    points = checked_cloud(sweep.copy(), max_intensity, source, warn_losses=False)
-    return points, CloudTally.count(name, sweep, points)
+    kept = echoes(sweep)
+    doubt = intensity_doubt(kept, max_intensity) if kept[:, 3].any() else None
+    points = checked_cloud(kept, max_intensity, source, warn_losses=False)
+    return points, CloudTally.count(name, sweep, points, doubt)
 
 
 def check_not_into_source(source: Path, out: Path) -> None:
