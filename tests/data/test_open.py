@@ -13,6 +13,7 @@ from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.data.sample_files import describe_sparse_maps, warn_of_missing_sensors
+from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from tests.data.trees import IMAGE_SIZE, write_depth_drive, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree
@@ -64,6 +65,16 @@ def test_a_split_is_known_from_inside_it_and_through_a_link(tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path / "training")
     for path in (Path(), tmp_path / "link"):
         assert isinstance(open_dataset(path, parts=("points",)), KittiObjectDataset)
+
+
+@pytest.mark.parametrize("name", ["training", "testing"])
+def test_a_whole_object_tree_is_known_in_a_folder_with_the_name_of_a_split(tmp_path, name):
+    write_object_tree(tmp_path / name, 3)
+    shards = tmp_path / "shards" / name
+    write_shards(tmp_path / name, shards, frames_per_shard=2)
+    for path in (tmp_path / name, tmp_path / name / "training", shards, shards / "training"):
+        dataset = open_dataset(path, parts=("points",))
+        assert dataset.sample_ids == ("000000", "000001", "000002")
 
 
 def test_training_comes_before_testing_unless_testing_is_named(tmp_path):

@@ -37,6 +37,11 @@ def in_millimetres(sample):
     return DepthMap(depth_m=sparse(sample).depth_m * 1000, valid=sparse(sample).valid)
 
 
+def guessed_in_millimetres(sample):
+    depth_m = torch.full(sample.image_size, 12_000.0)
+    return DepthMap(depth_m=depth_m, valid=depth_m < 0, guessed=depth_m > 0)
+
+
 def of_an_infinite_sky(sample):
     depth_m = torch.full(sample.image_size, torch.inf)
     depth_m[-10:] = 5.0
@@ -51,6 +56,7 @@ def at_another_size(_sample):
     ("function", "told"),
     [
         (in_millimetres, r"sample 000000: \d+ of \d+ depths are above 256 m, .* give metres"),
+        (guessed_in_millimetres, r"(\d+) of \1 depths are above 256 m, .* give metres"),
         (of_an_infinite_sky, r"the first is inf m at row 0, .* use 0 for no value"),
         (at_another_size, r"000000.png is 3x4 \(height x width\), expected .*resize its maps"),
     ],

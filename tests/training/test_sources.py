@@ -7,7 +7,7 @@ import pytest
 from sightline.data.kitti_trees import find_velodyne
 from sightline.data.sharding import write_shards
 from sightline.training.data import CameraLidarData
-from sightline.training.sources import SourceConfig, absent_classes, open_source
+from sightline.training.sources import SourceConfig, absent_classes, data_tree, open_source
 from tests.data import recordings, trees
 from tests.training import toy
 
@@ -203,6 +203,32 @@ def test_a_recordings_lists_are_found_under_any_name_of_its_folder(tmp_path, nam
     assert frames(root, "train", lines=lines) == [0, 1]
     assert frames(root, "val", lines=lines) == [2]
     assert lines == []
+
+
+def test_lists_are_found_for_the_current_folder_and_links(tree, monkeypatch):
+    write_list(tree, "train", range(2, 12))
+    write_list(tree, "val", (1,))
+    (tree / "link").symlink_to(tree / "training")
+    assert frames(tree, "val", path="link") == [1]
+    monkeypatch.chdir(tree / "training")
+    assert frames(Path(), "val") == [1]
+
+
+@pytest.mark.parametrize("at", ["whole", "split"])
+def test_one_tar_named_whole_and_by_its_split_is_one_folder(tree, at):
+    write_shards(tree, tree.parent / "shards", frames_per_shard=12)
+    tar = tree.parent / "shards" / "000000.tar"
+    path = tar if at == "whole" else tar / "training"
+    assert data_tree(SourceConfig(path=path), tree) == tar
+
+
+def test_a_whole_tree_in_a_folder_named_training_has_its_own_lists(tree):
+    moved = tree.parent / "x" / "training"
+    moved.parent.mkdir()
+    tree.rename(moved)
+    write_list(moved, "val", (5,))
+    assert frames(moved, "val") == [5]
+    assert data_tree(SourceConfig(path=Path()), moved) == moved
 
 
 def test_data_without_labels_cannot_be_chosen_by_class(tmp_path):

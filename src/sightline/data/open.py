@@ -48,7 +48,7 @@ from sightline.files.safe_names import unusable_names
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import plain_names, plain_path
 from sightline.geometry.wrong_types import named_arguments
-from sightline.jobs.output_dirs import KITTI_SPLITS
+from sightline.jobs.output_dirs import KITTI_SPLITS, is_split
 
 _DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
 
@@ -99,7 +99,7 @@ def open_dataset(
     if parts is None and needs is None:
         needs = ()
     allow_gaps = needs is not None and not {"image", "points"} <= set(needs)
-    path = _resolve_split(path)
+    path = resolve_split(path)
     dataset: SampleDataset | None
     if is_recording(path):
         warn_of_unread_files(recording_folders(path), {*requested, "calibration"})
@@ -155,7 +155,7 @@ def _open_object_tree(
     parts: Collection[Part],
     needs: Collection[Part] | None,
 ) -> KittiObjectDataset | None:
-    root = path.parent if path.name in KITTI_SPLITS else path
+    root = path.parent if is_split(path) else path
     for split in KITTI_SPLITS if root == path else (path.name,):
         sweeps = velodyne or find_velodyne(root / split)
         if not list_object_frames(root / split, ("image", "points"), sweeps):
@@ -234,7 +234,7 @@ def _no_data_set(path: Path) -> FileError:
     return FileError(problem.path, problem.problem, problem.remedy)
 
 
-def _resolve_split(path: Path) -> Path:
+def resolve_split(path: Path) -> Path:
     """Resolve a path that does not show the name of the split, such as "." or a link."""
     known = (*KITTI_SPLITS, *_DRIVE_SPLITS)
     resolved = path.resolve()

@@ -25,13 +25,12 @@ def write_depth(path: Path, sample: CameraLidarSample, depth_map: DepthMap) -> N
     Raises:
         ValueError: The map does not have the image's size, or most depths are beyond the range.
     """
-    is_judged = depth_map.valid & depth_map.depth_m.isfinite()  # others are refused below
-    depth_m = depth_map.depth_m[is_judged]
+    depth_m = depth_map.depth_m[depth_map.depth_m.isfinite()]  # others are refused below
     num_far, num_depths = int((depth_m > MAX_DEPTH_M).sum()), int((depth_m > 0).sum())
     if num_far > _MAX_FAR_SHARE * num_depths:
         raise ValueError(
             f"{num_far} of {num_depths} depths are above {MAX_DEPTH_M:.0f} m, which a depth PNG "
-            "cannot hold; let the predictor give metres"
+            "cannot hold; let the predictor give metres, and 0 for no value"
         )
     _write(path, sample, depth_map.depth_m)
 

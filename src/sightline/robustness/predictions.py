@@ -126,8 +126,9 @@ def _warn_of_newer_labels(dataset: SampleDataset, kept: Mapping[Path, Sequence[P
     ]
     if older:
         warnings.warn(
-            "labels were changed or copied since predictions were made whose occlusions are placed "
-            f"by them; to make them anew, remove {', '.join(map(str, older))}",
+            "labels were changed, copied or linked since predictions were made whose occlusions "
+            "are placed by them; if other objects are labelled now, make the predictions anew: "
+            f"remove {', '.join(map(str, older))}",
             stacklevel=3,
         )
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from sightline.data.frame_lists import read_sample_list
 from sightline.data.kitti_labels import KittiObjects, read_labels
 from sightline.data.kitti_trees import Part, Velodyne
-from sightline.data.open import open_dataset
+from sightline.data.open import open_dataset, resolve_split
 from sightline.data.sample_dataset import NamedSubset, SampleDataset
 from sightline.data.sample_files import label_file
 from sightline.files.plain_text import shortened
@@ -58,7 +58,8 @@ class SourceConfig:
 def data_tree(source: SourceConfig, root: Path) -> Path:
     """Canonical folder of a source; that of the whole object tree for its split `training`."""
     path = (root / source.path).resolve()
-    return path.parent if path.name == "training" and is_split(path) else path
+    is_packed = not path.is_dir()  # a place in shards
+    return path.parent if path.name == "training" and (is_packed or is_split(path)) else path
 
 
 @named_arguments
@@ -82,7 +83,7 @@ def open_source(
     Raises:
         ValueError: There is no such data, it lacks files, or no frame shows one of `with_classes`.
     """
-    path = data_path(root / source.path)
+    path = resolve_split(data_path(root / source.path))
     lists = path.parent if is_split(path) else path
     has_train, has_val = (_has_list(lists, name) for name in ("train", "val"))
     has_lists = (has_val and has_train) or (has_train and not held_out_for)

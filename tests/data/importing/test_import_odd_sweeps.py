@@ -169,6 +169,24 @@ def test_a_doubt_about_one_sweep_has_no_remedy_for_all(tmp_path):
     assert "--max-intensity" not in report
 
 
+def test_doubts_of_different_kinds_are_told_apart(tmp_path):
+    sweeps = distinct(FULL, 5)
+    sweeps[0][:, 3] = np.linalg.norm(sweeps[0][:, :3], axis=1)
+    for number in (1, 2):
+        sweeps[number][:, 3] = number
+    report = str(imported(tmp_path, sweeps))
+    assert "in 1 of 5 sweeps, e.g. that of frame 000000, intensities are the points' dist" in report
+    assert "in 2 of 5 sweeps, e.g. that of frame 000001, all intensities are 1, so" in report
+
+
+def test_retroreflectors_above_shares_drop_no_sweep(tmp_path):
+    sweeps = [points / np.float32([1, 1, 1, 255]) for points in distinct(FULL, 5)]
+    sweeps[1][::50, 3] = 2
+    report = str(imported(tmp_path, sweeps))
+    assert "5 frames written" in report
+    assert "intensities of 0 to 255" in report
+
+
 @pytest.mark.parametrize("num_zero", [3, 4])
 def test_sweeps_of_zeros_do_not_decide_the_scale_of_intensities(tmp_path, num_zero):
     sweeps = distinct(FULL, 5)

@@ -200,7 +200,7 @@ def test_rectified_images_without_p_have_k(tmp_path, topic):
         bag.image(topic, 10**9)
         bag.cloud("/points", 10**9)
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "but P of CameraInfo holds zeros: K is their camera matrix" in report
+    assert "P of CameraInfo holds zeros: K is used in its place" in report
     matrices = read_recording_calibration(tmp_path / "out" / "calibration.yaml").matrices
     np.testing.assert_allclose(matrices.image_from_camera[:, :3], CAMERA_MATRIX)
 

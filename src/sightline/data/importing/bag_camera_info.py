@@ -179,8 +179,8 @@ def _projection_notes(info: Any, topics: ChosenTopics) -> tuple[str, ...]:  # no
     if not topics.is_rectified or _field(info, "p").any():
         return ()
     return (
-        f"images of {shortened(topics.camera.name)} count as rectified, by the topic's name, but P "
-        "of CameraInfo holds zeros: K is their camera matrix, and its lens is left out",
+        f"P of CameraInfo holds zeros: K is used in its place, as images of "
+        f"{shortened(topics.camera.name)} count as rectified by the topic's name",
     )
 
 

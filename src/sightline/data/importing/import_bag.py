@@ -388,8 +388,13 @@ def _spread(count: int) -> list[int]:
 
 
 def _guess_intensity(clouds: Sequence[_Cloud]) -> float:
-    """Guess the smallest usual scale on which most of the sweeps valid on the largest are valid."""
+    """Guess the smallest usual scale on which most of the sweeps valid on the largest are valid.
+
+    Shares, the scale of 1, must suit all of them: brighter sweeps are not limited to it.
+    """
     filled = [each for each in clouds if each[:, 3].any()]
     num_valid = [sum(cloud_fault(each, scale) is None for each in filled) for scale in _INTENSITIES]
-    is_usual = (2 * each > num_valid[-1] for each in num_valid)
-    return next(compress(_INTENSITIES, is_usual), _INTENSITIES[0])
+    if num_valid[0] == num_valid[-1]:
+        return _INTENSITIES[0]
+    is_usual = (2 * each > num_valid[-1] for each in num_valid[1:])
+    return next(compress(_INTENSITIES[1:], is_usual))

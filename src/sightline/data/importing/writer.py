@@ -1,5 +1,6 @@
 """Writer of imported recordings, frame by frame."""
 
+import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -55,6 +56,7 @@ _ANNOTATIONS_REMEDY = (
     "and the rotations of calibrated_sensor (quaternions w, x, y, z), or extract nuScenes' "
     "metadata archive again"
 )
+_NUMBER: Final = re.compile(r"\d[\d.e+-]*")
 STRAIGHT_NOTE: Final = "--undistort has no effect: by the calibration images are not distorted"
 
 
@@ -91,10 +93,8 @@ class CloudTally:
     """Kept points with a non-finite intensity."""
     empty: tuple[str, ...] = ()
     """Frames without a remaining point."""
-    doubtful: tuple[str, ...] = ()
-    """Frames with doubtful intensities."""
-    doubt: tuple[str, str] | None = None
-    """Problem of the first of these, and its remedy."""
+    doubts: tuple[tuple[str, str, str], ...] = ()
+    """Frames with doubtful intensities, each with the problem and its remedy."""
 
     @classmethod
     def count(
@@ -122,8 +122,7 @@ class CloudTally:
             no_echo=lost - not_finite,
             no_intensity=int(lacks_intensity.sum()),
             empty=() if len(kept) else (name,),
-            doubtful=() if doubt is None else (name,),
-            doubt=doubt,
+            doubts=() if doubt is None else ((name, *doubt),),
         )
 
     def __add__(self, other: "CloudTally") -> "CloudTally":
@@ -135,8 +134,7 @@ class CloudTally:
             no_echo=self.no_echo + other.no_echo,
             no_intensity=self.no_intensity + other.no_intensity,
             empty=self.empty + other.empty,
-            doubtful=self.doubtful + other.doubtful,
-            doubt=self.doubt or other.doubt,
+            doubts=self.doubts + other.doubts,
         )
 
     def lines(self) -> tuple[str, ...]:
@@ -161,15 +159,21 @@ class CloudTally:
                 f"of frame {self.empty[0]}"
                 + (": the recording has only images" if len(self.empty) == self.clouds else "")
             )
-        if self.doubt is not None:
-            problem, remedy = self.doubt
-            is_usual = 2 * len(self.doubtful) > self.clouds - len(self.empty)
-            lines.append(
-                f"warning: in {len(self.doubtful)} of {self.clouds} sweeps, e.g. that of frame "
-                f"{self.doubtful[0]}, {problem}; "
+        return (*lines, *self._lines_of_doubts())
+
+    def _lines_of_doubts(self) -> Iterator[str]:
+        """Yield a line for each kind of doubtful intensities; numbers make no kind."""
+        kinds: dict[str, list[tuple[str, str, str]]] = {}
+        for each in self.doubts:
+            kinds.setdefault(_NUMBER.sub("", each[1]), []).append(each)
+        for found in kinds.values():
+            name, problem, remedy = found[0]
+            is_usual = 2 * len(found) > self.clouds - len(self.empty)
+            yield (
+                f"warning: in {len(found)} of {self.clouds} sweeps, e.g. that of frame {name}, "
+                f"{problem}; "
                 + (remedy if is_usual else "look at what the LiDAR delivered in these frames")
             )
-        return tuple(lines)
 
 
 def count_echoes(
