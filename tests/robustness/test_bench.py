@@ -235,17 +235,53 @@ def test_kept_predictions_of_occlusions_at_labels_that_were_changed_since_are_to
     shutil.copytree(PACKAGED_FRAMES, data)
     settings = {"data": data, "suite": "dgfn7", "cases": ("camera_blank", "lidar_occlusion")}
     detect(out, **settings)
-    folder = out / "answers" / "lidar_occlusion"
-    told = f"whose occlusions are placed by them; .* make the predictions anew: remove {folder}$"
-    os.utime(data / "training/label_2/000001.txt", ns=(0, 0))  # of old times, but changed now
-    with pytest.warns(UserWarning, match=told):
-        detect(out, **settings)
+    folder, labels = out / "answers" / "lidar_occlusion", data / "training" / "label_2"
+    told = f"of 2 frames .* 1 had other labels then, the first is 000001; .* remove {folder}$"
+    changed = (labels / "000001.txt").read_text().replace("Car ", "Van ")
+    (labels / "000001.txt").write_text(changed)
+    os.utime(labels / "000001.txt", ns=(0, 0))
+    for _ in range(2):
+        with pytest.warns(UserWarning, match=told):
+            detect(out, **settings)
     shutil.rmtree(folder)
     detect(out, **settings)  # warnings are errors here
-    (data / "training/label_2").rename(data / "labels")
-    (data / "training/label_2").symlink_to(data / "labels")
+    labels.rename(data / "labels")
+    labels.symlink_to(data / "labels")
+    detect(out, **settings)  # of equal content
+    shutil.copytree(PACKAGED_FRAMES / "training" / "label_2", tmp_path / "other")
+    labels.unlink()
+    labels.symlink_to(tmp_path / "other")
     with pytest.warns(UserWarning, match=told):
         detect(out, **settings)
+
+
+def test_labels_that_are_hard_linked_are_not_taken_for_changed_ones(tmp_path):
+    """As `corrupt_dataset` does, which changes their status."""
+    data, out = tmp_path / "data", tmp_path / "out"
+    shutil.copytree(PACKAGED_FRAMES, data)
+    settings = {"data": data, "suite": "dgfn7", "cases": ("lidar_occlusion",)}
+    detect(out, **settings)
+    scores = out / "scores" / "clean.json"
+    before = scores.stat().st_mtime_ns
+    for path in (data / "training" / "label_2").iterdir():
+        (tmp_path / path.name).hardlink_to(path)
+    detect(out, **settings)  # warnings are errors here
+    assert scores.stat().st_mtime_ns == before
+
+
+def test_labels_of_predictions_by_an_older_version_are_not_known(tmp_path):
+    data, out = tmp_path / "data", tmp_path / "out"
+    shutil.copytree(PACKAGED_FRAMES, data)
+    settings = {"data": data, "suite": "dgfn7", "cases": ("lidar_occlusion",)}
+    detect(out, **settings)
+    (out / "answers" / "labels.json").unlink()
+    for path in (out / "scores").iterdir():
+        content = json.loads(path.read_text())
+        del content["labels"]
+        path.write_text(json.dumps(content))
+    _labels_without_cars(data)
+    detect(out, **settings)  # warnings are errors here
+    assert not (out / "answers" / "labels.json").exists()
 
 
 def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):

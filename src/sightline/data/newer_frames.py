@@ -8,10 +8,8 @@ from pathlib import Path
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import Part
 from sightline.data.sample_dataset import NamedSubset, SampleDataset
-from sightline.data.sample_files import label_file, list_sample_files
-from sightline.files.shard_path import stored_file
+from sightline.data.sample_files import list_sample_files
 
-_SHARD_SUFFIX = ".tar"
 _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}
 
 
@@ -53,29 +51,6 @@ def warn_of_newer_frames(
             f"{remedy}",
             stacklevel=3,
         )
-
-
-def labels_changed_at(dataset: SampleDataset) -> float:
-    """Time of the last change of a data set's label files or their folders [s]; 0: no such time.
-
-    Files copied with their old times, and a folder that was exchanged, count as changed then. The
-    labels in a shard changed when the shard was written; those on a server have no time.
-    """
-    files = (label_file(dataset, index) for index in range(len(dataset)))
-    stored = {path: None for each in files if each and (path := stored_file(each))}
-    folders = dict.fromkeys(path.parent for path in stored if path.suffix != _SHARD_SUFFIX)
-    return max((_changed_status_at(path) for path in (*stored, *folders)), default=0.0)
-
-
-def _changed_status_at(path: Path) -> float:
-    """Time of the last change of a file's content, name or times [s]; 0: removed meanwhile.
-
-    A link changes with its target, and where it is made to lead to another one.
-    """
-    with suppress(OSError):
-        found = (path.stat(), path.lstat())
-        return max(max(each.st_mtime, each.st_ctime) for each in found)  # mtime may be set back
-    return 0.0
 
 
 def _shared_calibration(dataset: SampleDataset) -> list[Path]:

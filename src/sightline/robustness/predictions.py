@@ -1,18 +1,18 @@
 """Predictions of methods for every frame in every case, stored for scoring."""
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sightline.corruptions.combined import hits_objects
 from sightline.corruptions.suites import Case
 from sightline.data.kitti_trees import Part
-from sightline.data.newer_frames import labels_changed_at, warn_of_newer_frames
+from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.sample_dataset import SampleDataset
 from sightline.inference.predictor import Predictor
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
+from sightline.robustness.labels import check_placing_labels
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
 
 _CASES_PER_READ = 8  # of a frame: few enough for many workers on few frames
@@ -97,40 +97,14 @@ def predict_in_cases(
     parts: tuple[Part, ...] = ("image", "points", "depth")  # labels are read for the scores
     remedy = f"to make them anew, remove {folders}"
     warn_of_newer_frames(dataset, kept, parts=parts, remedy=remedy)
-    hitting = {name for name, case in cases.items() if hits_objects(case.corruption)}
-    _warn_of_newer_labels(
-        dataset,
-        {
-            folder / case: [folder / case / f"{name}{writer.suffix}" for name in finished]
-            for (folder, case), finished in present.items()
-            if case in hitting and finished
-        },
-    )
+    for each in runs:
+        hitting = [case.name for case in each.cases if hits_objects(case.corruption)]
+        if hitting:
+            found = {case: present[each.folder, case] for case in hitting}
+            check_placing_labels(each.folder, dataset, found)
     run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
     total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)
-
-
-def _warn_of_newer_labels(dataset: SampleDataset, kept: Mapping[Path, Sequence[Path]]) -> None:
-    """Warn of kept predictions whose occlusions are placed by labels that changed since.
-
-    Args:
-        dataset: Data set of the predictions.
-        kept: Predictions by their folder, of such cases.
-    """
-    changed_at = labels_changed_at(dataset) if kept else 0.0
-    older = [
-        folder
-        for folder, paths in kept.items()
-        if changed_at > min(path.stat().st_mtime for path in paths)
-    ]
-    if older:
-        warnings.warn(
-            "labels were changed, copied or linked since predictions were made whose occlusions "
-            "are placed by them; if other objects are labelled now, make the predictions anew: "
-            f"remove {', '.join(map(str, older))}",
-            stacklevel=3,
-        )
 
 
 def check_numbers(seed: int, workers: int, driver: Driver = "local") -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from sightline.data.newer_frames import labels_changed_at
 from sightline.data.sample_dataset import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
@@ -14,6 +13,7 @@ from sightline.files.problem import FileError, remaking
 from sightline.files.shard_path import data_path
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import run_job
+from sightline.robustness.labels import digest_all_labels
 from sightline.robustness.record import number_or_none
 from sightline.robustness.result_doubts import (
     DoubtingScoring,
@@ -26,7 +26,17 @@ if TYPE_CHECKING:
     from sightline.evaluation.object_tally import ResultDoubt
 
 _SCORES: Final = "scores"
-_DOUBTS: Final = "doubts"  # entry beside the scores
+_DOUBTS: Final = "doubts"  # entries beside the scores
+_LABELS: Final = "labels"
+
+
+class _Stored(NamedTuple):
+    """Stored scores of a case."""
+
+    scores: Scores
+    doubts: "tuple[ResultDoubt, ...]"
+    labels: object
+    """Digest of the labels scored against; None: none, or an older version's scores."""
 
 
 class CaseScores(NamedTuple):
@@ -60,19 +70,19 @@ def score_cases(
         workers: Number of workers; 1 on this machine uses this process alone.
         driver: Kind of workers.
         anew: Whether to repeat existing scores, because predictions may have changed. Those of
-            predictions or true labels that were changed later are repeated in any case.
+            predictions that were changed later, or of other labels, are repeated in any case.
 
     Raises:
         ValueError: A file is missing or invalid; the message contains the case.
     """
     files = {case: out / _SCORES / f"{case}.json" for case in cases}
-    truth_changed_at = labels_changed_at(dataset) if "objects" in scoring.parts else 0.0
+    labels = digest_all_labels(dataset) if "objects" in scoring.parts else None
     works = [
-        _CaseWork(scoring, dataset, case, data_path(predictions / case), path, are_given=anew)
+        _CaseWork(scoring, dataset, case, data_path(predictions / case), path, labels, anew)
         for case, path in files.items()
         if anew
-        or _stored_scores(path, scoring) is None
-        or truth_changed_at > path.stat().st_mtime
+        or (stored := _stored_scores(path, scoring)) is None
+        or stored.labels != labels
         or _is_newer(data_path(predictions / case), path)
     ]
     run_job(works, workers, description="scoring", driver=driver)
@@ -81,7 +91,7 @@ def score_cases(
         stored = _stored_scores(path, scoring)
         if stored is None:
             raise FileError(path, "holds no scores", "remove it, and run this again")
-        scores[case], doubts[case] = stored
+        scores[case], doubts[case] = stored.scores, stored.doubts
     return CaseScores(scores, doubts)
 
 
@@ -91,8 +101,8 @@ def _is_newer(predictions: Path, scores: Path) -> bool:
     return any(each.stat().st_mtime > stored for each in predictions.rglob("*") if each.is_file())
 
 
-def _stored_scores(path: Path, scoring: Scoring) -> "tuple[Scores, tuple[ResultDoubt, ...]] | None":
-    """Read the stored scores and doubts of a case; None if missing, incomplete or damaged."""
+def _stored_scores(path: Path, scoring: Scoring) -> _Stored | None:
+    """Read the stored scores of a case; None if missing, incomplete or damaged."""
     try:
         content = json.loads(read_text(path))
         for metric in scoring.metrics:
@@ -101,7 +111,8 @@ def _stored_scores(path: Path, scoring: Scoring) -> "tuple[Scores, tuple[ResultD
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     names = {metric.name for metric in scoring.metrics}
-    return {name: score for name, score in content.items() if name in names}, doubts
+    scores = {name: score for name, score in content.items() if name in names}
+    return _Stored(scores, doubts, content.get(_LABELS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +124,8 @@ class _CaseWork:
     case: str
     predictions: Path
     path: Path
+    labels: str | None
+    """Digest of the labels; None: the scoring uses none."""
     are_given: bool
     """Predictions of the user's; else the run's own."""
 
@@ -125,7 +138,7 @@ class _CaseWork:
         atomic_write_text(self.path, json.dumps({**scores, **content}, indent=2) + "\n")
 
     def _scores(self) -> tuple[Scores, dict[str, object]]:
-        content: dict[str, object] = {}
+        content: dict[str, object] = {} if self.labels is None else {_LABELS: self.labels}
         if isinstance(self.scoring, DoubtingScoring):
             scores, doubts = self.scoring.score_and_doubt(self.predictions, self.dataset)
             if doubts:
