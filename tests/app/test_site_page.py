@@ -64,7 +64,8 @@ def test_the_views_and_the_buttons_work_from_files(show):
     shown.slide("score", 0.5)
     page.get_by_label("labels of the data").check()
     assert {"gates", "colour", "depth", "score", "labels"} <= shown.link.keys()
-    assert page.locator("#depth-broken").evaluate("each => each.complete && each.naturalWidth") > 0
+    loaded = "each => each.complete && each.naturalWidth > 0"  # perhaps after the page has settled
+    page.wait_for_function(loaded, arg=page.locator("#depth-broken").element_handle())
     assert page.locator("#notice").is_hidden()
 
 

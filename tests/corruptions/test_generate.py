@@ -139,6 +139,25 @@ def test_kept_frames_that_were_changed_since_are_told(data: Path, tmp_path: Path
         make(source, out, cases=["camera_noise"])
 
 
+def test_kept_frames_with_other_labels_of_old_times_are_told(data: Path, tmp_path: Path):
+    source, out = tmp_path / "source", tmp_path / "out"
+    shutil.copytree(data, source)
+    make(source, out, cases=["clean", "camera_noise"])
+    label = source / "training/label_2/000003.txt"
+    lines, status = label.read_text().splitlines(), label.stat()
+    label.unlink()
+    label.write_text("\n".join(reversed(lines)) + "\n\n")
+    os.utime(label, ns=(status.st_atime_ns, status.st_mtime_ns))
+    told = rf"the labels of 1 kept frames \(000003\) are others in .*label_2 now; .* remove {out}"
+    with pytest.warns(UserWarning, match=told):
+        make(source, out)
+    label.unlink()
+    shutil.copy2(out / "clean/training/label_2/000003.txt", label)
+    shutil.rmtree(out / "lidar_blank")
+    with pytest.warns(UserWarning, match=told):  # of the cases that were made between
+        make(source, out)
+
+
 def killed_at(renames: int, data: Path, out: Path) -> None:
     """Run the job in a process that is killed just before rename number `renames`."""
     left = renames

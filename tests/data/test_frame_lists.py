@@ -5,15 +5,18 @@ from pathlib import Path
 
 import pytest
 
+from sightline.data.check import check_tree
 from sightline.data.frame_lists import (
     describe_left_out,
     read_sample_list,
     require_frame_files,
 )
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
 from sightline.evaluation.kitti_object import frame_names
 from sightline.files import plain_file, plain_text
 from sightline.files.problem import FileError
+from sightline.files.shard_path import data_path
 from tests.data.recordings import write_recording
 from tests.data.trees import write_object_tree
 
@@ -166,6 +169,46 @@ def test_files_of_other_frames_or_formats_are_told(tmp_path):
     )
     (tmp_path / "000007.txt").write_text("")
     assert "holds 1 files of other frames, such as 000007.txt; name a list" in refusal(tmp_path)
+
+
+def _write_lists(root, *frames):
+    (root / "ImageSets").mkdir()
+    (root / "ImageSets" / "val.txt").write_text("\n".join(frames))
+
+
+def _labels(folder, *names):
+    folder.mkdir()
+    for name in names:
+        (folder / f"{name}.txt").write_text("")
+    return folder
+
+
+def test_the_list_of_labels_is_the_data_sets_own(tmp_path):
+    """As it is where the data set itself is opened, also by links and in shards."""
+    _write_lists(tmp_path, "above")
+    drive = write_recording(tmp_path / "drive")
+    _write_lists(drive, "b")
+    labels = _labels(drive / "labels", "a", "b")
+    write_shards(drive, tmp_path / "shards", frames_per_shard=2)
+    (tmp_path / "link").symlink_to(labels)
+    for place in (labels, tmp_path / "shards" / "labels", tmp_path / "link"):
+        assert frame_names(data_path(place), "val") == ("b",)
+    tree = write_object_tree(tmp_path / "tree", "000000", "000001")
+    _write_lists(tree, "000001")
+    (tmp_path / "split").symlink_to(tree / "training")
+    for place in (tree / "training", tmp_path / "split"):
+        assert frame_names(place / "label_2", "val") == ("000001",)
+    assert frame_names(_labels(tree / "others", "above"), "val") == ("above",)
+
+
+def test_notes_and_hidden_files_beside_labels_are_no_frames(tmp_path):
+    tree = write_object_tree(tmp_path, "000000", "000001")
+    labels = tree / "training" / "label_2"
+    for name in ("classes.txt", "README.txt", "._000000.txt"):
+        (labels / name).write_text("Car")
+    assert list(frame_names(labels, None)) == ["000000", "000001"]
+    assert open_dataset(tree).sample_ids == ("000000", "000001")
+    assert list(check_tree(tree)) == []
 
 
 def test_labels_of_another_format_are_told(tmp_path):

@@ -65,6 +65,10 @@ def test_a_folder_above_a_data_set_names_it(tmp_path):
     assert f"{tmp_path / 'kitti' / 'object'} in it looks like one" in told(tmp_path)
     write_recording(tmp_path / "other")
     assert ", and 1 more; give that folder" in told(tmp_path)
+    for name in ("training", "testing"):
+        write_recording(tmp_path / "mine" / name)
+    place = tmp_path / "mine" / "testing"
+    assert f"{place} in it looks like one, and 1 more; give that folder" in told(tmp_path / "mine")
 
 
 def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):

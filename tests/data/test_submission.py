@@ -116,6 +116,7 @@ def test_what_is_no_submission_is_refused_in_one_line(results):
 def test_files_and_folders_that_are_left_out_are_counted(results):
     out = results.parent / "submission.zip"
     (results / "sightline.json").write_text("{}")
+    (results / "._000001.txt").write_bytes(b"\0")
     assert write_submission(results, out) == 3
     (results / "notes.md").write_text("not a result")
     for number in (11, 12):

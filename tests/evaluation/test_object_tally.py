@@ -222,3 +222,11 @@ def test_of_angles_in_degrees_the_cause_is_told_once(tmp_path):
     notes = notes_of(tmp_path, SPACED, turned)
     assert "50 of 50 results have angles beyond two pi" in notes
     assert "contradicts rotation_y" not in notes
+
+
+def test_hidden_files_are_none_that_were_left_out(tmp_path):
+    folders = write_frames(tmp_path, [(text_of([CAR]), text_of([FOUND]))])
+    for folder in folders:
+        (folder / "._000000.txt").write_bytes(b"\0")
+        (folder / ".000000.TXT").write_bytes(b"\0")
+    assert "left out" not in " ".join(evaluate_objects(*folders).notes())

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from sightline.corruptions import suites
+from sightline.corruptions.suites import find_suite
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.depth_completion.predictor import DepthCompleter
@@ -21,9 +22,10 @@ from sightline.evaluation.held_out import evaluate_held_out
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.files import shard_index
+from sightline.files.problem import FileError
 from sightline.robustness import bench
 from sightline.robustness.bench import BenchSettings, run_bench
-from sightline.robustness.frames import open_frames
+from sightline.robustness.frames import digest_files, open_frames
 from sightline.robustness.predictions import MethodRun, predict_in_cases
 from sightline.robustness.record import read_record
 from sightline.robustness.scoring import BenchFrame, Scoring
@@ -236,7 +238,7 @@ def test_kept_predictions_of_occlusions_at_labels_that_were_changed_since_are_to
     settings = {"data": data, "suite": "dgfn7", "cases": ("camera_blank", "lidar_occlusion")}
     detect(out, **settings)
     folder, labels = out / "answers" / "lidar_occlusion", data / "training" / "label_2"
-    told = f"of 2 frames .* 1 had other labels then, the first is 000001; .* remove {folder}$"
+    told = rf"^1 of 2 frames \(000001\) had other labels .* remove {folder}$"
     changed = (labels / "000001.txt").read_text().replace("Car ", "Van ")
     (labels / "000001.txt").write_text(changed)
     os.utime(labels / "000001.txt", ns=(0, 0))
@@ -274,14 +276,61 @@ def test_labels_of_predictions_by_an_older_version_are_not_known(tmp_path):
     shutil.copytree(PACKAGED_FRAMES, data)
     settings = {"data": data, "suite": "dgfn7", "cases": ("lidar_occlusion",)}
     detect(out, **settings)
-    (out / "answers" / "labels.json").unlink()
+    record = out / "answers" / "lidar_occlusion" / "labels.json"
+    record.unlink()
     for path in (out / "scores").iterdir():
         content = json.loads(path.read_text())
         del content["labels"]
         path.write_text(json.dumps(content))
     _labels_without_cars(data)
     detect(out, **settings)  # warnings are errors here
-    assert not (out / "answers" / "labels.json").exists()
+    assert not record.exists()
+    record.write_text("[")
+    with pytest.warns(UserWarning, match=f"labels.json is damaged: .* remove {record.parent}$"):
+        detect(out, **settings)
+
+
+def test_labels_are_recorded_for_each_case(tmp_path):
+    """Cases that are made after the labels were changed are placed by the new ones."""
+    data, out = tmp_path / "data", tmp_path / "out"
+    shutil.copytree(PACKAGED_FRAMES, data)
+    labels = data / "training" / "label_2"
+    old = (labels / "000001.txt").read_text()
+    settings = {"data": data, "suite": "dgfn7"}
+    first, second = (out / "answers" / f"{sensor}_occlusion" for sensor in ("camera", "lidar"))
+    detect(out, cases=("camera_occlusion",), **settings)
+    (labels / "000001.txt").write_text("\n".join(reversed(old.splitlines())) + "\n")
+    with pytest.warns(UserWarning, match=f"remove {first}$"):
+        detect(out, cases=("lidar_occlusion",), **settings)
+    shutil.copytree(out, tmp_path / "mixed")
+    shutil.rmtree(first)
+    detect(out, cases=("camera_occlusion", "lidar_occlusion"), **settings)
+    (out / "answers").rename(tmp_path / "sound")
+    (tmp_path / "mixed" / "answers").rename(out / "answers")
+    (labels / "000001.txt").write_text(old)
+    with pytest.warns(UserWarning, match=f"remove {second}$"):
+        detect(out, **settings)
+
+
+def test_labels_that_some_frames_lack_are_read_for_the_others(tmp_path):
+    """Occlusions hit labelled objects also where the task is scored without labels."""
+    data = tmp_path / "data"
+    shutil.copytree(PACKAGED_FRAMES, data)
+    settings = {"sample_list": None, "velodyne": None}
+    cases = [case for case in find_suite("dgfn7").cases if case.name == "lidar_occlusion"]
+    labelled = open_frames(data, ("points",), cases, **settings)[0].objects
+    (data / "training" / "label_2" / "000001.txt").unlink()
+    (data / "training" / "image_2" / "000000.png").unlink()
+    frames = open_frames(data, ("points",), cases, **settings)
+    assert frames[0].objects.class_names == labelled.class_names
+    assert (frames[0].image, frames[1].objects) == (None, None)
+    label = data / "training" / "label_2" / "000000.txt"
+    label.unlink()
+    label.symlink_to("nowhere")
+    with pytest.raises(
+        FileError, match=r"000000.txt: cannot be read: no such file .*; .* extract the file again"
+    ):
+        digest_files(frames)
 
 
 def test_frames_are_read_one_at_a_time_and_let_go(tmp_path):

@@ -176,6 +176,25 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
     assert not out.exists()
 
 
+def test_labels_that_differ_between_cases_are_told(written, tmp_path):
+    cases, found, _ = written
+    mixed = tmp_path / "cases"
+    shutil.copytree(cases, mixed)
+    label = mixed / "camera_blank" / "training" / "label_2" / "000001.txt"
+    label.write_text(label.read_text().replace("Car ", "Van "))
+    (mixed / "lidar_blank" / "training" / "label_2" / "000001.txt").unlink()  # no other one
+    told = "scores of all cases are by these labels, but those of camera_blank differ: "
+    with pytest.warns(UserWarning, match=told):
+        score_results(OracleTask(), mixed, found, tmp_path / "out", SETTINGS)
+
+
+def test_an_output_folder_among_the_results_is_refused(written, tmp_path):
+    cases, found, _ = written
+    shutil.copytree(found, tmp_path / "found")
+    with pytest.raises(ValueError, match=r"run is inside the results, .*name an output folder els"):
+        score_results(OracleTask(), cases, tmp_path / "found", tmp_path / "found/run", SETTINGS)
+
+
 def test_cases_without_results_are_left_out_with_a_note(written, tmp_path):
     cases, found, report = written
     mine = tmp_path / "mine"

@@ -1,7 +1,8 @@
 """Corrupted data sets on disk: resumable, parallel and reproducible to the byte."""
 
 import json
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -11,6 +12,7 @@ import torch
 
 from sightline.corruptions.corruption import Corrupted, Corruption, Record, everywhere
 from sightline.corruptions.suites import Case, Suite, find_suite
+from sightline.data.frame_lists import list_unequal_files
 from sightline.data.kitti_files import write_image, write_points
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_trees import (
@@ -18,6 +20,7 @@ from sightline.data.kitti_trees import (
     ObjectFrame,
     Part,
     Velodyne,
+    describe_absent,
     list_files,
     list_object_frames,
     part_folder,
@@ -26,6 +29,7 @@ from sightline.data.map_png import read_mask_png, write_mask_png
 from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
+from sightline.files.shard_path import stored_file
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     acquire_output_dir,
@@ -223,6 +227,7 @@ def corrupt_dataset(
     )
     remedy = f"to make them anew, remove {out}"
     warn_of_newer_frames(dataset, kept, parts=PARTS, remedy=remedy)
+    _warn_of_other_labels(dataset, zip(trees, finished, strict=True), remedy)
     for tree in trees:
         tree.link_lists(dataset.root)
     run_job(
@@ -234,6 +239,28 @@ def corrupt_dataset(
     )
     written = sum(len(work.pending) for work in works)
     return JobResult(written=written, skipped=len(works) * len(requested) - written)
+
+
+def _warn_of_other_labels(
+    dataset: KittiObjectDataset, kept: Iterable[tuple[CaseTree, set[str]]], remedy: str
+) -> None:
+    """Warn of kept frames with other labels than the input's, also with older files."""
+    place = Path(dataset.split) / part_folder("objects")
+    if stored_file(dataset.root / place) is None:  # each label would be a request to a server
+        return
+    others = sorted(
+        {
+            name
+            for tree, names in kept
+            for name in list_unequal_files(dataset.root / place, tree.root / place, names)
+        }
+    )
+    if others:
+        warnings.warn(
+            f"the labels of {len(others):,} kept frames ({describe_absent(others)}) are others in "
+            f"{dataset.root / place} now; {remedy}",
+            stacklevel=3,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """Lists of frames, and folders with one file per frame."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
@@ -147,6 +148,24 @@ def have_equal_files(first: Path, second: Path, names: Sequence[str]) -> bool:
     return all(_content(one) == _content(other) for one, other in pairs)
 
 
+def list_unequal_files(first: Path, second: Path, names: Collection[str]) -> list[str]:
+    """List the frames whose files in two folders, where both have one, differ in content."""
+    return [
+        name
+        for name in names
+        if (one := first / f"{name}{_SUFFIX}").is_file()
+        and (other := second / f"{name}{_SUFFIX}").is_file()
+        and not _are_links(one, other)
+        and _content(one) != _content(other)
+    ]
+
+
+def _are_links(one: Path, other: Path) -> bool:
+    """Whether two paths lead to the same file on disk; files in shards have no identity."""
+    status = one.stat()
+    return status.st_ino != 0 and os.path.samestat(status, other.stat())
+
+
 def _content(path: Path) -> bytes | None:
     return read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY) if path.is_file() else None
 
@@ -179,6 +198,14 @@ def describe_left_out(folder: Path) -> str | None:
 
 TIMES_NAME: Final = "times.txt"
 """File with the times of a recording's frames."""
+_NOTES: Final = ("classes", "license", "notes", "readme")
+
+
+def is_note(name: str) -> bool:
+    """Test if a text beside labels, by its name without the suffix, is none: classes, readme, .."""
+    return name.lower() in _NOTES
+
+
 LABEL_PLACES: Final = ("training/label_2", "label_2", "labels")
 """Folders of labels in data sets, whose calibrations have the same names."""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from sightline.data.frame_lists import doubt_about_names
+from sightline.data.frame_lists import doubt_about_names, is_note
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.files.plain_text import shortened
 
@@ -86,12 +86,15 @@ def list_object_frames(
 ) -> dict[str, ObjectFrame]:
     """List all frames of `folder` (e.g. `training`) with any of the parts, sorted by name.
 
-    Hidden files and files without KITTI's suffixes (in any case) are ignored.
+    Hidden files, files without KITTI's suffixes (in any case) and notes beside labels are ignored.
     """
     files = {
         part: list_files(folder / part_folder(part, velodyne), PART_SUFFIXES[part])
         for part in parts
     }
+    others = {name for part, listed in files.items() if part != "objects" for name in listed}
+    for note in [each for each in files.get("objects", {}) if is_note(each) and each not in others]:
+        del files["objects"][note]
     return {
         frame_id: ObjectFrame(
             sample_id=frame_id,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.frame_lists import TIMES_NAME
-from sightline.data.recording_files import lacks_calibration, misnamed_files
+from sightline.data.recording_files import is_recording, lacks_calibration, misnamed_files
 from sightline.data.unread_files import (
     drive_folders,
     find_unread,
@@ -16,7 +16,7 @@ from sightline.data.unread_files import (
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
 from sightline.files.shard_index import MANIFEST, SHARED, index_path
-from sightline.jobs.output_dirs import KITTI_SPLITS
+from sightline.jobs.output_dirs import KITTI_SPLITS, is_split
 
 _ARCHIVES: Final = (".zip", ".tar", ".gz", ".tgz", ".7z")
 _BAGS: Final = (".bag", ".mcap", ".db3")
@@ -183,7 +183,7 @@ def _unread(path: Path) -> Problem | None:
     """Problem of sensors' folders with only files of other formats, or of another camera."""
     places = [*recording_folders(path), *drive_folders(path)]
     for folder in (path, *(path / split for split in KITTI_SPLITS)):
-        places += object_folders(folder)
+        places += [] if is_recording(folder) else object_folders(folder)
     unread = [each for each in find_unread(places) if each.all_unread]
     unread += find_unread(drive_folders(path))
     return unread[0].problem if unread else None
@@ -214,7 +214,7 @@ def _below(path: Path) -> Problem | None:
     for folder in _folders_below(path):
         names = {each.name for each in _entries(folder)}
         if any(layout_names <= names for layout_names in _LAYOUT_NAMES):
-            found.append(folder.parent if folder.name in KITTI_SPLITS else folder)
+            found.append(folder.parent if is_split(folder) else folder)
     found = [each for each in found if each != path]
     if not found:
         return None

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.frame_checks import read_or_note
-from sightline.data.frame_lists import TIMES_NAME
+from sightline.data.frame_lists import TIMES_NAME, is_note
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.kitti_trees import (
     PART_SUFFIXES,
@@ -33,7 +33,6 @@ CALIBRATIONS: Final = "calibration"
 CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json")
 _CALIBRATION_STARTS: Final = ("calib", "camera_calib", "cam_calib")
 _TIMES_STARTS: Final = ("times", "time.")  # times, timestamps
-_NOTES: Final = ("classes", "readme", "notes")  # names of texts that are no labels
 _MAX_TIME_S: Final = 1e11  # seconds since 1970: the year 5138
 _MAX_STAMP: Final = 1e20
 _UNITS_SINCE_1970: Final = (
@@ -122,7 +121,7 @@ def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part
         problems.append(("calibration", unread))
     for part, place, suffixes in places:
         files = list_files(folder / place, suffixes)
-        unused = [name for name in files if name not in names and name.lower() not in _NOTES]
+        unused = [name for name in files if name not in names and not is_note(name)]
         if unused and names:
             problem = Problem(
                 path=folder / place,

@@ -12,6 +12,7 @@ from sightline.data.kitti_labels import (
     KittiObjects,
     parse_objects,
 )
+from sightline.data.kitti_trees import list_files
 from sightline.data.result_boxes import SCORED_CLASSES
 from sightline.data.result_checks import doubts_about_results
 from sightline.files.atomic import atomic_path
@@ -87,7 +88,8 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
         require_frame_files(results, names, "result", _REMEDY)
     else:
         require_frame_files(results, [], "result", _REMEDY)
-        names = sorted(path.stem for path in results.glob("*.txt"))
+        files = list_files(results, (".txt",)).values()
+        names = [path.stem for path in files if path.suffix == ".txt"]
         left_out = describe_left_out(results)
         if not names:
             but = f" but {left_out}" if left_out else ""

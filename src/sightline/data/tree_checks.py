@@ -92,6 +92,7 @@ from sightline.files.safe_names import unusable_names
 TRACKLETS = "tracklet_labels.xml"
 """File with labels of a raw drive, in their own format."""
 _REMEDY = "extract the archive again"
+_DRIVE_REMEDY = f"{_REMEDY}, or name a list of the other frames if it lacks the file"
 _RECORDING_REMEDY = "add the missing files in a format of docs/recordings.md"
 
 Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
@@ -181,8 +182,9 @@ def find_trees(root: Path) -> list[Tree]:
 
 
 def _object_tree_of_one_split(root: Path) -> Tree | None:
-    """Tree of a folder that is a split; no recording or raw drive with folders of such names."""
-    is_other = is_recording(root) or lacks_calibration(root)
+    """Tree of a folder that is a split; none of another data set with folders of such names."""
+    is_depth = any((root / name).is_dir() for name in ("velodyne_raw", "groundtruth_depth"))
+    is_other = is_depth or is_recording(root) or lacks_calibration(root)
     if is_other and not any((root / name).is_dir() for name in ("image_2", "velodyne")):
         return None
     if not (root / "calib").is_dir() and list_drive(root).calibration is not None:
@@ -284,7 +286,7 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     matrices = read_or_note(read_raw_matrices, files.calibration, [])
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     checks.append(_between_frames(partial(check_drive_frames, files.frames)))
-    tree = _tree(folder, "raw frames", files.frames, expected, checks)
+    tree = _tree(folder, "raw frames", files.frames, expected, checks, remedy=_DRIVE_REMEDY)
     tree = _with_notes(tree, *_describe_pose(files.frames, matrices))
     if (folder / TRACKLETS).is_file():
         tree = _with_notes(tree, f"{TRACKLETS} is not read: a raw drive has no labels")

@@ -13,11 +13,14 @@ from sightline.data.frame_lists import (
     TIMES_NAME,
     capital_suffixes,
     have_equal_files,
+    is_note,
     locate_frame_files,
     read_sample_list,
     require_frame_files,
 )
 from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
+from sightline.data.kitti_trees import list_files
+from sightline.data.recording_files import is_recording
 from sightline.evaluation.inputs import check_apart
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
@@ -28,6 +31,7 @@ from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
+from sightline.jobs.output_dirs import is_split
 from sightline.jobs.progress import track
 
 _FRAMES_AT_A_TIME = 64
@@ -305,9 +309,10 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
         ValueError: There are none, or the list is invalid.
     """
     if sample_list is not None:
-        return read_sample_list(sample_list, labels_dir.absolute().parent.parent)
-    paths = labels_dir.glob("*.txt")
-    names = sorted(path.stem for path in paths if path.name.lower() != TIMES_NAME)
+        return read_sample_list(sample_list, _data_root(labels_dir))
+    files = list_files(labels_dir, (".txt",)).values()
+    named = [path for path in files if path.suffix == ".txt" and path.name.lower() != TIMES_NAME]
+    names = [path.stem for path in named if not is_note(path.stem)]
     if not names:
         below = next(filter(Path.is_dir, (labels_dir / each for each in LABEL_PLACES)), None)
         elsewhere = locate_frame_files(labels_dir, ()) if labels_dir.is_dir() else None
@@ -316,6 +321,16 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
             remedy = f"it is a data set, whose labels are in {below}; name that folder"
         raise ValueError(f"{labels_dir} has no label files (*.txt); {remedy}")
     return names
+
+
+def _data_root(labels_dir: Path) -> Path:
+    """Folder of the data set with these labels, which may have its own lists of frames."""
+    for folder in (labels_dir.absolute().parent, labels_dir.resolve().parent):
+        if is_split(folder):
+            return folder.parent
+        if is_recording(folder):
+            return folder
+    return labels_dir.absolute().parent.parent
 
 
 def _batches(

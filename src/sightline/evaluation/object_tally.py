@@ -223,7 +223,9 @@ def unread_results(
     extra = sorted(
         path.name
         for path in results_dir.iterdir()
-        if path.suffix.lower() == suffix and path.name not in expected
+        if path.suffix.lower() == suffix
+        and path.name not in expected
+        and not path.name.startswith(".")
     )
     if not extra:
         return ()
@@ -238,7 +240,7 @@ def unread_labels(labels_dir: Path) -> tuple[str, ...]:
     extra = sorted(
         path.name
         for path in labels_dir.iterdir()
-        if path.suffix.lower() == ".txt" and path.suffix != ".txt"
+        if path.suffix.lower() == ".txt" and path.suffix != ".txt" and not path.name.startswith(".")
     )
     if not extra:
         return ()

@@ -1,7 +1,7 @@
 """Frames of a run, with all parts needed by its cases, methods and scoring."""
 
-import contextlib
 import hashlib
+import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +11,8 @@ from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
 from sightline.data.sample_files import list_sample_files, refuses_gaps
+from sightline.files.plain_file import check_regular
+from sightline.files.plain_text import REMEDY
 from sightline.structures.sample import SENSOR_FIELDS
 
 _INPUT_PARTS: Final[tuple[Part, ...]] = ("image", "points", "objects")
@@ -44,9 +46,10 @@ def open_frames(
             needs it.
     """
 
-    def opened(parts: Collection[Part]) -> SampleDataset:
-        options: dict[str, Any] = {"sample_list": sample_list, "velodyne": velodyne, "parts": parts}
-        dataset = open_dataset(data, **options, needs=parts)
+    def opened(needs: Collection[Part], *optional: Part) -> SampleDataset:
+        options: dict[str, Any] = {"sample_list": sample_list, "velodyne": velodyne}
+        options["parts"] = {*needs, *optional}
+        dataset = open_dataset(data, **options, needs=needs)
         return dataset if refuses_gaps(dataset) else open_dataset(data, **options)
 
     needed: set[Part] = set(parts)
@@ -68,11 +71,7 @@ def open_frames(
                 f"set, or {remedy}"
             )
         needed.add(part)
-    for delivered in _INPUT_PARTS:
-        with contextlib.suppress(ValueError):
-            dataset = opened(needed | {delivered})
-            needed.add(delivered)
-    return dataset
+    return opened(needed, *_INPUT_PARTS)
 
 
 def digest_files(dataset: SampleDataset) -> str:
@@ -84,5 +83,6 @@ def digest_files(dataset: SampleDataset) -> str:
     digest = hashlib.sha256()
     for files in list_sample_files(dataset):
         for part, path in files.items():
-            digest.update(f"{part}/{path.name} {path.stat().st_size}\n".encode())
+            size = check_regular(path, max_bytes=sys.maxsize, remedy=REMEDY)
+            digest.update(f"{part}/{path.name} {size}\n".encode())
     return digest.hexdigest()[:_DIGITS]

@@ -3,11 +3,13 @@
 import hashlib
 import json
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from sightline.data.kitti_labels import MAX_LABEL_BYTES
+from sightline.data.kitti_trees import describe_absent
 from sightline.data.sample_dataset import SampleDataset
 from sightline.data.sample_files import label_file
 from sightline.files.atomic import atomic_write_text
@@ -16,7 +18,7 @@ from sightline.files.plain_text import REMEDY, read_text
 from sightline.files.shard_path import stored_file
 
 PLACED_BY: Final = "labels.json"
-"""File in a folder of predictions: digests of the labels that occlusions were placed by."""
+"""File in a case's folder of predictions: digests of the labels that occlusions were placed by."""
 _DIGITS: Final = 16
 
 
@@ -30,9 +32,7 @@ def digest_labels(dataset: SampleDataset) -> dict[str, str]:
     """
     files = {name: label_file(dataset, index) for index, name in enumerate(dataset.sample_ids)}
     return {
-        name: ""
-        if path is None
-        else _digest(read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=REMEDY))
+        name: "" if path is None else _digest(_content(path))
         for name, path in files.items()
         if path is None or stored_file(path) is not None
     }
@@ -43,41 +43,53 @@ def digest_all_labels(dataset: SampleDataset) -> str:
     return _digest(json.dumps(digest_labels(dataset)).encode())
 
 
-def check_placing_labels(
-    folder: Path, dataset: SampleDataset, kept: Mapping[str, Collection[str]]
-) -> None:
+def check_placing_labels(dataset: SampleDataset, kept: Mapping[Path, frozenset[str]]) -> None:
     """Warn of kept predictions whose occlusions other labels placed, and record today's labels.
 
+    Nothing is known of predictions by versions that recorded no labels.
+
     Args:
-        folder: Folder of a method's predictions.
         dataset: Data set of the predictions.
-        kept: Names of the frames with predictions by case, of the cases that hit objects.
+        kept: Names of the frames with predictions, by the folder of a case that hits objects.
     """
-    labels, recorded = digest_labels(dataset), _recorded(folder / PLACED_BY)
-    frames = {name for names in kept.values() for name in names}
-    then = {name: digest for name, digest in recorded.items() if name in frames}
-    other = {name for name in then.keys() & labels.keys() if then[name] != labels[name]}
-    if other:
-        cases = [str(folder / case) for case, names in kept.items() if other.intersection(names)]
+    labels = digest_labels(dataset) if kept else {}
+    others: dict[Path, set[str]] = {}
+    for folder, names in kept.items():
+        recorded = _recorded(folder / PLACED_BY) if names else {}
+        then = {name: recorded[name] for name in names & recorded.keys()}
+        other = {name for name, digest in then.items() if labels.get(name, digest) != digest}
+        if other:
+            others[folder] = other
+        now = {name: digest for name, digest in labels.items() if name not in names} | then
+        if now != recorded:
+            atomic_write_text(folder / PLACED_BY, json.dumps(now, indent=2, sort_keys=True) + "\n")
+    if others:
+        frames = sorted(set.union(*others.values()))
         warnings.warn(
-            f"{folder}: of {len(frames):,} frames with kept predictions whose occlusions are "
-            f"placed by labels, {len(other):,} had other labels then, the first is {min(other)}; "
-            f"to make them anew, remove {', '.join(cases)}",
+            f"{len(frames):,} of {len(dataset):,} frames ({describe_absent(frames)}) had other "
+            "labels when predictions were made whose occlusions are placed by labels; to make "
+            f"these anew, remove {', '.join(map(str, others))}",
             stacklevel=3,
         )
-    unknown = frames - then.keys()  # predictions of an older version
-    now = {name: digest for name, digest in labels.items() if name not in unknown} | then
-    if now != recorded:
-        atomic_write_text(folder / PLACED_BY, json.dumps(now, indent=2) + "\n")
 
 
 def _recorded(path: Path) -> dict[str, str]:
-    """Read the digests of a folder of predictions; empty if there are none, or they are damaged."""
-    try:
+    """Read the digests of a folder of predictions; empty if there are none."""
+    if not path.exists():
+        return {}
+    with suppress(ValueError, AttributeError, RecursionError):
         content = json.loads(read_text(path))
         return {str(name): str(digest) for name, digest in content.items()}
-    except (ValueError, AttributeError, RecursionError):
-        return {}
+    warnings.warn(
+        f"{path} is damaged: labels that were changed since the predictions beside it were made "
+        f"are not noticed; if there may be any, remove {path.parent}",
+        stacklevel=4,
+    )
+    return {}
+
+
+def _content(path: Path) -> bytes:
+    return read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=REMEDY)
 
 
 def _digest(content: bytes) -> str:

@@ -97,11 +97,9 @@ def predict_in_cases(
     parts: tuple[Part, ...] = ("image", "points", "depth")  # labels are read for the scores
     remedy = f"to make them anew, remove {folders}"
     warn_of_newer_frames(dataset, kept, parts=parts, remedy=remedy)
-    for each in runs:
-        hitting = [case.name for case in each.cases if hits_objects(case.corruption)]
-        if hitting:
-            found = {case: present[each.folder, case] for case in hitting}
-            check_placing_labels(each.folder, dataset, found)
+    hitting = {name for name, case in cases.items() if hits_objects(case.corruption)}
+    placed = {folder / case: names for (folder, case), names in present.items() if case in hitting}
+    check_placing_labels(dataset, placed)
     run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
     total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)

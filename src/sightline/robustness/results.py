@@ -2,6 +2,7 @@
 
 import difflib
 import json
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -10,7 +11,8 @@ from typing import Any, Final, get_args
 
 from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.frame_lists import list_unequal_files
+from sightline.data.kitti_trees import PART_SUFFIXES, Velodyne, list_files, part_folder
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
 from sightline.files.plain_text import read_text, shortened
@@ -61,6 +63,11 @@ def score_results(
             `run_bench`.
     """
     check_workers(settings.workers, settings.driver)
+    if out.resolve().is_relative_to(results.resolve()):
+        raise ValueError(
+            f"{out} is inside the results, {results}, whose folders are cases; name an output "
+            "folder elsewhere"
+        )
     scoring = task.scoring()
     if not scoring.takes_results:
         raise ValueError(
@@ -97,6 +104,7 @@ def score_results(
     )
     scoring.check(dataset)
     _check_complete(results, chosen, dataset, scoring)
+    _warn_of_other_labels(cases, chosen, tree)
     drawer = settings.drawer(out, dataset, scoring)
     setting = describe_setting(
         task,
@@ -233,6 +241,24 @@ def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:
     raise ValueError(
         f"{cases} holds none of the cases {', '.join(c.name for c in chosen)}; {_REMEDY}"
     )
+
+
+def _warn_of_other_labels(cases: Path, chosen: Sequence[Case], tree: Path) -> None:
+    """Warn of cases whose labels differ from those of the tree, by which all are scored."""
+    place = Path("training") / part_folder("objects")
+    names = list_files(tree / place, PART_SUFFIXES["objects"])
+    others = [
+        case.name
+        for case in chosen
+        if list_unequal_files(tree / place, cases / case.name / place, names)
+    ]
+    if others:
+        warnings.warn(
+            f"{tree / place}: scores of all cases are by these labels, but those of "
+            f"{', '.join(others)} differ: labels were changed between the cases; write the cases "
+            "again, into another folder",
+            stacklevel=3,
+        )
 
 
 def _check_complete(
