@@ -415,10 +415,10 @@ def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):
     next(tmp_path.rglob("groundtruth_depth/*08_image_02.png")).unlink()
     (line,) = lines(tmp_path)
     assert "groundtruth_depth: lacks a file of 2011_09_26_drive_0002_sync_image_0000000008" in line
-    selection = tmp_path / "depth_selection" / "val_selection_cropped"
-    (selection / "calib").mkdir()  # kept for other programs
-    (selection / "calib" / "0.txt").write_text("")
-    assert len(summarize_tree(selection)) == 1
+    for root in (selection := tmp_path / "depth_selection" / "val_selection_cropped", tmp_path):
+        (root / "calib").mkdir()  # kept for other programs
+        (root / "calib" / "0.txt").write_text("")
+        assert [each.folder for each in summarize_tree(root)] == [selection]
     folder = write_drive(tmp_path / "day" / "drive")
     (folder / "velodyne_points" / "data" / "0000000001.bin").unlink()
     (folder.parent / "calib_cam_to_cam.txt").unlink()

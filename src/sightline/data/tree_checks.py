@@ -171,20 +171,20 @@ def find_trees(root: Path) -> list[Tree]:
     )
     # Both are the same folder if `root` is itself a selection.
     by_folder = {selection_folder(root, split): split for split in selections}
-    trees = [
-        *(object_trees if any(object_trees) else [_object_tree_of_one_split(root)]),
+    others = [
         *(_drives_tree(root, split) for split in drive_splits),
         *(_selection_tree(root, folder, split) for folder, split in by_folder.items()),
         _raw_drive_tree(root),
         _recording_tree(root),
     ]
-    return [tree for tree in trees if tree is not None]
+    if not any(object_trees):
+        object_trees = [_object_tree_of_one_split(root, is_other=any(others))]
+    return [tree for tree in (*object_trees, *others) if tree is not None]
 
 
-def _object_tree_of_one_split(root: Path) -> Tree | None:
+def _object_tree_of_one_split(root: Path, *, is_other: bool) -> Tree | None:
     """Tree of a folder that is a split; none of another data set with folders of such names."""
-    is_depth = any((root / name).is_dir() for name in ("velodyne_raw", "groundtruth_depth"))
-    is_other = is_depth or is_recording(root) or lacks_calibration(root)
+    is_other = is_other or lacks_calibration(root)
     if is_other and not any((root / name).is_dir() for name in ("image_2", "velodyne")):
         return None
     if not (root / "calib").is_dir() and list_drive(root).calibration is not None:
