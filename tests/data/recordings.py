@@ -182,9 +182,9 @@ class BagMaker:
         binning=(0, 0),
         region=(0, 0, 0, 0),
         offset_px=0.0,
-        has_projection=True,
+        projection=None,
     ):
-        """region: x, y, height, width."""
+        """region: x, y, height, width; projection: P without its last column, None: the matrix."""
         roi = self.new(
             "sensor_msgs/msg/RegionOfInterest",
             x_offset=region[0],
@@ -193,9 +193,9 @@ class BagMaker:
             width=region[3],
             do_rectify=False,
         )
-        projection = np.pad(matrix, ((0, 0), (0, 1)))
+        projection = np.pad(matrix if projection is None else projection, ((0, 0), (0, 1)))
+        projection = projection.astype(np.float64)
         projection[0, 3] = offset_px
-        projection *= has_projection
         message = self.new(
             "sensor_msgs/msg/CameraInfo",
             header=self.header("camera_optical", time_ns),

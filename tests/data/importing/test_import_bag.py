@@ -282,7 +282,7 @@ def a_fisheye_without_numbers(bag):
 
 
 def no_rectification(bag):
-    bag.info("/front/camera_info", 10**9, rectification=np.zeros((3, 3)))
+    bag.info("/front/camera_info", 10**9, rectification=np.diag((2.0, 2.0, 2.0)))
     bag.transforms("/tf_static", 1, camera_optical__lidar=CAMERA_FROM_LIDAR)
     bag.image("/front/image_rect", 10**9)
     bag.cloud("/points", 10**9)

@@ -12,6 +12,7 @@ BASELINE_M = 0.12
 LENS = (-0.03, 0.01, 0.0005, -0.0003, -0.002)
 SMALLER = CAMERA_MATRIX * [[0.9], [0.9], [1.0]]
 OFFSET_PX = -BASELINE_M * CAMERA_MATRIX[0, 0]
+ZEROS = np.zeros((3, 3))
 
 
 def report_of(
@@ -189,32 +190,77 @@ def test_rectified_images_are_known_by_their_topics(tmp_path, topic, is_straight
     assert ("count as rectified, by the topic's name" in report) == ("image_" not in topic[6:13])
 
 
-@pytest.mark.parametrize("topic", ["/front/image_undistorted", "/undistorted/front/image"])
-def test_rectified_images_without_p_have_k(tmp_path, topic):
-    folder = topic.rpartition("/")[0]
-    with BagMaker(tmp_path / "drive") as bag:
+def report_of_infos(folder, infos, topic="/front/image_rect"):
+    """Import a bag with these CameraInfo messages, and return the report and the camera matrix."""
+    with BagMaker(folder / "drive") as bag:
         bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
-        bag.info(
-            f"{folder}/camera_info", 10**9, has_projection=False, rectification=np.zeros((3, 3))
-        )
+        for each, info in enumerate(infos):
+            bag.info(f"{topic.rpartition('/')[0]}/camera_info", 10**9 + each, **info)
         bag.image(topic, 10**9)
         bag.cloud("/points", 10**9)
-    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "P of CameraInfo holds zeros: K is used in its place" in report
-    matrices = read_recording_calibration(tmp_path / "out" / "calibration.yaml").matrices
-    np.testing.assert_allclose(matrices.image_from_camera[:, :3], CAMERA_MATRIX)
+    report = str(import_recording(folder / "drive", folder / "out"))
+    matrices = read_recording_calibration(folder / "out" / "calibration.yaml").matrices
+    np.testing.assert_allclose(matrices.camera_from_lidar, CAMERA_FROM_LIDAR, atol=1e-9)
+    return report, matrices.image_from_camera[:, :3]
+
+
+@pytest.mark.parametrize("topic", ["/front/image_undistorted", "/undistorted/front/image"])
+@pytest.mark.parametrize("diagonal", [(0, 0, 0), (0, 0, 1), (1, 1, 1), (np.nan, np.nan, np.nan)])
+def test_rectified_images_without_p_have_k(tmp_path, topic, diagonal):
+    info = {"projection": np.diag(diagonal), "rectification": ZEROS}
+    report, matrix = report_of_infos(tmp_path, [info], topic)
+    assert "P of CameraInfo has no usable focal length: K is used in its place" in report
+    np.testing.assert_allclose(matrix, CAMERA_MATRIX)
+
+
+def test_a_rectification_of_zeros_beside_p_is_none(tmp_path):
+    report, matrix = report_of_infos(tmp_path, [{"rectification": ZEROS}])
+    assert "K is used" not in report
+    np.testing.assert_allclose(matrix, CAMERA_MATRIX)
 
 
 def test_a_message_with_p_goes_before_more_messages_without(tmp_path):
+    report, matrix = report_of_infos(
+        tmp_path, [*[{"matrix": SMALLER, "projection": ZEROS}] * 2, {}]
+    )
+    assert "2 of 3 messages of /front/camera_info hold no calibration: number 2 (from 0)" in report
+    assert "the first of them: P has no usable focal length" in report
+    np.testing.assert_allclose(matrix, CAMERA_MATRIX)
+
+
+@pytest.mark.parametrize("has_projection", [True, False])
+@pytest.mark.parametrize(
+    ("factor", "size", "told"),
+    [
+        (0.01, IMAGE.shape[:2], "focal lengths of 7.21538 and 7.21538 px, which do not fit an"),
+        (2.5, IMAGE.shape[:2], "camera_matrix is for images of another size"),
+        (0.4, (150, 497), None),
+    ],
+)
+def test_a_first_calibration_that_does_not_fit_the_images_is_not_used(
+    tmp_path, factor, size, told, has_projection
+):
+    later = [CAMERA_MATRIX * [[each], [each], [1.0]] for each in (1.0, 1.0001, 1.0002)]
+    infos = [{"matrix": CAMERA_MATRIX * [[factor], [factor], [1.0]], "size": size}]
+    infos += [{"matrix": each} for each in later]
+    if not has_projection:
+        infos = [{**info, "projection": ZEROS} for info in infos]
+    report, matrix = report_of_infos(tmp_path, infos)
+    assert "messages of /front/camera_info differ from number 1 (from 0)" in report
+    assert told is None or told in report
+    np.testing.assert_allclose(matrix, CAMERA_MATRIX)
+
+
+def test_a_first_image_of_another_size_does_not_outvote_the_other_messages(tmp_path):
+    half = [[0.5], [0.5], [1.0]]
     with BagMaker(tmp_path / "drive") as bag:
         bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
-        for each in range(2):
-            bag.info("/front/camera_info", 10**9 + each, matrix=SMALLER, has_projection=False)
-        bag.info("/front/camera_info", 10**9 + 2)
-        bag.image("/front/image_rect", 10**9)
-        bag.cloud("/points", 10**9)
-    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
-    assert "2 of 3 messages of /front/camera_info hold no calibration: number 2 (from 0)" in report
-    assert "the first of them: P holds zeros" in report
-    matrices = read_recording_calibration(tmp_path / "out" / "calibration.yaml").matrices
-    np.testing.assert_allclose(matrices.image_from_camera[:, :3], CAMERA_MATRIX)
+        for at in range(4):
+            time_ns = 10**9 + at * 10**8
+            small = {"matrix": CAMERA_MATRIX * half, "size": (188, 621)} if at == 0 else {}
+            bag.info("/front/camera_info", time_ns, **small)
+            bag.image("/front/image_rect", time_ns, picture=IMAGE[::2, ::2] if at == 0 else IMAGE)
+            bag.cloud("/points", time_ns)
+    report = import_recording(tmp_path / "drive", tmp_path / "out")
+    assert report.written == 3
+    assert "image 0 is 188x621 (height x width), but its calibration is for 375x1242" in str(report)

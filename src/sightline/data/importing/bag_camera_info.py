@@ -15,11 +15,14 @@ from sightline.data.kitti_calibration import check_intrinsics
 from sightline.data.recording_calibration import Lens, checked_matrices
 from sightline.data.undistortion import check_lens, is_straight, lens_model
 from sightline.files.plain_text import shortened
+from sightline.geometry.mount import resolution_doubt
 from sightline.geometry.rotations import rotation_fault
 
 CALIBRATION_REMEDY: Final = (
     "give a calibration file by --calibration (docs/recordings.md has an example)"
 )
+_PLACEHOLDER_FOCAL_PX: Final = 1.0
+"""Largest focal length of a P that was not filled in: zeros, or the identity."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,11 +45,17 @@ class _Candidate:
     calibration: CameraCalibration
     first: int
     """Number of the first of these messages, from 0."""
-    doubt: str
-    """Reason to prefer others: it does not fit the images, or lacks P; empty: none."""
+    doubts: tuple[str, ...]
+    """Reasons to prefer others: it does not fit the images, is for another size, or lacks P, in
+    this order; an empty reason does not apply."""
     notes: tuple[str, ...]
     """Notes on the reading."""
     count: int = 0
+
+    @property
+    def rank(self) -> tuple[bool, ...]:
+        """Order of preference, the best one first."""
+        return tuple(map(bool, self.doubts))
 
 
 def camera_of_bag(
@@ -81,21 +90,27 @@ def camera_of_bag(
                 fault = fault or str(error)
                 continue
             read_notes = _projection_notes(info, topics)
-            doubt = _doubt(calibration, image_size) or ("P holds zeros" if read_notes else "")
-            candidates[content] = _Candidate(calibration, message.number, doubt, read_notes)
+            doubts = (
+                *_doubts(calibration, image_size),
+                "P has no usable focal length" if read_notes else "",
+            )
+            candidates[content] = _Candidate(calibration, message.number, doubts, read_notes)
         candidates[content].count += 1
     if not candidates and fault:
         raise ValueError(f"topic {label}: {fault}; {CALIBRATION_REMEDY}")
     if not candidates:
         raise bag.unreadable_topic_error(topics.info.name)
     found = list(candidates.values())
-    fitting = [each for each in found if not each.doubt] or found  # a first image may be damaged
+    best = min(each.rank for each in found)  # not always without a doubt: images may be damaged
+    fitting = [each for each in found if each.rank == best]
     for each in found:
-        if each not in fitting:
+        if each.rank != best:
             unusable += each.count
-            fault = fault or each.doubt
+            reasons = zip(each.doubts, best, strict=True)
+            fault = fault or next(doubt for doubt, is_usual in reasons if doubt and not is_usual)
     usable = total - unusable
-    chosen = next((each for each in fitting if each.count * 2 > usable), fitting[0])
+    first = next((each for each in fitting if _has_size(each, image_size)), fitting[0])
+    chosen = next((each for each in fitting if each.count * 2 > usable), first)
     notes = bag.undecodable_notes([topics.info.name])
     if unusable:
         notes += (
@@ -146,25 +161,39 @@ def _calibration(
     )
 
 
-def _doubt(calibration: CameraCalibration, image_size: tuple[int, int] | None) -> str:
-    """Reason why a calibration does not fit its images; empty: it does."""
+def _doubts(calibration: CameraCalibration, image_size: tuple[int, int] | None) -> tuple[str, str]:
+    """Reasons why a calibration does not fit its images, and is for another size; empty: it does.
+
+    The size in the message goes before that of the images, of which the first may be another.
+    """
     intrinsics = calibration.region.matrix[:, :3]
     doubts = check_intrinsics(intrinsics, image_size, Path(), usual=False)
-    return f"camera_matrix {doubts[0].problem}" if doubts else ""
+    size = calibration.region.size or image_size
+    is_scaled = size is not None and resolution_doubt(intrinsics, size) is not None
+    return (
+        f"camera_matrix {doubts[0].problem}" if doubts else "",
+        "camera_matrix is for images of another size" if is_scaled else "",
+    )
+
+
+def _has_size(candidate: _Candidate, image_size: tuple[int, int] | None) -> bool:
+    """Check if messages do not state another size than that of the images."""
+    return candidate.calibration.region.size in (None, image_size)
 
 
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
     """Read image_from_camera of the full resolution, and the rectifying rotation.
 
-    Nodes that undistort images often send K alone, and zeros for P and R.
+    Nodes that undistort images often send K alone, and zeros or the identity for P and R.
 
     Raises:
         ValueError: R is no rotation; the message continues a sentence that begins with the topic.
     """
     rectified_from_camera = np.eye(4)
-    if topics.is_rectified and _field(info, "p").any():
+    if topics.is_rectified and _has_projection(info):
         image_from_camera = _field(info, "p").reshape(3, 4)
         rotation = _field(info, "r").reshape(3, 3)
+        rotation = rotation if rotation.any() else np.eye(3)
         fault = rotation_fault(rotation)
         if fault is not None:
             raise ValueError(f"R is no rotation: {fault}")
@@ -174,12 +203,18 @@ def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3
     return image_from_camera, rectified_from_camera
 
 
+def _has_projection(info: Any) -> bool:  # noqa: ANN401 - a message
+    """Check if P has focal lengths, and is no placeholder."""
+    focal_px = np.diag(_field(info, "p").reshape(3, 4))[:2]
+    return bool((np.abs(focal_px) > _PLACEHOLDER_FOCAL_PX).all())
+
+
 def _projection_notes(info: Any, topics: ChosenTopics) -> tuple[str, ...]:  # noqa: ANN401
-    """Note that rectified images get K, as P holds zeros; empty: not so."""
-    if not topics.is_rectified or _field(info, "p").any():
+    """Note that rectified images get K, as P is a placeholder; empty: not so."""
+    if not topics.is_rectified or _has_projection(info):
         return ()
     return (
-        f"P of CameraInfo holds zeros: K is used in its place, as images of "
+        "P of CameraInfo has no usable focal length: K is used in its place, as images of "
         f"{shortened(topics.camera.name)} count as rectified by the topic's name",
     )
 
