@@ -179,12 +179,49 @@ def test_doubts_of_different_kinds_are_told_apart(tmp_path):
     assert "in 2 of 5 sweeps, e.g. that of frame 000001, all intensities are 1, so" in report
 
 
-def test_retroreflectors_above_shares_drop_no_sweep(tmp_path):
-    sweeps = [points / np.float32([1, 1, 1, 255]) for points in distinct(FULL, 5)]
-    sweeps[1][::50, 3] = 2
-    report = str(imported(tmp_path, sweeps))
+@pytest.mark.parametrize("bright", [(0,), (3, 4), (3, 6, 9), range(13), (1, 7)])
+def test_retroreflectors_above_shares_are_limited_and_told(tmp_path, bright):
+    sweeps = [points / np.float32([1, 1, 1, 255]) for points in distinct(FULL, 13)]
+    for number in bright:  # 0, 3, 6, 9 and 12 are tried
+        sweeps[number][::40, 3] = 1.5
+    for folder, scale in (("guessed", None), ("given", 1.0)):
+        (tmp_path / folder).mkdir()
+        report = str(imported(tmp_path / folder, sweeps, max_intensity=scale))
+        assert "13 frames written" in report
+        assert "intensities of 0 to 1\n" in report
+        assert f"warning: {len(bright)} sweeps, e.g. that of frame {bright[0]:06}, have " in report
+        assert "one point in a hundred above 1, the intensity of a reflectance of 1" in report
+        found = open_dataset(tmp_path / folder / "out")[bright[0]].points
+        np.testing.assert_array_equal(found.numpy()[:, 3], sweeps[bright[0]][:, 3].clip(max=1))
+
+
+@pytest.mark.parametrize("scale", [1.0, 255.0])
+def test_sweeps_far_above_a_given_scale_are_dropped(tmp_path, scale):
+    sweeps = distinct(FULL * np.float32([1, 1, 1, scale / 255]), 6)
+    sweeps[5][::8, 3] = 2 * scale
+    report = str(imported(tmp_path, sweeps, max_intensity=scale))
     assert "5 frames written" in report
+    assert "warning: dropped 1 unreadable frames; the first: " in report
+
+
+@pytest.mark.parametrize("num_dark", [1, 3, 4])
+def test_dark_sweeps_of_whole_numbers_are_not_taken_for_shares(tmp_path, num_dark):
+    sweeps = distinct(FULL, 5)
+    for sweep in sweeps:
+        sweep[:, 3] = sweep[:, 3].round()
+    for number, sweep in enumerate(sweeps[:num_dark]):
+        sweep[:, 3] = np.arange(len(sweep)) % (20 + number) == 0
+        sweep[::400, 3] = 2
+    report = str(imported(tmp_path, sweeps))
     assert "intensities of 0 to 255" in report
+    assert "5 frames written" in report
+
+
+def test_dark_sweeps_with_some_far_brighter_points_are_not_taken_for_shares(tmp_path):
+    sweeps = distinct(FULL / np.float32([1, 1, 1, 255]), 5)  # as in fog
+    for sweep in sweeps:
+        sweep[::20, 3] *= 255
+    assert "intensities of 0 to 255" in str(imported(tmp_path, sweeps))
 
 
 @pytest.mark.parametrize("num_zero", [3, 4])

@@ -31,6 +31,7 @@ from sightline.data.importing.bag_sectors import describe_parts_of_turns
 from sightline.data.importing.bag_topics import ChosenTopics, choose_topics, describe_info
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.writer import (
+    MAX_BRIGHT_SHARE,
     RESULTS,
     STRAIGHT_NOTE,
     CloudTally,
@@ -61,8 +62,7 @@ from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 from sightline.geometry.cloud_checks import cloud_fault
-from sightline.geometry.echoes import echoes, is_echo
-from sightline.geometry.intensity_checks import exceeds_scale
+from sightline.geometry.echoes import echoes
 from sightline.geometry.mount import mount_doubt, turn_ahead
 from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
@@ -74,6 +74,8 @@ _CALIBRATION_REMEDY: Final = (
 _Cloud = Float32[np.ndarray, "_num_points 4"]
 _INTENSITIES: Final = (1.0, 255.0, 1023.0, 4095.0, 65535.0)
 """Usual intensities of a reflectance of 1: shares, and whole numbers of 8, 10, 12 and 16 bits."""
+_MAX_SHARE: Final = 10.0
+"""Largest intensity of retroreflectors among shares."""
 _NUM_TRIED_SWEEPS: Final = 5
 """Number of sweeps for guessing the scale of intensities and the direction of up."""
 _MAX_TRIED_FRAMES: Final = 5
@@ -185,8 +187,6 @@ class _Frames:
     doubts: dict[str, Problem] = field(default_factory=dict)
     """Doubts of the frames before the first plausible one, by name."""
     clouds: CloudTally = field(default_factory=CloudTally)
-    bright: list[str] = field(default_factory=list)
-    """Names of the frames whose sweeps exceed the guessed scale."""
     blank: dict[str, bool] = field(default_factory=dict)
     """Whether pictures have a single colour, by name."""
     unread: dict[str, list[int]] = field(default_factory=dict)
@@ -212,7 +212,7 @@ class _Frames:
             if number == _MAX_TRIED_FRAMES and not num_empty and not self.doubts:
                 break  # none can be read
             with staging_folder() as staged:
-                trial = replace(self, out=staged, faults={}, bright=[], blank={}, unread={})
+                trial = replace(self, out=staged, faults={}, blank={}, unread={})
                 trial.write(bag, {name: position})
                 if trial.faults:
                     fault = fault or trial.faults[name]
@@ -268,12 +268,11 @@ class _Frames:
     def notes(self) -> tuple[str, ...]:
         """Return lines on left-out points and frames, with counts."""
         lines = (
-            *self.clouds.lines(),
+            *self.clouds.lines(self.max_intensity),
             *(
                 f"warning: frame {name} {doubt.problem}; {doubt.remedy}"
                 for name, doubt in self.doubts.items()
             ),
-            *self._bright_note(),
             *self._blank_note(),
             *self._unread_notes(),
         )
@@ -335,32 +334,19 @@ class _Frames:
     def _cloud(self, name: str, message: Message) -> Callable[[], None]:
         """Read a cloud; return a function that writes it."""
         source = f"topic {shortened(message.topic)}"
-        read = self._within_scale(name, cloud_from_message(message.content, message.topic))
+        read = cloud_from_message(message.content, message.topic)
         self._count_unread(message)
-        points, tally = count_echoes(name, read, self.max_intensity, source)
+        # a later sweep may exceed any scale guessed from whole numbers
+        is_open = self.is_guessed and self.max_intensity > 1
+        points, tally = count_echoes(
+            name,
+            read,
+            self.max_intensity,
+            source,
+            max_bright_share=1.0 if is_open else MAX_BRIGHT_SHARE,
+        )
         self.clouds += tally
         return partial(write_cloud, self.out, name, moved_cloud(points, self.new_from_old))
-
-    def _within_scale(self, name: str, points: _Cloud) -> _Cloud:
-        """Limit intensities to a guessed scale of whole numbers, as later sweeps may exceed it."""
-        has_echo = is_echo(points)
-        is_above = has_echo & np.isfinite(points[:, 3]) & (points[:, 3] > self.max_intensity)
-        if not self.is_guessed or self.max_intensity == 1 or not exceeds_scale(is_above[has_echo]):
-            return points
-        self.bright.append(name)
-        limited = points.copy()
-        limited[is_above, 3] = self.max_intensity
-        return limited
-
-    def _bright_note(self) -> tuple[str, ...]:
-        if not self.bright:
-            return ()
-        return (
-            f"warning: {len(self.bright)} sweeps, e.g. that of frame {self.bright[0]}, have more "
-            f"than one point in a hundred above {self.max_intensity:g}, the guessed intensity of a "
-            "reflectance of 1, which these points get; import again to another folder with "
-            "--max-intensity, if the LiDAR's scale is larger",
-        )
 
 
 def _digest(times_s: Sequence[float | Decimal]) -> str:
@@ -390,11 +376,26 @@ def _spread(count: int) -> list[int]:
 def _guess_intensity(clouds: Sequence[_Cloud]) -> float:
     """Guess the smallest usual scale on which most of the sweeps valid on the largest are valid.
 
-    Shares, the scale of 1, must suit all of them: brighter sweeps are not limited to it.
+    The scale of 1 must suit all of them, as dark sweeps of other scales are valid on it, or most
+    of them are shares.
     """
     filled = [each for each in clouds if each[:, 3].any()]
-    num_valid = [sum(cloud_fault(each, scale) is None for each in filled) for scale in _INTENSITIES]
-    if num_valid[0] == num_valid[-1]:
+    readable = [each for each in filled if cloud_fault(each, _INTENSITIES[-1]) is None]
+    num_valid = [
+        sum(cloud_fault(each, scale) is None for each in readable) for scale in _INTENSITIES
+    ]
+    if num_valid[0] == len(readable) or 2 * sum(map(_holds_shares, readable)) > len(readable):
         return _INTENSITIES[0]
-    is_usual = (2 * each > num_valid[-1] for each in num_valid[1:])
+    is_usual = (2 * each > len(readable) for each in num_valid[1:])
     return next(compress(_INTENSITIES[1:], is_usual))
+
+
+def _holds_shares(points: _Cloud) -> bool:
+    """Check for fractions of 1, apart from zeros and retroreflectors."""
+    intensities = points[:, 3][points[:, 3] > 0]
+    return bool(
+        len(intensities)
+        and intensities.max() <= _MAX_SHARE
+        and (intensities > 1).mean() <= MAX_BRIGHT_SHARE
+        and (intensities < 1).mean() > 0.5  # whole numbers of a dark sweep are not below 1
+    )

@@ -134,7 +134,7 @@ def import_nuscenes(
             *_time_notes(moments),
             *_rotation_notes(moments, camera),
             *((*tally.lines(), *_unannotated_notes(moments)) if pending else ()),
-            *clouds.lines(),
+            *clouds.lines(max_intensity),
             *doubts,
             *describe_view(out),
         ),

@@ -45,7 +45,7 @@ from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import FileError, Problem, plain_line
 from sightline.geometry.echoes import echoes
-from sightline.geometry.intensity_checks import intensity_doubt
+from sightline.geometry.intensity_checks import exceeds_scale, intensity_doubt
 from sightline.geometry.tilt import Tilt
 from sightline.jobs.output_dirs import check_outside_dataset
 
@@ -57,6 +57,8 @@ _ANNOTATIONS_REMEDY = (
     "metadata archive again"
 )
 _NUMBER: Final = re.compile(r"\d[\d.e+-]*")
+MAX_BRIGHT_SHARE: Final = 0.1
+"""Largest share of a sweep's points above the scale of intensities that may be retroreflectors."""
 STRAIGHT_NOTE: Final = "--undistort has no effect: by the calibration images are not distorted"
 
 
@@ -95,6 +97,8 @@ class CloudTally:
     """Frames without a remaining point."""
     doubts: tuple[tuple[str, str, str], ...] = ()
     """Frames with doubtful intensities, each with the problem and its remedy."""
+    bright: tuple[str, ...] = ()
+    """Frames whose intensities were limited to the scale."""
 
     @classmethod
     def count(
@@ -103,6 +107,8 @@ class CloudTally:
         sweep: Float32[np.ndarray, "num_points 4"],
         kept: Float32[np.ndarray, "num_echoes 4"],
         doubt: tuple[str, str] | None,
+        *,
+        is_bright: bool,
     ) -> "CloudTally":
         """Count a frame's points before and after the removal of points without an echo.
 
@@ -111,6 +117,7 @@ class CloudTally:
             sweep: Points as read.
             kept: Points with an echo.
             doubt: Doubt about their intensities.
+            is_bright: Whether these were limited to the scale.
         """
         lost = len(sweep) - len(kept)
         not_finite = int((~np.isfinite(sweep[:, :3]).all(axis=1)).sum()) if lost else 0
@@ -123,6 +130,7 @@ class CloudTally:
             no_intensity=int(lacks_intensity.sum()),
             empty=() if len(kept) else (name,),
             doubts=() if doubt is None else ((name, *doubt),),
+            bright=(name,) if is_bright else (),
         )
 
     def __add__(self, other: "CloudTally") -> "CloudTally":
@@ -135,10 +143,11 @@ class CloudTally:
             no_intensity=self.no_intensity + other.no_intensity,
             empty=self.empty + other.empty,
             doubts=self.doubts + other.doubts,
+            bright=self.bright + other.bright,
         )
 
-    def lines(self) -> tuple[str, ...]:
-        """Return lines for the user; empty if nothing was dropped."""
+    def lines(self, max_intensity: float) -> tuple[str, ...]:
+        """Return lines for the user; empty if nothing was dropped or limited."""
         lines = []
         if self.not_finite or self.no_echo:
             lines.append(
@@ -159,6 +168,13 @@ class CloudTally:
                 f"of frame {self.empty[0]}"
                 + (": the recording has only images" if len(self.empty) == self.clouds else "")
             )
+        if self.bright:
+            lines.append(
+                f"warning: {len(self.bright)} sweeps, e.g. that of frame {self.bright[0]}, have "
+                f"more than one point in a hundred above {max_intensity:g}, the intensity of a "
+                "reflectance of 1, which these points get; import again to another folder with "
+                "--max-intensity, if the LiDAR's scale is larger"
+            )
         return (*lines, *self._lines_of_doubts())
 
     def _lines_of_doubts(self) -> Iterator[str]:
@@ -177,17 +193,33 @@ class CloudTally:
 
 
 def count_echoes(
-    name: str, sweep: Float32[np.ndarray, "num_points 4"], max_intensity: float, source: Path | str
+    name: str,
+    sweep: Float32[np.ndarray, "num_points 4"],
+    max_intensity: float,
+    source: Path | str,
+    *,
+    max_bright_share: float = MAX_BRIGHT_SHARE,
 ) -> tuple[Float32[np.ndarray, "num_echoes 4"], CloudTally]:
     """Select a frame's points with an echo, with reflectances in [0, 1]; also returns the counts.
+
+    Args:
+        name: Name of the frame.
+        sweep: Points as read.
+        max_intensity: Intensity of a reflectance of 1.
+        source: File or topic of the sweep.
+        max_bright_share: Largest share of brighter points, up to which they are limited to it.
 
     Raises:
         FileError: See `checked_cloud`.
     """
     kept = echoes(sweep)
+    is_above = kept[:, 3] > max_intensity
+    is_bright = exceeds_scale(is_above) and bool(is_above.mean() <= max_bright_share)
+    if is_bright:
+        kept[is_above, 3] = max_intensity
     doubt = intensity_doubt(kept, max_intensity) if kept[:, 3].any() else None
     points = checked_cloud(kept, max_intensity, source, warn_losses=False)
-    return points, CloudTally.count(name, sweep, points, doubt)
+    return points, CloudTally.count(name, sweep, points, doubt, is_bright=is_bright)
 
 
 def check_not_into_source(source: Path, out: Path) -> None:
