@@ -65,6 +65,75 @@ def test_tables_with_doubtful_intensities_are_imported_with_a_word(data, tmp_pat
     assert report.count(said) == 1
 
 
+def test_bright_points_in_tables_are_limited_and_told_and_far_more_are_dropped(tmp_path):
+    data = write_nuscenes(tmp_path / "data", num_samples=3)
+    for number, step in ((1, 50), (2, 5)):
+        path = data / "samples" / "LIDAR_TOP" / f"{number}.pcd.bin"
+        points = np.fromfile(path, np.float32).reshape(-1, 5)
+        points[::step, 3] = 300
+        points.tofile(path)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "warning: 1 sweeps, e.g. that of frame scene-0001-001, have more than one" in report
+    assert "dropped 1 of 3 key frames, whose image or sweep cannot be read; the first" in report
+    assert float(open_dataset(tmp_path / "out")[1].points[:, 3].max()) == 1
+
+
+def damage(data, *numbers, kind="sweep"):
+    for number in numbers:
+        name = f"LIDAR_TOP/{number}.pcd.bin" if kind == "sweep" else f"CAM_FRONT/{number}.jpg"
+        path = data / "samples" / name
+        path.write_bytes(path.read_bytes()[:-8] if kind == "sweep" else b"no image")
+
+
+@pytest.mark.parametrize("kind", ["sweep", "image"])
+@pytest.mark.parametrize("numbers", [(0,), (5,), (0, 1, 2, 3), (2, 5)])
+def test_key_frames_that_cannot_be_read_are_dropped_and_told(tmp_path, kind, numbers):
+    data = write_nuscenes(tmp_path / "data", num_samples=6)
+    damage(data, *numbers, kind=kind)
+    file = f"{numbers[0]}.pcd.bin: holds" if kind == "sweep" else f"{numbers[0]}.jpg: is neither"
+    told = (
+        rf"warning: dropped {len(numbers)} of 6 key frames, whose image or sweep cannot be read; "
+        rf"the first, scene-0001-00{numbers[0]}: .*{file}"
+    )
+    left = [f"scene-0001-00{number}" for number in range(6) if number not in numbers]
+    for written in (len(left), 0):
+        report = import_recording(data, tmp_path / "out")
+        assert report.written == written
+        assert re.search(told, str(report))
+        assert str(report).count("warning") == 1
+        assert "kept" not in str(report)
+        assert [
+            line[:14] for line in (tmp_path / "out/times.txt").read_text().split("\n")[:-1]
+        ] == left
+        assert list(check_tree(tmp_path / "out")) == []
+        assert open_dataset(tmp_path / "out").sample_ids == tuple(left)
+
+
+@pytest.mark.parametrize("num_samples", [5, 8])
+@pytest.mark.parametrize("kind", ["sweep", "image"])
+def test_tables_of_which_no_first_key_frame_can_be_read_are_refused(tmp_path, num_samples, kind):
+    data = write_nuscenes(tmp_path / "data", num_samples=num_samples)
+    damage(data, *range(5), kind=kind)
+    with pytest.raises(FileError, match="0.pcd.bin: holds" if kind == "sweep" else "0.jpg: is"):
+        import_recording(data, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("is_written", [True, False])
+def test_times_follow_the_frames_whose_files_are_removed_before_a_further_run(tmp_path, is_written):
+    data = write_nuscenes(tmp_path / "data", num_samples=4)
+    import_recording(data, tmp_path / "out")
+    if not is_written:  # as if the first run had been stopped there
+        for path in (tmp_path / "out").glob("*/scene-0001-002.*"):
+            path.unlink()
+    (data / "samples" / "LIDAR_TOP" / "2.pcd.bin").unlink()
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "kept" not in report
+    assert "warning" not in report
+    assert list(check_tree(tmp_path / "out")) == []
+    assert len((tmp_path / "out" / "times.txt").read_text().splitlines()) == 3 + is_written
+
+
 @pytest.mark.parametrize(("token", "occlusion"), [("1", 2), ("2", 1), ("3", 1), ("4", 0)])
 def test_without_their_table_tokens_are_nuscenes(data, tmp_path, token, occlusion):
     set_entries(data, "sample_annotation", visibility_token=token)

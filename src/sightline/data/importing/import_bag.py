@@ -42,6 +42,7 @@ from sightline.data.importing.writer import (
     describe_view,
     moved_cloud,
     names_present,
+    remove_incomplete,
     staged_doubt,
     staging_folder,
     turned_calibration,
@@ -256,14 +257,7 @@ class _Frames:
                 write_file()
             if not names:
                 break
-        self._remove_incomplete()
-
-    def _remove_incomplete(self) -> None:
-        """Remove images without a readable cloud, and vice versa: each would count as a frame."""
-        for name in self.faults:
-            for folder in (IMAGES, POINTS):
-                for path in (self.out / folder).glob(f"{name}.*"):
-                    path.unlink()
+        remove_incomplete(self.out, self.faults)
 
     def notes(self) -> tuple[str, ...]:
         """Return lines on left-out points and frames, with counts."""

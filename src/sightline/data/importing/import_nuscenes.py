@@ -1,9 +1,9 @@
 """Import of nuScenes' key frames of a camera and the LiDAR as a recording with labels."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +24,7 @@ from sightline.data.importing.writer import (
     describe_view,
     moved_cloud,
     names_present,
+    remove_incomplete,
     staged_doubt,
     staging_folder,
     turned_calibration,
@@ -67,7 +68,7 @@ _MIN_STEP_US: Final = 4_000
 _MAX_GAP_S: Final = 0.15
 """Largest time between image and sweep; a turn of nuScenes' LiDAR takes 0.05 s, others' 0.1 s."""
 _MAX_TRIED_FRAMES: Final = 5
-"""Number of frames tried at the start: if all are doubtful, nothing is written."""
+"""Number of frames tried at the start: if all are doubtful or unreadable, nothing is written."""
 _POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
 _MAX_BYTES: Final = 2**26
 _REMEDY: Final = "extract nuScenes' archive again"
@@ -99,42 +100,43 @@ def import_nuscenes(
         "lidar": lidar,
         "max_intensity": max_intensity,
     }
-    _image_size(moments[0])  # else a wrong size in the tables looks like a wrong calibration
+    _check_first_sizes(moments)  # a wrong size in the tables looks like a wrong calibration
     for moment in moments:
         _calibration(moment)
     lens = next((moment.lens for moment in moments if moment.lens), ())
     if lens and not undistort:
-        coefficients = ", ".join(f"{value:.4g}" for value in lens)
-        raise ValueError(
-            f"{tables.folder}: the lens of {camera} distorts ({coefficients}); undistort images by "
-            "--undistort"
-        )
+        raise _distorting_lens_error(tables.folder, camera, lens)
     doubts = _first_doubts(moments, max_intensity, tables)
     acquire_output_dir(out, settings, results=RESULTS)
-    kept = write_or_keep_times(out, {moment.name: moment.time_s for moment in moments})
+    times_s = {moment.name: moment.time_s for moment in listed}
+    without_files = times_s.keys() - {moment.name for moment in moments}
+    absent = without_files - names_present(out, IMAGES, POINTS)
+    kept = write_or_keep_times(out, times_s, left_out=absent)
     is_labelled = any(moment.annotations for moment in moments)
     folders = (CALIBRATIONS, IMAGES, POINTS, *((LABELS,) if is_labelled else ()))
     present = names_present(out, *folders)
     pending = [moment for moment in moments if moment.name not in present]
-    work = _Frames(out, max_intensity, is_labelled=is_labelled)
-    tally, clouds = LabelTally(), CloudTally()
+    frames = _Frames(out, max_intensity, is_labelled=is_labelled)
     for moment in track(pending, description="importing"):
-        labels, cloud = work.write(moment)
-        tally, clouds = tally + labels, clouds + cloud
+        frames.write(moment)
+    if frames.faults:
+        remove_incomplete(out, frames.faults)
+        write_or_keep_times(out, times_s, left_out=absent | frames.faults.keys())
+    written = len(pending) - len(frames.faults)
     return ImportReport(
         out=out,
-        written=len(pending),
+        written=written,
         skipped=len(moments) - len(pending),
         notes=(
             f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
             *kept,
             *((STRAIGHT_NOTE,) if undistort and not lens else ()),
             *_scene_notes(moments),
-            *_dropped_notes(key_frames, len(listed) - len(moments)),
+            *_dropped_notes(key_frames, len(without_files), frames.faults),
             *_time_notes(moments),
             *_rotation_notes(moments, camera),
-            *((*tally.lines(), *_unannotated_notes(moments)) if pending else ()),
-            *clouds.lines(max_intensity),
+            *((*frames.labels.lines(), *_unannotated_notes(moments)) if written else ()),
+            *frames.clouds.lines(max_intensity),
             *doubts,
             *describe_view(out),
         ),
@@ -152,6 +154,13 @@ def _no_files_error(root: Path, moments: Sequence[Moment], camera: str, lidar: s
     return ValueError(
         f"{root} lacks files of all {len(moments)} key frames of {camera} and {lidar}, e.g. "
         f"{absent[channels[0]]}; extract the archives with {' and '.join(channels)} into it"
+    )
+
+
+def _distorting_lens_error(folder: Path, camera: str, lens: tuple[float, ...]) -> ValueError:
+    coefficients = ", ".join(f"{value:.4g}" for value in lens)
+    return ValueError(
+        f"{folder}: the lens of {camera} distorts ({coefficients}); undistort images by --undistort"
     )
 
 
@@ -182,12 +191,19 @@ def _scene_notes(moments: Sequence[Moment]) -> Iterator[str]:
         )
 
 
-def _dropped_notes(key_frames: Moments, without_files: int) -> Iterator[str]:
+def _dropped_notes(
+    key_frames: Moments, without_files: int, faults: Mapping[str, FileError]
+) -> Iterator[str]:
     """Yield notes on left-out key frames of the tables, with counts."""
     if without_files:
         yield (
             f"dropped {without_files} of {len(key_frames.moments)} key frames, whose image or "
             "sweep is missing"
+        )
+    for name, fault in islice(faults.items(), 1):
+        yield (
+            f"warning: dropped {len(faults)} of {len(key_frames.moments)} key frames, whose image "
+            f"or sweep cannot be read; the first, {name}: {fault}"
         )
     if key_frames.num_invalid:
         yield f"dropped {key_frames.num_invalid} images and sweeps that the tables call invalid"
@@ -235,12 +251,17 @@ def _first_doubts(
     """Check frames up to the first plausible one, and describe the doubts of those before.
 
     Raises:
-        FileError: Some first frames are all doubtful.
+        FileError: Some first frames are all doubtful or unreadable.
     """
     doubts: list[Problem] = []
+    faults: dict[str, FileError] = {}
     for moment in moments[:_MAX_TRIED_FRAMES]:
         with staging_folder() as staged:
-            _Frames(staged, max_intensity).write(moment)
+            trial = _Frames(staged, max_intensity)
+            trial.write(moment)
+            faults |= trial.faults
+            if trial.faults:
+                continue
             doubt = staged_doubt(
                 staged,
                 moment.image,
@@ -250,10 +271,10 @@ def _first_doubts(
         if doubt is None:
             return tuple(f"warning: {each}" for each in doubts)
         doubts.append(doubt)
-    raise unusable_error(doubts[0])
+    raise unusable_error(doubts[0]) if doubts else next(iter(faults.values()))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Frames:
     """Writer of a frame's files; the cloud comes last and marks complete frames."""
 
@@ -261,13 +282,22 @@ class _Frames:
     max_intensity: float
     is_labelled: bool = True
     """Frames get label files, as the tables hold annotations."""
+    labels: LabelTally = field(default_factory=LabelTally)
+    clouds: CloudTally = field(default_factory=CloudTally)
+    faults: dict[str, FileError] = field(default_factory=dict)
+    """Errors of the left-out frames, by name."""
 
-    def write(self, moment: Moment) -> tuple[LabelTally, CloudTally]:
+    def write(self, moment: Moment) -> None:
+        """Write a frame, or note why its image or sweep cannot be read."""
+        try:
+            size = _image_size(moment)
+            sweep = _read_sweep(moment.sweep)
+            echoes, clouds = count_echoes(moment.name, sweep, self.max_intensity, moment.sweep)
+        except FileError as error:
+            self.faults[moment.name] = error
+            return
         new_from_old, _ = turn_ahead(moment.mount)
         calibration = turned_calibration(_calibration(moment), new_from_old)
-        size = _image_size(moment)
-        sweep = _read_sweep(moment.sweep)
-        echoes, clouds = count_echoes(moment.name, sweep, self.max_intensity, moment.sweep)
         points = moved_cloud(echoes, new_from_old)
         lidar_from_world = new_from_old @ np.linalg.inv(moment.world_from_lidar)
         level_from_lidar = _level_from_lidar(moment.tilt, new_from_old)
@@ -289,7 +319,21 @@ class _Frames:
             suffix = f".{read_image_header(moment.image).file_format}"
         atomic_link(self.out / IMAGES / f"{moment.name}{suffix}", moment.image)
         write_cloud(self.out, moment.name, points)
-        return tally, clouds
+        self.labels += tally
+        self.clouds += clouds
+
+
+def _check_first_sizes(moments: Sequence[Moment]) -> None:
+    """Raise the FileError of the first image, unless one of the first few has its size."""
+    faults = []
+    for moment in moments[:_MAX_TRIED_FRAMES]:
+        try:
+            _image_size(moment)
+        except FileError as error:
+            faults.append(error)
+        else:
+            return
+    raise faults[0]
 
 
 def _image_size(moment: Moment) -> tuple[int, int]:

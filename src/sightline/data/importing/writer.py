@@ -395,6 +395,14 @@ def names_present(out: Path, *folders: str) -> set[str]:
     return set.intersection(*({path.stem for path in (out / name).glob("*")} for name in folders))
 
 
+def remove_incomplete(out: Path, names: Collection[str]) -> None:
+    """Remove images without a readable cloud, and vice versa: each would count as a frame."""
+    for folder in (IMAGES, POINTS):
+        for path in sorted((out / folder).glob("*")) if names else ():
+            if path.stem in names:
+                path.unlink()
+
+
 def describe_view(out: Path) -> tuple[str, ...]:
     """Lines on the fit of the written calibration, with warnings of it, times and images."""
     files = list_recording(out)
