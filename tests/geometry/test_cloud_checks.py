@@ -107,6 +107,14 @@ def test_intensities_that_are_all_alike_are_doubted_but_zeros_are_none():
     assert intensity_doubt(zeros, 255.0) is not None
 
 
+def test_intensities_that_are_dark_but_for_one_point_in_a_hundred_are_doubted():
+    intensities = np.random.default_rng(0).uniform(0, 1, 1000)
+    intensities[:10] = 12
+    assert "for 99 of 100 points" in intensity_doubt(with_intensities(intensities), 255.0)[0]
+    intensities[10] = 12
+    assert intensity_doubt(with_intensities(intensities), 255.0) is None
+
+
 def with_intensities(intensities):
     points = np.random.default_rng(0).normal(0, 10, (len(intensities), 4))
     points[:, 3] = intensities

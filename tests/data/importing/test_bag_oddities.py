@@ -166,15 +166,17 @@ def no_numbers_of_a_lens(bag):
 @pytest.mark.parametrize(
     ("first", "told"),
     [
-        (default_matrix, "1 of 4 messages of /front/camera_info hold no calibration: number 1"),
+        (
+            default_matrix,
+            "1 of 4 messages of /front/camera_info are unusable or less usable than number 1",
+        ),
         (
             other_matrix,
-            "hold no calibration: number 1 (from 0) is used; the first of them: camera_matrix is "
-            "for images of another size",
+            "warning: 1 of 4 messages of /front/camera_info differ from number 1",
         ),
         (
             no_numbers_of_a_lens,
-            "1 of 4 messages of /front/camera_info hold no calibration: number 1",
+            "1 of 4 messages of /front/camera_info are unusable or less usable than number 1",
         ),
     ],
 )

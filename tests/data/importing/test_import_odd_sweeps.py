@@ -195,6 +195,25 @@ def test_retroreflectors_above_shares_are_limited_and_told(tmp_path, bright):
         np.testing.assert_array_equal(found.numpy()[:, 3], sweeps[bright[0]][:, 3].clip(max=1))
 
 
+def test_a_few_far_brighter_points_do_not_decide_the_scale_of_shares(tmp_path):
+    sweeps = [points / np.float32([1, 1, 1, 255]) for points in distinct(FULL, 6)]
+    for sweep in sweeps:
+        sweep[::40, 3] = 1.5
+        sweep[:7, 3] = 12, 30, 100, 300, 1000, 3000, 10_000  # as by Waymo's LiDAR
+    report = str(imported(tmp_path, sweeps))
+    assert "intensities of 0 to 1\n" in report
+    assert "warning: 6 sweeps, e.g. that of frame 000000, have more than one point" in report
+
+
+def test_doubts_are_those_of_the_intensities_before_they_are_limited(tmp_path):
+    sweeps = distinct(FULL, 6)
+    for sweep in sweeps:
+        sweep[:, 3] = np.linalg.norm(sweep[:, :3], axis=1)
+    farthest = float(np.quantile(sweeps[0][:, 3], 0.95))
+    report = str(imported(tmp_path, sweeps, max_intensity=farthest))
+    assert "in 6 of 6 sweeps, e.g. that of frame 000000, intensities are the points' dist" in report
+
+
 @pytest.mark.parametrize("scale", [1.0, 255.0])
 def test_sweeps_far_above_a_given_scale_are_dropped(tmp_path, scale):
     sweeps = distinct(FULL * np.float32([1, 1, 1, scale / 255]), 6)

@@ -223,7 +223,10 @@ def test_a_message_with_p_goes_before_more_messages_without(tmp_path):
     report, matrix = report_of_infos(
         tmp_path, [*[{"matrix": SMALLER, "projection": ZEROS}] * 2, {}]
     )
-    assert "2 of 3 messages of /front/camera_info hold no calibration: number 2 (from 0)" in report
+    assert (
+        "2 of 3 messages of /front/camera_info are unusable or less usable than number 2 (from 0)"
+        in report
+    )
     assert "the first of them: P has no usable focal length" in report
     np.testing.assert_allclose(matrix, CAMERA_MATRIX)
 
@@ -233,7 +236,7 @@ def test_a_message_with_p_goes_before_more_messages_without(tmp_path):
     ("factor", "size", "told"),
     [
         (0.01, IMAGE.shape[:2], "focal lengths of 7.21538 and 7.21538 px, which do not fit an"),
-        (2.5, IMAGE.shape[:2], "camera_matrix is for images of another size"),
+        (2.5, IMAGE.shape[:2], None),
         (0.4, (150, 497), None),
     ],
 )
@@ -249,6 +252,27 @@ def test_a_first_calibration_that_does_not_fit_the_images_is_not_used(
     assert "messages of /front/camera_info differ from number 1 (from 0)" in report
     assert told is None or told in report
     np.testing.assert_allclose(matrix, CAMERA_MATRIX)
+
+
+@pytest.mark.parametrize("is_fixed", [True, False])
+@pytest.mark.parametrize("size", [(375, 1242), (0, 0)])
+def test_a_first_default_without_the_region_of_interest_is_not_used(tmp_path, size, is_fixed):
+    """A region at the top left looks like an image of another size, by its principal point."""
+    height, width = 230, 760
+    cut = {"region": (0, 0, height, width), "size": IMAGE.shape[:2]}
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for at in range(6):
+            focus = [[1.0], [1.0], [1.0]] if is_fixed else [[1 + at / 1e4]] * 2 + [[1.0]]
+            info = {"size": size} if at == 0 else {**cut, "matrix": CAMERA_MATRIX * focus}
+            bag.info("/front/camera_info", 10**9 + at, **info)
+        bag.image("/front/image_raw", 10**9, picture=IMAGE[:height, :width])
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "differ from number 1 (from 0)" in report
+    camera = read_recording_calibration(tmp_path / "out" / "calibration.yaml")
+    matrix = camera.matrices.image_from_camera[:, :3]
+    np.testing.assert_allclose(matrix, CAMERA_MATRIX, rtol=2e-4)
 
 
 def test_a_first_image_of_another_size_does_not_outvote_the_other_messages(tmp_path):

@@ -52,7 +52,7 @@ def test_levels_of_visibility_are_those_of_their_table(data, tmp_path, level, oc
     ("scale", "said"),
     [
         (0, "all intensities are 100, so reflectances carry no information"),
-        (1 / 255, "intensities are below a hundredth of max_intensity, 255, so"),
+        (1 / 255, "intensities are below a hundredth of max_intensity, 255, for 99 of 100 points"),
     ],
 )
 def test_tables_with_doubtful_intensities_are_imported_with_a_word(data, tmp_path, scale, said):

@@ -46,8 +46,11 @@ class _Candidate:
     first: int
     """Number of the first of these messages, from 0."""
     doubts: tuple[str, ...]
-    """Reasons to prefer others: it does not fit the images, is for another size, or lacks P, in
-    this order; an empty reason does not apply."""
+    """Reasons to prefer others: it does not fit the images, or lacks P, in this order; an empty
+    reason does not apply."""
+    has_size: bool
+    """Whether it is for images of this size; the first image, by which it is judged, may have
+    another than most."""
     notes: tuple[str, ...]
     """Notes on the reading."""
     count: int = 0
@@ -90,11 +93,14 @@ def camera_of_bag(
                 fault = fault or str(error)
                 continue
             read_notes = _projection_notes(info, topics)
-            doubts = (
-                *_doubts(calibration, image_size),
-                "P has no usable focal length" if read_notes else "",
+            lacks_projection = "P has no usable focal length" if read_notes else ""
+            candidates[content] = _Candidate(
+                calibration,
+                message.number,
+                (_doubt(calibration, image_size), lacks_projection),
+                _has_size(info, topics, calibration, image_size),
+                read_notes,
             )
-            candidates[content] = _Candidate(calibration, message.number, doubts, read_notes)
         candidates[content].count += 1
     if not candidates and fault:
         raise ValueError(f"topic {label}: {fault}; {CALIBRATION_REMEDY}")
@@ -109,13 +115,14 @@ def camera_of_bag(
             reasons = zip(each.doubts, best, strict=True)
             fault = fault or next(doubt for doubt, is_usual in reasons if doubt and not is_usual)
     usable = total - unusable
-    first = next((each for each in fitting if _has_size(each, image_size)), fitting[0])
+    first = next((each for each in fitting if each.has_size), fitting[0])
     chosen = next((each for each in fitting if each.count * 2 > usable), first)
     notes = bag.undecodable_notes([topics.info.name])
     if unusable:
+        level = "warning: " if 2 * unusable > total else ""
         notes += (
-            f"{unusable} of {total} messages of {label} hold no calibration: number "
-            f"{chosen.first} (from 0) is used; the first of them: {fault}",
+            f"{level}{unusable} of {total} messages of {label} are unusable or less usable than "
+            f"number {chosen.first} (from 0), which is used; the first of them: {fault}",
         )
     if chosen.count < usable:
         reason = "which most of them repeat" if chosen.count * 2 > usable else "the first valid one"
@@ -161,24 +168,27 @@ def _calibration(
     )
 
 
-def _doubts(calibration: CameraCalibration, image_size: tuple[int, int] | None) -> tuple[str, str]:
-    """Reasons why a calibration does not fit its images, and is for another size; empty: it does.
-
-    The size in the message goes before that of the images, of which the first may be another.
-    """
+def _doubt(calibration: CameraCalibration, image_size: tuple[int, int] | None) -> str:
+    """Reason why a calibration does not fit its images; empty: it does."""
     intrinsics = calibration.region.matrix[:, :3]
     doubts = check_intrinsics(intrinsics, image_size, Path(), usual=False)
-    size = calibration.region.size or image_size
-    is_scaled = size is not None and resolution_doubt(intrinsics, size) is not None
-    return (
-        f"camera_matrix {doubts[0].problem}" if doubts else "",
-        "camera_matrix is for images of another size" if is_scaled else "",
-    )
+    return f"camera_matrix {doubts[0].problem}" if doubts else ""
 
 
-def _has_size(candidate: _Candidate, image_size: tuple[int, int] | None) -> bool:
-    """Check if messages do not state another size than that of the images."""
-    return candidate.calibration.region.size in (None, image_size)
+def _has_size(
+    info: Any,  # noqa: ANN401 - a message
+    topics: ChosenTopics,
+    calibration: CameraCalibration,
+    image_size: tuple[int, int] | None,
+) -> bool:
+    """Check if a message is for images of a size, by its own and by its principal point.
+
+    The principal point is near the middle of the full resolution, not of a region of interest.
+    """
+    full_size = (int(info.height), int(info.width)) if info.height and info.width else image_size
+    full_matrix, _ = _projection(info, topics)
+    is_scaled = full_size is not None and resolution_doubt(full_matrix[:, :3], full_size)
+    return not is_scaled and calibration.region.size in (None, image_size)
 
 
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401

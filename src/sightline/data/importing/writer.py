@@ -213,11 +213,11 @@ def count_echoes(
         FileError: See `checked_cloud`.
     """
     kept = echoes(sweep)
+    doubt = intensity_doubt(kept, max_intensity) if kept[:, 3].any() else None
     is_above = kept[:, 3] > max_intensity
     is_bright = exceeds_scale(is_above) and bool(is_above.mean() <= max_bright_share)
     if is_bright:
         kept[is_above, 3] = max_intensity
-    doubt = intensity_doubt(kept, max_intensity) if kept[:, 3].any() else None
     points = checked_cloud(kept, max_intensity, source, warn_losses=False)
     return points, CloudTally.count(name, sweep, points, doubt, is_bright=is_bright)
 
