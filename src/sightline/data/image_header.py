@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sightline.files.plain_file import check_regular, read_start
+from sightline.files.plain_file import check_regular, read_bytes, read_start
 from sightline.files.problem import FileError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -81,6 +81,18 @@ def read_image_header(path: Path | str) -> ImageHeader:
     file_bytes = check_regular(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     start = read_start(path, _MAX_HEADER_BYTES, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
     return parse_image_header(start, path, file_bytes=file_bytes)
+
+
+def read_complete_header(path: Path | str) -> ImageHeader:
+    """Properties of a PNG or JPEG file that is complete; its pixels are not decoded.
+
+    Raises:
+        FileError: As `read_image_header` and `check_complete`.
+    """
+    content = read_bytes(path, max_bytes=MAX_FILE_BYTES, remedy=_REMEDY)
+    header = parse_image_header(content, path)
+    check_complete(content, header, path)
+    return header
 
 
 def read_image_size(path: Path | str) -> tuple[int, int]:

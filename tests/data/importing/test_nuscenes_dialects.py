@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -82,7 +84,9 @@ def damage(data, *numbers, kind="sweep"):
     for number in numbers:
         name = f"LIDAR_TOP/{number}.pcd.bin" if kind == "sweep" else f"CAM_FRONT/{number}.jpg"
         path = data / "samples" / name
-        path.write_bytes(path.read_bytes()[:-8] if kind == "sweep" else b"no image")
+        content = path.read_bytes()
+        path.unlink()  # else the image of an earlier import, a hard link, changes, too
+        path.write_bytes(content[:-8] if kind == "sweep" else b"no image")
 
 
 @pytest.mark.parametrize("kind", ["sweep", "image"])
@@ -99,6 +103,7 @@ def test_key_frames_that_cannot_be_read_are_dropped_and_told(tmp_path, kind, num
     for written in (len(left), 0):
         report = import_recording(data, tmp_path / "out")
         assert report.written == written
+        assert str(report).startswith(f"{len(left)} key frames of CAM_FRONT and LIDAR_TOP")
         assert re.search(told, str(report))
         assert str(report).count("warning") == 1
         assert "kept" not in str(report)
@@ -130,8 +135,100 @@ def test_times_follow_the_frames_whose_files_are_removed_before_a_further_run(tm
     report = str(import_recording(data, tmp_path / "out"))
     assert "kept" not in report
     assert "warning" not in report
+    assert ("dropped 1 of 4 key frames" in report) != is_written
+    assert f"0 frames written, {3 + is_written} were there already" in report
     assert list(check_tree(tmp_path / "out")) == []
     assert len((tmp_path / "out" / "times.txt").read_text().splitlines()) == 3 + is_written
+
+
+def written_files(out):
+    paths = [path for folder in ("images", "points") for path in (out / folder).iterdir()]
+    return {path: path.read_bytes() for path in (*paths, out / "times.txt")}
+
+
+@pytest.mark.parametrize("kind", ["sweep", "image", "missing"])
+@pytest.mark.parametrize("removed", ["labels", "calibration"])
+def test_frames_of_an_earlier_import_stay_when_their_source_is_damaged(tmp_path, kind, removed):
+    data, out = write_nuscenes(tmp_path / "data", num_samples=4), tmp_path / "out"
+    import_recording(data, out)
+    before = written_files(out)
+    shutil.rmtree(out / removed)
+    if kind == "missing":
+        (data / "samples" / "LIDAR_TOP" / "2.pcd.bin").unlink()
+    else:
+        damage(data, 2, kind=kind)
+    report = str(import_recording(data, out))
+    assert written_files(out) == before
+    assert "dropped" not in report
+    assert re.search(
+        r"warning: 1 of 4 frames stay as imported before, without the labels or calibration that "
+        rf"they lack, .*; the first, scene-0001-002: {data}/samples/(LIDAR_TOP|CAM_FRONT)/2\.",
+        report,
+    )
+    assert "3 frames written, 1 were there already" in report
+    assert not any("belong to no frame" in str(each) for each in check_tree(out))
+
+
+def test_an_image_without_its_cloud_whose_sweep_is_damaged_is_no_frame(tmp_path):
+    data, out = write_nuscenes(tmp_path / "data", num_samples=4), tmp_path / "out"
+    import_recording(data, out)
+    (out / "points" / "scene-0001-002.bin").unlink()  # as if the run had been stopped there
+    damage(data, 2)
+    assert "dropped 1 of 4 key frames" in str(import_recording(data, out))
+    left = {f"scene-0001-00{number}" for number in (0, 1, 3)}
+    assert {path.stem for path in written_files(out)} == {*left, "times"}
+    assert {line[:14] for line in (out / "times.txt").read_text().splitlines()} == left
+
+
+@pytest.mark.parametrize("error", [FileNotFoundError(2, "No such file"), PermissionError(13, "no")])
+@pytest.mark.parametrize("number", [0, 2])
+@pytest.mark.parametrize("is_resumed", [True, False])
+def test_files_that_cannot_be_accessed_stop_the_import(
+    tmp_path, monkeypatch, error, number, is_resumed
+):
+    data, out = write_nuscenes(tmp_path / "data", num_samples=4), tmp_path / "out"
+    before = {}
+    if is_resumed:
+        import_recording(data, out)
+        before = written_files(out)
+        shutil.rmtree(out / "labels")
+    opened = Path.open
+
+    def open_file(path, *args, **options):
+        if path.name == f"{number}.pcd.bin":  # as if its disk were gone since the start
+            raise error
+        return opened(path, *args, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", open_file)
+        with pytest.raises(FileError, match=rf"LIDAR_TOP/{number}.pcd.bin: cannot be read: no"):
+            import_recording(data, out)
+    if is_resumed:
+        assert written_files(out) == before
+    import_recording(data, out)
+    assert list(check_tree(out)) == []
+    assert len(open_dataset(out)) == 4
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("numbers", [(0,), (2,), (0, 1, 2, 3, 4)])
+def test_images_that_are_cut_short_are_dropped_and_told(tmp_path, suffix, numbers):
+    data, out = write_nuscenes(tmp_path / "data", num_samples=6), tmp_path / "out"
+    for number in numbers:
+        path = data / "samples" / "CAM_FRONT" / f"{number}.jpg"
+        _, content = cv2.imencode(suffix, cv2.imread(str(path)))
+        path.write_bytes(content.tobytes()[: len(content) // 3])
+    said = rf"{numbers[0]}.jpg: is cut short: its (JPEG|PNG) end mark is missing"
+    if len(numbers) == 5:
+        with pytest.raises(FileError, match=said):
+            import_recording(data, out)
+        assert not out.exists()
+        return
+    report = str(import_recording(data, out))
+    assert re.search(rf"warning: dropped 1 of 6 key frames, .*{said}", report)
+    assert report.count("warning") == 1
+    assert len(open_dataset(out)) == 5
+    assert list(check_tree(out)) == []
 
 
 @pytest.mark.parametrize(("token", "occlusion"), [("1", 2), ("2", 1), ("3", 1), ("4", 0)])
@@ -258,6 +355,38 @@ def test_frames_without_annotations_among_others_are_a_warning(tmp_path):
     ) in report
     files = sorted((tmp_path / "out" / "labels").iterdir())
     assert [path.stat().st_size > 0 for path in files] == [True, False, False]
+
+
+def keep_annotations(data, is_kept):
+    def change(rows):
+        rows[:] = [row for row in rows if is_kept(row["sample_token"])]
+
+    edit_table(data, "sample_annotation", change)
+
+
+def test_a_damaged_frame_is_not_counted_among_those_without_annotations(tmp_path):
+    data = write_nuscenes(tmp_path / "data", num_samples=4)
+    keep_annotations(data, lambda token: token not in ("s0-2", "s0-3"))
+    damage(data, 2)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "warning: 1 of 3 frames have no annotation and get empty label files, e.g. sc" in report
+    assert "e.g. scene-0001-003: they count" in report
+
+
+@pytest.mark.parametrize("kind", ["sweep", "image"])
+def test_annotations_of_damaged_frames_alone_give_no_labels_until_they_are_sound(tmp_path, kind):
+    data, out = write_nuscenes(tmp_path / "data", num_samples=4), tmp_path / "out"
+    keep_annotations(data, lambda token: token == "s0-2")
+    sound = shutil.copytree(data / "samples", tmp_path / "samples")
+    damage(data, 2, kind=kind)
+    assert "no annotation of these frames: no labels" in str(import_recording(data, out))
+    assert not (out / "labels").exists()
+    assert "0 frames written, 3 were there already" in str(import_recording(data, out))
+    shutil.rmtree(data / "samples")
+    sound.rename(data / "samples")
+    assert "3 of 4 frames have no annotation" in str(import_recording(data, out))
+    assert len(list((out / "labels").iterdir())) == 4
+    assert list(check_tree(out)) == []
 
 
 def test_tables_that_are_a_link_go_with_the_data_around_the_link(tmp_path):

@@ -1,18 +1,24 @@
 """Import of nuScenes' key frames of a camera and the LiDAR as a recording with labels."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float32
 
-from sightline.data.image_header import IMAGE_SUFFIXES, read_image_header, read_image_size
+from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes import Moment, Moments, Tables
+from sightline.data.importing.nuscenes_files import (
+    FrameContents,
+    checked_image_header,
+    missing_file,
+    read_frame,
+    read_or_note_damage,
+)
 from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
 from sightline.data.importing.writer import (
     RESULTS,
@@ -20,7 +26,6 @@ from sightline.data.importing.writer import (
     CloudTally,
     ImportReport,
     check_not_into_source,
-    count_echoes,
     describe_view,
     moved_cloud,
     names_present,
@@ -49,12 +54,9 @@ from sightline.data.recording_files import (
     begins_sequence,
 )
 from sightline.data.undistortion import COEFFICIENTS, LensModel, check_lens
-from sightline.data.velodyne import COLUMNS, other_format
 from sightline.files.atomic import atomic_link
-from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
-from sightline.geometry.cloud_layouts import has_columns
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
@@ -69,9 +71,6 @@ _MAX_GAP_S: Final = 0.15
 """Largest time between image and sweep; a turn of nuScenes' LiDAR takes 0.05 s, others' 0.1 s."""
 _MAX_TRIED_FRAMES: Final = 5
 """Number of frames tried at the start: if all are doubtful or unreadable, nothing is written."""
-_POINT_BYTES: Final = 20  # float32 x, y, z, intensity, ring
-_MAX_BYTES: Final = 2**26
-_REMEDY: Final = "extract nuScenes' archive again"
 _TABLES_REMEDY: Final = "correct calibrated_sensor.json or extract nuScenes' metadata archive again"
 
 
@@ -88,7 +87,8 @@ def import_nuscenes(
     check_not_into_source(tables.root, out)
     key_frames = tables.moments(camera, lidar)
     listed = key_frames.moments
-    moments = [each for each in listed if each.image.is_file() and each.sweep.is_file()]
+    missing = {each.name: fault for each in listed if (fault := missing_file(each)) is not None}
+    moments = [each for each in listed if each.name not in missing]
     if not moments:
         raise _no_files_error(tables.root, listed, camera, lidar)
     _check_time_unit(moments, tables.folder / "sample_data.json")
@@ -109,33 +109,41 @@ def import_nuscenes(
     doubts = _first_doubts(moments, max_intensity, tables)
     acquire_output_dir(out, settings, results=RESULTS)
     times_s = {moment.name: moment.time_s for moment in listed}
-    without_files = times_s.keys() - {moment.name for moment in moments}
-    absent = without_files - names_present(out, IMAGES, POINTS)
-    kept = write_or_keep_times(out, times_s, left_out=absent)
-    is_labelled = any(moment.annotations for moment in moments)
-    folders = (CALIBRATIONS, IMAGES, POINTS, *((LABELS,) if is_labelled else ()))
-    present = names_present(out, *folders)
-    pending = [moment for moment in moments if moment.name not in present]
-    frames = _Frames(out, max_intensity, is_labelled=is_labelled)
+    finished = names_present(out, IMAGES, POINTS)
+    absent = missing.keys() - finished
+    kept_times = write_or_keep_times(out, times_s, left_out=absent)
+    frames = _Frames(out, max_intensity)
+    frames.is_labelled = any(
+        moment.annotations and (moment.name in finished or frames.read(moment))
+        for moment in listed
+        if moment.name not in absent
+    )
+    folders = (CALIBRATIONS, IMAGES, POINTS, *((LABELS,) if frames.is_labelled else ()))
+    complete = names_present(out, *folders)
+    pending = [moment for moment in moments if moment.name not in complete]
     for moment in track(pending, description="importing"):
         frames.write(moment)
-    if frames.faults:
-        remove_incomplete(out, frames.faults)
-        write_or_keep_times(out, times_s, left_out=absent | frames.faults.keys())
+    dropped = frames.faults.keys() - finished
+    if dropped:
+        remove_incomplete(out, dropped)
+        write_or_keep_times(out, times_s, left_out=absent | dropped)
+    faults = missing | frames.faults
     written = len(pending) - len(frames.faults)
+    there = [moment for moment in listed if moment.name not in absent | dropped]
     return ImportReport(
         out=out,
         written=written,
-        skipped=len(moments) - len(pending),
+        skipped=len(there) - written,
         notes=(
-            f"{len(moments)} key frames of {camera} and {lidar}, {tables.folder.name}",
-            *kept,
+            f"{len(there)} key frames of {camera} and {lidar}, {tables.folder.name}",
+            *kept_times,
             *((STRAIGHT_NOTE,) if undistort and not lens else ()),
-            *_scene_notes(moments),
-            *_dropped_notes(key_frames, len(without_files), frames.faults),
-            *_time_notes(moments),
-            *_rotation_notes(moments, camera),
-            *((*frames.labels.lines(), *_unannotated_notes(moments)) if written else ()),
+            *_scene_notes(there),
+            *_dropped_notes(key_frames, absent, dropped, faults),
+            *_kept_notes((faults.keys() & finished) - complete, faults, len(there)),
+            *_time_notes(there),
+            *_rotation_notes(there, camera),
+            *((*frames.labels.lines(), *_unannotated_notes(there)) if written else ()),
             *frames.clouds.lines(max_intensity),
             *doubts,
             *describe_view(out),
@@ -192,18 +200,29 @@ def _scene_notes(moments: Sequence[Moment]) -> Iterator[str]:
 
 
 def _dropped_notes(
-    key_frames: Moments, without_files: int, faults: Mapping[str, FileError]
+    key_frames: Moments,
+    absent: Collection[str],
+    unreadable: Collection[str],
+    faults: Mapping[str, FileError],
 ) -> Iterator[str]:
-    """Yield notes on left-out key frames of the tables, with counts."""
-    if without_files:
+    """Yield notes on left-out key frames of the tables, with counts.
+
+    Args:
+        key_frames: Key frames of the tables.
+        absent: Names of those without an image or sweep.
+        unreadable: Names of those whose image or sweep cannot be read.
+        faults: Errors by name.
+    """
+    if absent:
         yield (
-            f"dropped {without_files} of {len(key_frames.moments)} key frames, whose image or "
+            f"dropped {len(absent)} of {len(key_frames.moments)} key frames, whose image or "
             "sweep is missing"
         )
-    for name, fault in islice(faults.items(), 1):
+    if unreadable:
+        name = min(unreadable)
         yield (
-            f"warning: dropped {len(faults)} of {len(key_frames.moments)} key frames, whose image "
-            f"or sweep cannot be read; the first, {name}: {fault}"
+            f"warning: dropped {len(unreadable)} of {len(key_frames.moments)} key frames, whose "
+            f"image or sweep cannot be read; the first, {name}: {faults[name]}"
         )
     if key_frames.num_invalid:
         yield f"dropped {key_frames.num_invalid} images and sweeps that the tables call invalid"
@@ -214,6 +233,19 @@ def _dropped_notes(
     if key_frames.other_lidars:
         others = ", ".join(map(shortened, key_frames.other_lidars))
         yield f"other LiDARs are left out: {others}; choose one by --lidar-topic"
+
+
+def _kept_notes(
+    kept: Collection[str], faults: Mapping[str, FileError], num_frames: int
+) -> Iterator[str]:
+    """Yield a warning of frames of an earlier run that can no longer be written anew."""
+    if kept:
+        name = min(kept)
+        yield (
+            f"warning: {len(kept)} of {num_frames} frames stay as imported before, without the "
+            "labels or calibration that they lack, as their image or sweep is missing or cannot "
+            f"be read; the first, {name}: {faults[name]}"
+        )
 
 
 def _time_notes(moments: Sequence[Moment]) -> Iterator[str]:
@@ -285,27 +317,28 @@ class _Frames:
     labels: LabelTally = field(default_factory=LabelTally)
     clouds: CloudTally = field(default_factory=CloudTally)
     faults: dict[str, FileError] = field(default_factory=dict)
-    """Errors of the left-out frames, by name."""
+    """Errors of the frames that are not written, by name."""
+
+    def read(self, moment: Moment) -> FrameContents | None:
+        """Read a frame's image and sweep, or note why they are unusable."""
+        return read_or_note_damage(
+            lambda each: read_frame(each, self.max_intensity), moment, self.faults
+        )
 
     def write(self, moment: Moment) -> None:
-        """Write a frame, or note why its image or sweep cannot be read."""
-        try:
-            size = _image_size(moment)
-            sweep = _read_sweep(moment.sweep)
-            echoes, clouds = count_echoes(moment.name, sweep, self.max_intensity, moment.sweep)
-        except FileError as error:
-            self.faults[moment.name] = error
+        """Write a frame, or note why its image or sweep is unusable: then nothing is written."""
+        if moment.name in self.faults or (contents := self.read(moment)) is None:
             return
         new_from_old, _ = turn_ahead(moment.mount)
         calibration = turned_calibration(_calibration(moment), new_from_old)
-        points = moved_cloud(echoes, new_from_old)
+        points = moved_cloud(contents.echoes, new_from_old)
         lidar_from_world = new_from_old @ np.linalg.inv(moment.world_from_lidar)
         level_from_lidar = _level_from_lidar(moment.tilt, new_from_old)
         objects, tally = kitti_from_annotations(
             moment.annotations,
             _levelled(calibration.matrices, level_from_lidar),
             level_from_lidar @ lidar_from_world,
-            size,
+            contents.header.size,
             moved_cloud(points, level_from_lidar),
         )
         labels = self.out / LABELS / f"{moment.name}.txt"
@@ -316,41 +349,19 @@ class _Frames:
             write_objects(labels, objects)
         suffix = moment.image.suffix
         if suffix.lower() not in IMAGE_SUFFIXES:  # else no command reads it
-            suffix = f".{read_image_header(moment.image).file_format}"
+            suffix = f".{contents.header.file_format}"
         atomic_link(self.out / IMAGES / f"{moment.name}{suffix}", moment.image)
         write_cloud(self.out, moment.name, points)
         self.labels += tally
-        self.clouds += clouds
+        self.clouds += contents.clouds
 
 
 def _check_first_sizes(moments: Sequence[Moment]) -> None:
     """Raise the FileError of the first image, unless one of the first few has its size."""
-    faults = []
-    for moment in moments[:_MAX_TRIED_FRAMES]:
-        try:
-            _image_size(moment)
-        except FileError as error:
-            faults.append(error)
-        else:
-            return
-    raise faults[0]
-
-
-def _image_size(moment: Moment) -> tuple[int, int]:
-    """Height, width [px] of a frame's image.
-
-    Raises:
-        FileError: The image has another size than in its table.
-    """
-    size = read_image_size(moment.image)
-    if size != moment.image_size:
-        raise FileError(
-            moment.image,
-            f"is {size[0]}x{size[1]} (height x width), expected {moment.image_size[0]}x"
-            f"{moment.image_size[1]} as in its row of sample_data.json",
-            _REMEDY,
-        )
-    return size
+    faults: dict[str, FileError] = {}
+    first = moments[:_MAX_TRIED_FRAMES]
+    if not any(read_or_note_damage(checked_image_header, moment, faults) for moment in first):
+        raise next(iter(faults.values()))
 
 
 def _level_from_lidar(tilt: Tilt, new_from_old: Rigid) -> Rigid:
@@ -409,22 +420,3 @@ def _lens(moment: Moment) -> Lens | None:
         problem = f"is unusable: {error} (camera_distortion in calibrated_sensor.json)"
         raise FileError(moment.image, problem, _TABLES_REMEDY) from error
     return Lens(model=model, coefficients=moment.lens)
-
-
-def _read_sweep(path: Path) -> Float32[np.ndarray, "num_points 4"]:
-    content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=_REMEDY)
-    kind = other_format(content)
-    columns = next((each for each in (5, 4, 6, 7, 8) if has_columns(content, each)), None)
-    if kind is None and columns not in (5, None):
-        kind = f"{COLUMNS[columns]} of float32"
-    if kind is not None:
-        raise FileError(
-            path,
-            f"holds {len(content)} bytes of, probably, {kind}, expected nuScenes' five columns of "
-            "float32 (x, y, z, intensity, ring)",
-            "write these five, 0 for a ring that is unknown, or extract nuScenes' archive again",
-        )
-    if len(content) % _POINT_BYTES:
-        problem = f"holds {len(content)} bytes, expected a multiple of {_POINT_BYTES}"
-        raise FileError(path, f"{problem} (float32 x, y, z, intensity, ring)", _REMEDY)
-    return np.frombuffer(content, "<f4").reshape(-1, 5)[:, :4].astype(np.float32)
