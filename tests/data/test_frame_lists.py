@@ -206,6 +206,7 @@ def test_notes_and_hidden_files_beside_labels_are_no_frames(tmp_path):
     labels = tree / "training" / "label_2"
     for name in ("classes.txt", "README.txt", "._000000.txt"):
         (labels / name).write_text("Car")
+    (tree / "training" / "calib" / "readme.txt").write_text("")
     assert list(frame_names(labels, None)) == ["000000", "000001"]
     assert open_dataset(tree).sample_ids == ("000000", "000001")
     assert list(check_tree(tree)) == []

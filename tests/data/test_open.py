@@ -17,6 +17,7 @@ from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from tests.data.trees import IMAGE_SIZE, write_depth_drive, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree
+from tests.data.trees import write_selection as write_selected
 from tests.inference.trees import write_object_tree
 
 DRIVE = "2011_09_26_drive_0002_sync"
@@ -162,8 +163,23 @@ def test_gaps_of_a_needed_sensor_in_a_drive_are_found_before_the_work(tmp_path, 
         open_dataset(drive, parts=("image", "points"), needs=(part,))
     others = ["0000000000", "0000000002"]
     settings = {"parts": ("image", "points"), "sample_list": others}
-    assert open_dataset(drive, needs=(part,), **settings).sample_ids == tuple(others)
+    for needs in ((part,), None):
+        assert open_dataset(drive, needs=needs, **settings).sample_ids == tuple(others)
+    with pytest.raises(ValueError, match=r"lacks .* of 1 of 3 frames .* add them or name a list"):
+        open_dataset(drive, parts=("image", "points"), sample_list=["0000000001", *others])
     assert len(open_dataset(drive, parts=("image", "points"), needs=())) == 3
+
+
+def test_gaps_of_a_depth_tree_are_only_those_of_the_list(tmp_path):
+    lacking, whole = (write_selected(tmp_path, name) for name in ("0000000005", "0000000008"))
+    next(tmp_path.rglob("groundtruth_depth/*05_image_02.png")).unlink()
+    folder = tmp_path / "depth_selection"
+    with pytest.raises(ValueError, match=r"groundtruth lacks 1 of 2 frames .* or name a list"):
+        open_dataset(folder, parts=("image", "points", "depth"))
+    settings = {"parts": ("image", "points", "depth"), "sample_list": [whole]}
+    assert open_dataset(folder, **settings)[0].depth is not None
+    with pytest.raises(ValueError, match=rf"lacks true depth of 1 of 1 frames \({lacking}\)"):
+        open_dataset(folder, **{**settings, "sample_list": [lacking]})
 
 
 def test_folders_that_are_no_data_set_are_refused(tmp_path):

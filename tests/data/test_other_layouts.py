@@ -7,7 +7,7 @@ from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from tests.data.recordings import write_recording
-from tests.data.trees import write_drive, write_object_tree
+from tests.data.trees import write_drive, write_object_frame, write_object_tree
 
 
 def told(root) -> str:
@@ -67,8 +67,11 @@ def test_a_folder_above_a_data_set_names_it(tmp_path):
     assert ", and 1 more; give that folder" in told(tmp_path)
     for name in ("training", "testing"):
         write_recording(tmp_path / "mine" / name)
+        write_object_frame(tmp_path / "trees" / "mine", "000000", name)
     place = tmp_path / "mine" / "testing"
     assert f"{place} in it looks like one, and 1 more; give that folder" in told(tmp_path / "mine")
+    place = tmp_path / "trees" / "mine"
+    assert f"{place} in it looks like one; give that folder" in told(tmp_path / "trees")
 
 
 def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):

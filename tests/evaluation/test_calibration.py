@@ -1,5 +1,6 @@
 import io
 import json
+import shutil
 import warnings
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from rich.console import Console
 from scipy.special import expit
 
 from sightline.data.kitti_labels import read_labels, read_results
+from sightline.data.sharding import write_shards
 from sightline.evaluation.calibration import (
     CalibrationSettings,
     ScoredFrames,
@@ -25,6 +27,7 @@ from sightline.evaluation.kitti_object_matching import (
 )
 from sightline.evaluation.kitti_object_pairs import find_pairs
 from sightline.evaluation.kitti_object_rules import CLASSES, DIFFICULTIES, METRICS, STRICT
+from tests.data.trees import write_object_tree
 from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
 from tests.reference import calibration as reference
 from tests.reference import kitti_object
@@ -167,6 +170,21 @@ def test_calibrators_fitted_on_measured_frames_are_told(street, measured, shared
     said = [str(each.message) for each in told]
     assert len(said) == (shared > 0)
     assert all("fitted on 30 of the 60 measured frames (000000" in each for each in said)
+
+
+def test_calibrators_are_fitted_on_labels_in_shards(street, tmp_path):
+    names = sorted(path.stem for path in street.labels_dir.iterdir())
+    tree = write_object_tree(tmp_path / "tree", *names)
+    for path in street.labels_dir.iterdir():
+        shutil.copy(path, tree / "training" / "label_2")
+    write_shards(tree, tmp_path / "shards", frames_per_shard=len(names))
+    packed = replace(street, labels_dir=tmp_path / "shards" / "training" / "label_2")
+    reports = []
+    for given in (packed, street):
+        with pytest.warns(UserWarning, match="fitted on 60 of the 60 measured frames"):
+            reports.append(evaluate_calibration(given, fit_on=given, calibrators=("temperature",)))
+    errors = [each.entries[0].calibrated["temperature"].precision.error for each in reports]
+    assert errors[0] == errors[1]
 
 
 @SAME_FRAMES

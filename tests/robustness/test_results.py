@@ -183,7 +183,7 @@ def test_labels_that_differ_between_cases_are_told(written, tmp_path):
     label = mixed / "camera_blank" / "training" / "label_2" / "000001.txt"
     label.write_text(label.read_text().replace("Car ", "Van "))
     (mixed / "lidar_blank" / "training" / "label_2" / "000001.txt").unlink()  # no other one
-    told = "scores of all cases are by these labels, but those of camera_blank differ: "
+    told = "scores of all cases are by these labels, but those of camera_blank differ in 1 frames"
     with pytest.warns(UserWarning, match=told):
         score_results(OracleTask(), mixed, found, tmp_path / "out", SETTINGS)
 

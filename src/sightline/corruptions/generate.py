@@ -227,7 +227,9 @@ def corrupt_dataset(
     )
     remedy = f"to make them anew, remove {out}"
     warn_of_newer_frames(dataset, kept, parts=PARTS, remedy=remedy)
-    _warn_of_other_labels(dataset, zip(trees, finished, strict=True), remedy)
+    names = {work.original.sample_id for work in works}
+    kept_names = ((tree, done & names) for tree, done in zip(trees, finished, strict=True))
+    _warn_of_other_labels(dataset, kept_names, remedy)
     for tree in trees:
         tree.link_lists(dataset.root)
     run_job(

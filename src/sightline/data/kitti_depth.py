@@ -185,5 +185,6 @@ def _check_complete(root: Path, frames: Sequence[DepthFrame], needed: dict[str, 
         if absent:
             raise ValueError(
                 f"{root} is incomplete: {folder} lacks {len(absent)} of {len(frames)} frames "
-                f"({describe_absent(absent)}); extract the missing archive"
+                f"({describe_absent(absent)}); extract the missing archive, or "
+                "name a list of the complete frames"
             )

@@ -86,15 +86,17 @@ def list_object_frames(
 ) -> dict[str, ObjectFrame]:
     """List all frames of `folder` (e.g. `training`) with any of the parts, sorted by name.
 
-    Hidden files, files without KITTI's suffixes (in any case) and notes beside labels are ignored.
+    Hidden files, files without KITTI's suffixes (in any case) and notes beside texts are ignored.
     """
     files = {
         part: list_files(folder / part_folder(part, velodyne), PART_SUFFIXES[part])
         for part in parts
     }
-    others = {name for part, listed in files.items() if part != "objects" for name in listed}
-    for note in [each for each in files.get("objects", {}) if is_note(each) and each not in others]:
-        del files["objects"][note]
+    texts = {part for part in files if PART_SUFFIXES[part] == (".txt",)}
+    others = {name for part in files.keys() - texts for name in files[part]}
+    for part in texts:
+        notes = [name for name in files[part] if is_note(name) and name not in others]
+        files[part] = {name: path for name, path in files[part].items() if name not in notes}
     return {
         frame_id: ObjectFrame(
             sample_id=frame_id,

@@ -116,10 +116,12 @@ def open_dataset(
                 "holds the parts of an object split",
                 "rename it to training or testing, as in KITTI's tree",
             )
+        may_have_gaps = allow_gaps or sample_list is not None  # in frames that the list leaves out
         dataset = _open_depth_tree(
-            path, load_images="image" in requested, allow_gaps=allow_gaps
-        ) or _open_drive(path, requested, allow_gaps=allow_gaps)
+            path, load_images="image" in requested, allow_gaps=may_have_gaps
+        ) or _open_drive(path, requested, allow_gaps=may_have_gaps)
         if dataset is not None and sample_list is not None:
+            needs = needs if allow_gaps else _complete_parts(dataset)
             dataset = NamedSubset(dataset, read_sample_list(sample_list, path))
         elif isinstance(dataset, ExaminedDataset):  # a class that may leave samples unnamed
             dataset = NamedSubset(dataset, dataset.sample_ids)
@@ -186,15 +188,24 @@ def _warn_of_other_split(root: Path, used: str) -> None:
             )
 
 
+def _complete_parts(dataset: SampleDataset) -> tuple[Part, ...]:
+    """List the parts that no frame of a raw drive or depth tree lacks if gaps are not allowed."""
+    if not isinstance(dataset, KittiDepthDataset):
+        return ("image", "points")
+    has_truth = dataset.split != "test_depth_completion_anonymous"
+    return (*(("image",) if dataset.load_images else ()), *(("depth",) if has_truth else ()))
+
+
 def _check_gaps(dataset: SampleDataset, path: Path, needs: Collection[Part]) -> None:
-    """Refuse frames without a needed sensor, where the data set itself allows gaps.
+    """Refuse frames without a needed sensor or true depth, where the data set itself allows gaps.
 
     Raises:
-        ValueError: A frame has no file of the sensor.
+        ValueError: A frame has no file of it.
     """
     if refuses_gaps(dataset):
         return
-    for part in [each for each in SENSOR_NOUNS if each in needs]:
+    nouns: dict[Part, str] = {**SENSOR_NOUNS, "depth": "true depth"}
+    for part in [each for each in nouns if each in needs]:
         lacking = [
             name
             for index, name in enumerate(dataset.sample_ids)
@@ -202,7 +213,7 @@ def _check_gaps(dataset: SampleDataset, path: Path, needs: Collection[Part]) -> 
         ]
         if lacking:
             raise ValueError(
-                f"{path} lacks {SENSOR_NOUNS[part]} of {len(lacking)} of {len(dataset)} frames "
+                f"{path} lacks {nouns[part]} of {len(lacking)} of {len(dataset)} frames "
                 f"({describe_absent(lacking)}); add them or name a list of the complete frames"
             )
 

@@ -215,7 +215,7 @@ def _below(path: Path) -> Problem | None:
         names = {each.name for each in _entries(folder)}
         if any(layout_names <= names for layout_names in _LAYOUT_NAMES):
             found.append(folder.parent if is_split(folder) else folder)
-    found = [each for each in found if each != path]
+    found = [each for each in dict.fromkeys(found) if each != path]  # once for both splits
     if not found:
         return None
     name = shortened(str(found[0]), 200)

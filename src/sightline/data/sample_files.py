@@ -25,6 +25,7 @@ from sightline.jobs.output_dirs import data_name
 
 SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
 """Nouns for the data of sensors."""
+_IN_DEPTH_FRAMES: Final[Mapping[Part, str]] = {"points": "sparse", "depth": "truth"}
 
 
 def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
@@ -39,7 +40,7 @@ def _listed_file(dataset: SampleDataset, index: int, part: Part) -> Path | None:
         dataset, ExaminedDataset | KittiObjectDataset | KittiDepthDataset | KittiRawDrive
     ), f"{type(dataset).__name__} lists no files: it needs `frames` and `examine`"
     frame = dataset.frames[index]
-    in_frame = "sparse" if isinstance(frame, DepthFrame) and part == "points" else part
+    in_frame = _IN_DEPTH_FRAMES.get(part, part) if isinstance(frame, DepthFrame) else part
     return getattr(frame, in_frame, None)
 
 

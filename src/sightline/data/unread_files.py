@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 from sightline.data.frame_checks import read_or_note
+from sightline.data.frame_lists import is_note
 from sightline.data.image_header import IMAGE_SUFFIXES, read_image_header
 from sightline.data.kitti_trees import (
     CORRUPTED,
@@ -208,7 +209,8 @@ def find_name_clashes(places: Iterable[PartFolder]) -> list[Problem]:
             and not path.name.startswith(".")
             and place.only in ("", path.stem)
         ]
-        for stem, path in read.items() if not place.only else ():
+        names = {} if place.only else {name: read[name] for name in read if not is_note(name)}
+        for stem, path in names.items():
             plain = unicodedata.normalize("NFC", stem).casefold()
             other = first.setdefault(plain, stem)
             if other != stem:

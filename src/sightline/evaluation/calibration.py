@@ -156,10 +156,11 @@ def evaluate_calibration(
 
 def _warn_of_shared_frames(measured: ScoredFrames, fitted: ScoredFrames) -> None:
     """Warn of measured frames on which calibrators are fitted."""
-    if measured.labels_dir.resolve() != fitted.labels_dir.resolve():
+    labels_dir = data_path(measured.labels_dir)
+    if labels_dir.resolve() != data_path(fitted.labels_dir).resolve():
         return
-    names = frame_names(measured.labels_dir, measured.sample_list)
-    shared = sorted({*names} & {*frame_names(fitted.labels_dir, fitted.sample_list)})
+    names = frame_names(labels_dir, measured.sample_list)
+    shared = sorted({*names} & {*frame_names(labels_dir, fitted.sample_list)})
     if shared:
         warnings.warn(
             f"calibrators are fitted on {len(shared):,} of the {len(names):,} measured frames "

@@ -2,10 +2,12 @@
 
 import hashlib
 import sys
+import warnings
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from sightline.corruptions.combined import hits_objects
 from sightline.corruptions.suites import Case
 from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
@@ -32,7 +34,8 @@ def open_frames(
 
     Images, sweeps and labels are read if present, since the effect of a kind may depend on any of
     them: occlusions hit objects, and fog in an image becomes denser with the depth from a sweep. So
-    every method gets the same corruptions, independent of its own inputs.
+    every method gets the same corruptions, independent of its own inputs. A warning tells labels
+    that cannot be read.
 
     Args:
         data: See `open_dataset`.
@@ -71,7 +74,18 @@ def open_frames(
                 f"set, or {remedy}"
             )
         needed.add(part)
-    return opened(needed, *_INPUT_PARTS)
+    delivered: list[Part] = []
+    for each in _INPUT_PARTS:
+        try:
+            dataset = opened(needed, *delivered, each)
+            delivered.append(each)
+        except ValueError as error:
+            if each == "objects" and any(hits_objects(case.corruption) for case in cases):
+                warnings.warn(
+                    f"labels are not read, so that occlusions are placed anywhere: {error}",
+                    stacklevel=2,
+                )
+    return dataset
 
 
 def digest_files(dataset: SampleDataset) -> str:

@@ -12,7 +12,7 @@ from typing import Any, Final, get_args
 from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
 from sightline.data.frame_lists import list_unequal_files
-from sightline.data.kitti_trees import PART_SUFFIXES, Velodyne, list_files, part_folder
+from sightline.data.kitti_trees import Velodyne, describe_absent, part_folder
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
 from sightline.files.plain_text import read_text, shortened
@@ -104,7 +104,7 @@ def score_results(
     )
     scoring.check(dataset)
     _check_complete(results, chosen, dataset, scoring)
-    _warn_of_other_labels(cases, chosen, tree)
+    _warn_of_other_labels(cases, chosen, tree, dataset.sample_ids)
     drawer = settings.drawer(out, dataset, scoring)
     setting = describe_setting(
         task,
@@ -243,20 +243,22 @@ def _first_tree(cases: Path, chosen: Sequence[Case]) -> Path:
     )
 
 
-def _warn_of_other_labels(cases: Path, chosen: Sequence[Case], tree: Path) -> None:
+def _warn_of_other_labels(
+    cases: Path, chosen: Sequence[Case], tree: Path, names: Sequence[str]
+) -> None:
     """Warn of cases whose labels differ from those of the tree, by which all are scored."""
     place = Path("training") / part_folder("objects")
-    names = list_files(tree / place, PART_SUFFIXES["objects"])
-    others = [
-        case.name
+    by_case = {
+        case.name: list_unequal_files(tree / place, cases / case.name / place, names)
         for case in chosen
-        if list_unequal_files(tree / place, cases / case.name / place, names)
-    ]
+    }
+    others = [case for case, unequal in by_case.items() if unequal]
+    frames = sorted({name for unequal in by_case.values() for name in unequal})
     if others:
         warnings.warn(
             f"{tree / place}: scores of all cases are by these labels, but those of "
-            f"{', '.join(others)} differ: labels were changed between the cases; write the cases "
-            "again, into another folder",
+            f"{', '.join(others)} differ in {len(frames):,} frames ({describe_absent(frames)}): "
+            "labels were changed between the cases; write the cases again, into another folder",
             stacklevel=3,
         )
 
