@@ -2,12 +2,14 @@ import re
 import warnings
 from pathlib import Path
 
+import fsspec
 import pytest
 
 from sightline.data.kitti_trees import find_velodyne
+from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.training.data import CameraLidarData
-from sightline.training.sources import SourceConfig, absent_classes, data_tree, open_source
+from sightline.training.sources import SourceConfig, data_tree, labelled_classes, open_source
 from tests.data import recordings, trees
 from tests.training import toy
 
@@ -261,12 +263,12 @@ def test_classes_that_no_training_frame_shows_are_listed(tree):
     def absent(*numbers: int) -> tuple[str, ...]:
         write_list(tree, "some", numbers)
         dataset = open_with_classes(tree, sample_list="some")
-        return absent_classes([dataset], ("Car", "Pedestrian", "Cyclist"))
+        return labelled_classes([dataset], ("Car", "Pedestrian", "Cyclist")).absent
 
     assert absent(0, 1, 2, 3) == ("Pedestrian",)
     assert absent(0) == ("Pedestrian", "Cyclist")
     assert absent(1, 2) == ("Car", "Pedestrian", "Cyclist")
-    assert absent_classes([], ()) == ()
+    assert labelled_classes([], ()).absent == ()
 
 
 def test_objects_without_the_box_that_a_network_learns_do_not_count_for_their_class(tree):
@@ -279,9 +281,9 @@ def test_objects_without_the_box_that_a_network_learns_do_not_count_for_their_cl
     with warnings.catch_warnings(action="ignore"):  # placeholders are told, too
         dataset = open_with_classes(tree, sample_list="two")
     names = ("Car", "Cyclist")
-    assert absent_classes([dataset], names) == ()
-    assert absent_classes([dataset], names, "2D") == ("Cyclist",)
-    assert absent_classes([dataset], names, "3D") == ("Car",)
+    assert labelled_classes([dataset], names).absent == ()
+    assert labelled_classes([dataset], names, "2D").absent == ("Cyclist",)
+    assert labelled_classes([dataset], names, "3D").absent == ("Car",)
 
 
 @pytest.mark.filterwarnings("ignore:.*far outside the image")  # the pictures are small
@@ -322,3 +324,53 @@ def test_classes_without_a_labelled_object_are_told_in_training_and_scoring(
             start = f"warning: the labels of the {use} frames have no object of {absent} with a 2D"
             assert told.startswith(start)
             assert f" box: {effect}" in told
+
+
+@pytest.mark.filterwarnings("ignore:.*far outside the image")  # the pictures are small
+def test_objects_whose_names_are_no_classes_are_counted_over_all_training_frames(tree, capsys):
+    class Learning(toy.ToyPreparation):
+        parts = frozenset({"image", "points", "objects"})
+
+        def learned_classes(self):
+            return "Car", "scooter"
+
+    for number in range(9):  # those of the first, the middle and the last frame are checked
+        write_label(tree, number, "Car", "Tram", "DontCare", "scooter")
+    write_list(tree, "some", range(9))
+    some = (SourceConfig(path=Path(), sample_list="some"),)
+
+    def told(label_names=()) -> str:
+        for number, names in label_names:
+            write_label(tree, number, *names)
+        sources = {"training": (*some, some[0]), "validation": some, "test": some}
+        data = CameraLidarData(Learning(), root=tree, batch_size=1, workers=0, **sources)
+        data.val_dataloader()
+        assert not capsys.readouterr().err  # scores ignore case
+        data.train_dataloader()
+        return capsys.readouterr().err
+
+    with warnings.catch_warnings(action="ignore"):  # of a scooter in the checked frames
+        assert not told()
+        line = told([(5, ["car", "car", "DontCare"]), (6, ["Bus", "Car"])])
+    assert line == (
+        "warning: in the labels of the training frames 3 of the 33 objects that were read have "
+        "names that are no classes of KITTI (car 2, Bus 1; capitals count): they are learned as "
+        "background; correct the names (sightline check)\n"
+    )
+
+
+@pytest.mark.filterwarnings("ignore:.*far outside the image")  # the pictures are small
+def test_labels_on_a_server_are_read_until_each_class_has_been_found(tree):
+    for number in range(12):
+        write_label(tree, number, "Car" if number else "Van", "Tram")
+    packed = tree.with_name("shards")
+    write_shards(tree, packed, frames_per_shard=5)
+    memory = fsspec.filesystem("memory")
+    for file in packed.iterdir():
+        memory.pipe_file(f"/labels/{file.name}", file.read_bytes())
+    here, there = open_dataset(packed), open_dataset("memory://labels")
+    found = labelled_classes([there], ("Car",), count_all=True)
+    assert (found.absent, found.num_objects) == ((), 4)
+    assert labelled_classes([there], ("Cyclist",)).num_objects == 24
+    assert labelled_classes([here], ("Car",), count_all=True).num_objects == 24
+    memory.rm("/labels", recursive=True)

@@ -37,8 +37,8 @@ from sightline.training.sampling import (
 from sightline.training.sources import (
     LearnedBox,
     SourceConfig,
-    absent_classes,
     data_tree,
+    labelled_classes,
     open_source,
 )
 from sightline.training.trained_frames import FramesByTree, frames_of_checkpoint, frames_state
@@ -416,7 +416,7 @@ class CameraLidarData(lightning.LightningDataModule):
                 self._print_num_trained(name, dataset.sample_ids, tree)
         datasets = [(dataset, source.repeat if training else 1) for dataset, source in opened]
         preparation = self.preparation
-        self._print_absent_classes(name, [dataset for dataset, _ in datasets])
+        self._print_labelled_classes(name, [dataset for dataset, _ in datasets])
         if training:
             rng = np.random.default_rng((self.seed, 0, 0, _TRAINING_STREAM))
             preparation = preparation.for_training([dataset for dataset, _ in datasets], rng)
@@ -433,16 +433,24 @@ class CameraLidarData(lightning.LightningDataModule):
             )
         ]
 
-    def _print_absent_classes(self, name: str, datasets: Sequence[SampleDataset]) -> None:
-        """Print the classes that no frame shows: not learned in training, else not scored."""
+    def _print_labelled_classes(self, name: str, datasets: Sequence[SampleDataset]) -> None:
+        """Print the classes that no frame shows, and in training the names that are no classes."""
         learned = self.preparation.learned_classes()
         check_collection(f"{type(self.preparation).__name__}.learned_classes()", learned)
         box = self.preparation.learned_box
-        absent = absent_classes(datasets, learned, box) if learned else ()
-        if absent:
+        if not learned:
+            return
+        is_training = name == "training"
+        labelled = labelled_classes(datasets, learned, box, count_all=is_training)
+        if is_training and labelled.unknown:  # scores ignore case
+            self._print_once(
+                f"warning: in the labels of the training frames {labelled.describe_unknown()}: "
+                "they are learned as background; correct the names (sightline check)"
+            )
+        if absent := labelled.absent:
             with_box = "" if box is None else f" with a {box} box"
             are_all = len(absent) == len(learned)
-            if name == "training":
+            if is_training:
                 effect = (
                     "there is nothing to learn"
                     if are_all

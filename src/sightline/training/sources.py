@@ -1,6 +1,7 @@
 """Data sources of a training."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import compress
@@ -11,13 +12,14 @@ import numpy as np
 from jaxtyping import Bool
 
 from sightline.data.frame_lists import read_sample_list
-from sightline.data.kitti_labels import KittiObjects, read_labels
+from sightline.data.kitti_labels import CLASS_NAMES, KittiObjects, read_labels
 from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset, resolve_split
 from sightline.data.sample_dataset import NamedSubset, SampleDataset
 from sightline.data.sample_files import label_file
+from sightline.evaluation.object_tally import listed
 from sightline.files.plain_text import shortened
-from sightline.files.shard_path import data_path
+from sightline.files.shard_path import data_path, stored_file
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import is_split
@@ -160,27 +162,63 @@ def _select_frames(
     return NamedSubset(dataset, kept)
 
 
-@named_arguments
-def absent_classes(
-    datasets: Sequence[SampleDataset], class_names: Sequence[str], box: LearnedBox | None = None
-) -> tuple[str, ...]:
-    """List the classes of which no label file of some data sets has an object, in order.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LabelledClasses:
+    """Classes of the objects in the label files of some data sets."""
 
-    With `box`, objects without a box of that kind do not count. Files are read until each class has
-    been found; data sets without label files have all.
+    absent: tuple[str, ...]
+    """Learned classes of which there is no object, in order; none if a data set has no labels."""
+    unknown: dict[str, int]
+    """Numbers of the objects by names that are no classes of KITTI, and are not learned."""
+    num_objects: int
+    """Number of objects, and regions DontCare, in the files that were read."""
+
+    def describe_unknown(self) -> str:
+        """Describe the numbers of objects whose names are no classes of KITTI."""
+        return (
+            f"{sum(self.unknown.values()):,} of the {self.num_objects:,} objects that were read "
+            f"have names that are no classes of KITTI ({listed(self.unknown)}; capitals count)"
+        )
+
+
+@named_arguments
+def labelled_classes(
+    datasets: Sequence[SampleDataset],
+    class_names: Sequence[str],
+    box: LearnedBox | None = None,
+    *,
+    count_all: bool = False,
+) -> LabelledClasses:
+    """Find which classes the label files of some data sets have, and which they lack.
+
+    Files are read until each learned class has been found; with `count_all` the others are read,
+    too, except for those on a server.
+
+    Args:
+        datasets: Data sets; a file that several have counts once.
+        class_names: Learned classes.
+        box: Kind of box without which an object does not count for a learned class. None: none.
+        count_all: Whether to read all files.
+
+    Raises:
+        FileError: A label file is damaged.
     """
-    absent = set(class_names)
-    for dataset in datasets:
-        files = [label_file(dataset, index) for index in range(len(dataset))]
-        if not any(files):
-            return ()
-        for labels in filter(None, files):
-            objects = read_labels(labels)
-            counts = _has_box(objects, box).tolist()
-            absent -= set(compress(objects.class_names, counts))
-            if not absent:
-                return ()
-    return tuple(name for name in class_names if name in absent)
+    listed_files = [[label_file(each, index) for index in range(len(each))] for each in datasets]
+    absent, counts = set(class_names), Counter[str]()
+    for file in dict.fromkeys(file for files in listed_files for file in files if file is not None):
+        if not absent and (not count_all or stored_file(file) is None):
+            continue
+        objects = read_labels(file)
+        counts.update(objects.class_names)
+        absent -= set(compress(objects.class_names, _has_box(objects, box).tolist()))
+    known = {*CLASS_NAMES, "DontCare", *class_names}
+    return LabelledClasses(
+        absent=tuple(name for name in class_names if name in absent)
+        if all(map(any, listed_files))
+        else (),
+        unknown={name: count for name, count in counts.items() if name not in known},
+        num_objects=counts.total(),
+    )
 
 
 def _has_box(objects: KittiObjects, box: LearnedBox | None) -> Bool[np.ndarray, " num_objects"]:
