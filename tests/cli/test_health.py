@@ -1,13 +1,17 @@
 import json
 import shutil
+import warnings
 
 import cv2
 import numpy as np
 import pytest
 
 from sightline.cli.main import main
+from sightline.data.sharding import write_shards
 from sightline.data.velodyne import read_sweep, write_sweep
+from sightline.health.shipped import choose_shipped
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.data import recordings, trees
 
 
 def test_a_drive_is_printed_drawn_and_written(tmp_path, capsys):
@@ -57,6 +61,39 @@ def test_limits_of_fewer_beams_are_chosen_and_reported_where_all_sweeps_have_few
     assert any("judged as of 32 beams" in each for each in content["warnings"]) == is_reported
     assert any("judged as of 32 beams" in str(each.message) for each in recwarn.list) == is_reported
     assert content["frames"][1]["alarms"]["lidar"] is not is_reported
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".JPG", ".jpeg"])
+@pytest.mark.parametrize("layout", ["recording", "tree", "drive", "shards"])
+def test_pictures_are_recognised_as_jpeg_by_most_files_of_the_used_frames(
+    tmp_path, monkeypatch, layout, suffix
+):
+    names = ("000000", "000001", "000002")
+    if layout == "recording":
+        data = recordings.write_recording(tmp_path / "data", names)
+    elif layout == "drive":
+        data = trees.write_drive(tmp_path / "data")
+    else:
+        data = trees.write_object_tree(tmp_path / "data", *names)
+    pictures = sorted(data.rglob("image*/**/*.*g"))
+    for number, picture in enumerate(pictures):
+        written = picture.with_suffix(".png" if number == 0 else suffix)
+        image = cv2.imread(str(picture))
+        picture.unlink()
+        written.write_bytes(cv2.imencode(written.suffix.lower(), image)[1].tobytes())
+    if layout == "shards":
+        write_shards(data, tmp_path / "shards", frames_per_shard=2)
+        data = tmp_path / "shards"
+    asked = []
+    monkeypatch.setattr(
+        "sightline.health.shipped.choose_shipped",
+        lambda checks, **given: asked.append(given["are_jpeg_files"]) or choose_shipped(checks),
+    )
+    (tmp_path / "two.txt").write_text("".join(f"{each.stem}\n" for each in pictures[:2]))
+    for given in ([], ["--sample-list", str(tmp_path / "two.txt")]):
+        with warnings.catch_warnings(action="ignore"):  # the pictures are small
+            assert main(["health", str(data), *given]) == 0
+    assert asked == [True, False]
 
 
 def test_the_kind_of_sensors_can_be_given(tmp_path):

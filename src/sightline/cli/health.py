@@ -77,7 +77,7 @@ def health(
             "that of the drive",
             stacklevel=2,
         )
-    chosen = _limits(data, dataset, limits, images, lidar_beams, fit_first)
+    chosen = _limits(dataset, limits, images, lidar_beams, fit_first)
     monitor = DriveMonitor(HealthMonitor(chosen.limits))
     samples = (dataset[index] for index in range(len(dataset)))
     tracked = track(samples, description="checking sensors", total=len(dataset))
@@ -108,7 +108,6 @@ def health(
 
 
 def _limits(
-    data: Path,
     dataset: "SampleDataset",
     limits: Path | None,
     images: ImageKind | None,
@@ -116,7 +115,6 @@ def _limits(
     fit_first: int | None,
 ) -> "ChosenLimits":
     """Choose the given limits, else Sightline's, or fit them to the first frames."""
-    from sightline.data.recording_files import IMAGES
     from sightline.health.limits import read_limits
     from sightline.health.shipped import (
         NUM_CHECKED_FRAMES,
@@ -133,12 +131,22 @@ def _limits(
         round(n * (count - 1) / max(NUM_CHECKED_FRAMES - 1, 1)) for n in range(NUM_CHECKED_FRAMES)
     }
     checked = check_frames([dataset[index] for index in sorted(spread) if index < count])
-    are_jpeg = any((data / IMAGES).glob("*.jp*g"))
-    chosen = choose_shipped(checked, images=images, beams=beams, are_jpeg_files=are_jpeg)
+    chosen = choose_shipped(
+        checked, images=images, beams=beams, are_jpeg_files=_are_jpeg_files(dataset)
+    )
     if fit_first is None:
         return chosen
     first = check_frames([dataset[index] for index in range(min(fit_first, count))])
     return fit_to_first(chosen, first)
+
+
+def _are_jpeg_files(dataset: "SampleDataset") -> bool:
+    """Test if most images are JPEG files, by their suffixes."""
+    from sightline.data.sample_files import list_sample_files
+
+    images = [files["image"] for files in list_sample_files(dataset) if "image" in files]
+    num_jpeg = sum(each.suffix.lower() in (".jpg", ".jpeg") for each in images)
+    return 2 * num_jpeg > len(images)
 
 
 def health_limits(
