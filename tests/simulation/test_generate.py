@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,6 +28,7 @@ from sightline.simulation.dataset import sample_of
 from sightline.simulation.generate import MANIFEST_NAME, SIMULATOR_REVISION, ObjectLayout
 from sightline.simulation.settings import SimulationConfig
 from sightline.simulation.simulator import simulate_frame
+from tests.data import recordings, trees
 from tests.simulation.data_sets import DRIVES, TINY, content, make
 from tests.simulation.small_streets import make_tiny_street
 
@@ -161,6 +163,34 @@ def test_data_of_unknown_origin_are_not_mixed_with(tmp_path: Path):
     (tmp_path / "training").mkdir()
     with pytest.raises(ValueError, match=f"data without a {MANIFEST_NAME}"):
         make(tmp_path, 1)
+
+
+def write_lists(root: Path) -> None:
+    (root / "ImageSets").mkdir(parents=True)
+    (root / "ImageSets" / "train.txt").write_text("a\n")
+
+
+@pytest.mark.parametrize(
+    ("write", "place", "config"),
+    [
+        (write_lists, ".", TINY),
+        (recordings.write_recording, ".", TINY),
+        (trees.write_drive, ".", DRIVES),
+        (lambda root: trees.write_object_tree(root, "000001"), "training", TINY),
+        (lambda root: trees.write_object_frame(root, "000001", "testing"), ".", TINY),
+        (lambda root: trees.write_depth_drive(root, root), "data_depth_velodyne", DRIVES),
+    ],
+)
+def test_data_sets_and_lists_of_other_origin_are_no_outputs(
+    tmp_path: Path, monkeypatch, write: Callable, place: str, config: SimulationConfig
+):
+    write(tmp_path / "own")
+    before = content(tmp_path)
+    monkeypatch.chdir(tmp_path / "own" / place)
+    for out in (tmp_path / "own" / place, Path()):
+        with pytest.raises(ValueError, match=r"would mix with .*; name another output folder"):
+            make(out, 2, config)
+    assert content(tmp_path) == before
 
 
 def test_the_manifest_records_revision_seed_and_settings(frames: Path):

@@ -18,9 +18,10 @@ from sightline.data.kitti_calibration import (
     raw_calibration_texts,
 )
 from sightline.data.kitti_labels import write_objects
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.kitti_trees import Velodyne, list_drive
 from sightline.data.map_png import write_depth_png, write_instance_png
 from sightline.data.pixels import crop_to_view, sparse_depth_map
+from sightline.data.recording_files import is_recording
 from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
@@ -28,7 +29,7 @@ from sightline.files.problem import FileError
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.crew import Driver
-from sightline.jobs.output_dirs import acquire_output_dir, is_finished
+from sightline.jobs.output_dirs import KITTI_SPLITS, acquire_output_dir, is_finished, is_split
 from sightline.jobs.run import JobResult, check_workers, run_job, shard
 from sightline.simulation.rig_sensors import Sensors
 from sightline.simulation.settings import SimulationConfig
@@ -49,6 +50,8 @@ MAX_DRIVES = 10**4  # maximum number of drives: names have four digits
 # and leaves as many between two. Files beyond this were not begun by a job.
 _MAX_SHARDS = 1000
 _LATER: Final = ("rig", "varied")
+# Patterns of the folders of data sets and lists; an output folder of another origin has none.
+_DATA: Final = (*KITTI_SPLITS, "ImageSets", DATE, "train/*/proj_depth", "val/*/proj_depth")
 _DIGIT = "[0-9]"  # for patterns: other files in an output folder are not frames
 _START = datetime(2000, 1, 1, 12)  # noqa: DTZ001 - KITTI's times name no zone
 
@@ -286,9 +289,10 @@ def simulate(
         num_shards: Number of parts; parts can run on separate machines at the same time.
 
     Raises:
-        ValueError: embreex is not installed; `out` holds data of other settings, or a sweep far
-            beyond the others and the requested frames, or is not writable; or the numbers are
-            invalid. Errors about a frame contain its name; finished frames are kept.
+        ValueError: embreex is not installed; `out` holds data of other settings or of another
+            origin, or a sweep far beyond the others and the requested frames, or is not writable;
+            or the numbers are invalid. Errors about a frame contain its name; finished frames are
+            kept.
     """
     check_workers(workers, driver)
     check_simulation(config, frames, validation_frames=validation_frames, velodyne=velodyne)
@@ -300,7 +304,8 @@ def simulate(
         "validation_frames": validation_frames,
         **_recorded(config),
     }
-    acquire_output_dir(out, settings, results=("training", DATE), manifest_name=MANIFEST_NAME)
+    _check_no_data_set(out)
+    acquire_output_dir(out, settings, results=_DATA, manifest_name=MANIFEST_NAME)
     works: list[_Work] = []
     layout: Layout
     if config.sequence_length > 1:
@@ -360,6 +365,17 @@ def check_simulation(
         )
     require_library("embreex", "simulate")
     _check_readable(sensors_of(config, 0))
+
+
+def _check_no_data_set(out: Path) -> None:
+    """Refuse a recording, a raw drive or a split that is not simulated."""
+    if not out.is_dir() or (out / MANIFEST_NAME).exists():
+        return
+    if is_recording(out) or list_drive(out).frames or is_split(out) or is_split(out.resolve()):
+        raise ValueError(
+            f"{out} is a data set, or a split of one, that was not simulated: frames and lists of "
+            "this job would mix with its own; name another output folder"
+        )
 
 
 def _check_readable(sensors: Sensors) -> None:
