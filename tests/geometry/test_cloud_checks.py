@@ -110,8 +110,10 @@ def test_intensities_that_are_all_alike_are_doubted_but_zeros_are_none():
 def test_intensities_that_are_dark_but_for_one_point_in_a_hundred_are_doubted():
     intensities = np.random.default_rng(0).uniform(0, 1, 1000)
     intensities[:10] = 12
-    assert "for 99 of 100 points" in intensity_doubt(with_intensities(intensities), 255.0)[0]
+    assert "for 99 of 100 measured" in intensity_doubt(with_intensities(intensities), 255.0)[0]
     intensities[10] = 12
+    assert intensity_doubt(with_intensities(intensities), 255.0) is None
+    intensities[12:] = 0  # not measured
     assert intensity_doubt(with_intensities(intensities), 255.0) is None
 
 

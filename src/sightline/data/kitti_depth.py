@@ -183,8 +183,9 @@ def _check_complete(root: Path, frames: Sequence[DepthFrame], needed: dict[str, 
     for part, folder in needed.items():
         absent = [frame.sample_id for frame in frames if getattr(frame, part) is None]
         if absent:
+            may_lack = part in ("image", "truth")
+            or_list = ", or name a list of the complete frames" if may_lack else ""
             raise ValueError(
                 f"{root} is incomplete: {folder} lacks {len(absent)} of {len(frames)} frames "
-                f"({describe_absent(absent)}); extract the missing archive, or "
-                "name a list of the complete frames"
+                f"({describe_absent(absent)}); extract the missing archive{or_list}"
             )

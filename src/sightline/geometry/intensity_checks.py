@@ -126,11 +126,12 @@ def intensity_doubt(
             if brightest
             else "give measured intensities if the LiDAR has them",
         )
-    is_dark = not exceeds_scale(intensities > _DARK_SHARE * max_intensity)
-    if not math.isinf(max_intensity) and intensities.any() and is_dark:
+    measured = intensities[intensities != 0]
+    is_dark = not exceeds_scale(measured > _DARK_SHARE * max_intensity)
+    if not math.isinf(max_intensity) and is_dark:
         return (
             f"intensities are below a hundredth of max_intensity, {max_intensity:.6g}, for 99 of "
-            "100 points, so their reflectances are nearly 0",
+            "100 measured ones, so reflectances are nearly 0",
             "scale them to reflectances from 0 to 1; where an import divided them, set its "
             "--max-intensity lower"
             if max_intensity == 1

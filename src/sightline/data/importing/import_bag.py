@@ -64,7 +64,6 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.echoes import echoes
-from sightline.geometry.intensity_checks import exceeds_scale
 from sightline.geometry.mount import mount_doubt, turn_ahead
 from sightline.geometry.mount_axes import describe_upright_turn, turn_upright
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
@@ -76,8 +75,8 @@ _CALIBRATION_REMEDY: Final = (
 _Cloud = Float32[np.ndarray, "_num_points 4"]
 _INTENSITIES: Final = (1.0, 255.0, 1023.0, 4095.0, 65535.0)
 """Usual intensities of a reflectance of 1: shares, and whole numbers of 8, 10, 12 and 16 bits."""
-_MAX_SHARE: Final = 10.0
-"""Largest intensity of most retroreflectors among shares."""
+_MIN_SHARE: Final = 0.03
+"""Smallest usual reflectance; lower fractions are those of a dark sweep of another scale."""
 _NUM_TRIED_SWEEPS: Final = 5
 """Number of sweeps for guessing the scale of intensities and the direction of up."""
 _MAX_TRIED_FRAMES: Final = 5
@@ -390,7 +389,6 @@ def _holds_shares(points: _Cloud) -> bool:
     intensities = points[:, 3][points[:, 3] > 0]
     return bool(
         len(intensities)
-        and not exceeds_scale(intensities > _MAX_SHARE)
         and (intensities > 1).mean() <= MAX_BRIGHT_SHARE
-        and (intensities < 1).mean() > 0.5  # whole numbers of a dark sweep are not below 1
+        and _MIN_SHARE < np.median(intensities) < 1  # whole numbers are not below 1
     )

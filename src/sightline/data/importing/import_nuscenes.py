@@ -109,7 +109,7 @@ def import_nuscenes(
     doubts = _first_doubts(moments, max_intensity, tables)
     acquire_output_dir(out, settings, results=RESULTS)
     times_s = {moment.name: moment.time_s for moment in listed}
-    finished = names_present(out, IMAGES, POINTS)
+    finished = names_present(out, POINTS)  # a frame's cloud is written last
     absent = missing.keys() - finished
     kept_times = write_or_keep_times(out, times_s, left_out=absent)
     frames = _Frames(out, max_intensity)
@@ -243,8 +243,8 @@ def _kept_notes(
         name = min(kept)
         yield (
             f"warning: {len(kept)} of {num_frames} frames stay as imported before, without the "
-            "labels or calibration that they lack, as their image or sweep is missing or cannot "
-            f"be read; the first, {name}: {faults[name]}"
+            "files that they lack, as their image or sweep is missing or cannot be read; the "
+            f"first, {name}: {faults[name]}"
         )
 
 
