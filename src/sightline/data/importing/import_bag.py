@@ -389,6 +389,6 @@ def _holds_shares(points: _Cloud) -> bool:
     intensities = points[:, 3][points[:, 3] > 0]
     return bool(
         len(intensities)
-        and (intensities > 1).mean() <= MAX_BRIGHT_SHARE
+        and (points[:, 3] > 1).mean() <= MAX_BRIGHT_SHARE
         and _MIN_SHARE < np.median(intensities) < 1  # whole numbers are not below 1
     )
