@@ -155,13 +155,13 @@ def list_unequal_files(first: Path, second: Path, names: Collection[str]) -> lis
         for name in names
         if (one := first / f"{name}{_SUFFIX}").is_file()
         and (other := second / f"{name}{_SUFFIX}").is_file()
-        and not _are_links(one, other)
+        and not _is_same_file(one, other)
         and _content(one) != _content(other)
     ]
 
 
-def _are_links(one: Path, other: Path) -> bool:
-    """Whether two paths lead to the same file on disk; files in shards have no identity."""
+def _is_same_file(one: Path, other: Path) -> bool:
+    """Test if two paths lead to the same file on disk; files in shards have no identity."""
     status = one.stat()
     return status.st_ino != 0 and os.path.samestat(status, other.stat())
 

@@ -131,8 +131,8 @@ def _check_complete(folder: Path, files: DriveFiles) -> None:
         if absent:
             raise ValueError(
                 f"{folder} is incomplete: {name} lacks {len(absent)} of {len(files.frames)} frames "
-                f"({describe_absent(absent)}); extract the drive again, or "
-                "name a list of the complete frames"
+                f"({describe_absent(absent)}); extract the drive again, or name "
+                "a list of the complete frames"
             )
 
 

@@ -73,7 +73,7 @@ class RecordingView:
     doubt: Problem | None
     """Implausibility with the likely cause."""
     is_turned: bool
-    """Whether the road shows that the cloud's z axis does not point up."""
+    """True if the road shows that the z axis of the cloud does not point up."""
 
     def __str__(self) -> str:
         """Format the share in one clause."""

@@ -199,7 +199,7 @@ def test_a_few_far_brighter_points_do_not_decide_the_scale_of_shares(tmp_path):
     sweeps = [points / np.float32([1, 1, 1, 255]) for points in distinct(FULL, 6)]
     for sweep in sweeps:
         sweep[::40, 3] = 1.5
-        sweep[::30, 3] = np.geomspace(1.5, 10_000, len(sweep[::30]))  # as by Waymo's LiDAR
+        sweep[::30, 3] = np.geomspace(1.5, 10_000, len(sweep[::30]))
     report = str(imported(tmp_path, sweeps))
     assert "intensities of 0 to 1\n" in report
     assert "warning: 6 sweeps, e.g. that of frame 000000, have more than one point" in report

@@ -49,8 +49,7 @@ class _Candidate:
     """Reasons to prefer others: it does not fit the images, or lacks P, in this order; an empty
     reason does not apply."""
     has_size: bool
-    """Whether it is for images of this size; the first image, by which it is judged, may have
-    another than most."""
+    """True if the messages are for images of the first image's size, which may differ from most."""
     notes: tuple[str, ...]
     """Notes on the reading."""
     count: int = 0

@@ -76,7 +76,7 @@ _Cloud = Float32[np.ndarray, "_num_points 4"]
 _INTENSITIES: Final = (1.0, 255.0, 1023.0, 4095.0, 65535.0)
 """Usual intensities of a reflectance of 1: shares, and whole numbers of 8, 10, 12 and 16 bits."""
 _MIN_SHARE: Final = 0.03
-"""Smallest usual reflectance; lower fractions are those of a dark sweep of another scale."""
+"""Smallest median of measured reflectances; lower ones may be fractions of another scale."""
 _NUM_TRIED_SWEEPS: Final = 5
 """Number of sweeps for guessing the scale of intensities and the direction of up."""
 _MAX_TRIED_FRAMES: Final = 5
