@@ -98,6 +98,23 @@ def test_all_parts_come_as_events_and_then_the_end(client):
     assert parts.index("joined") > parts.index("detection2d")
 
 
+def test_health_has_the_limits_that_fit_the_pictures_whatever_frame_is_damaged(tmp_path):
+    tree = tmp_path / "tree"
+    shutil.copytree(PACKAGED_FRAMES, tree)
+    pictures = sorted((tree / "training/image_2").iterdir())
+    for picture in pictures:
+        image = cv2.imread(str(picture))
+        _, encoded = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, 75))
+        picture.with_suffix(".jpg").write_bytes(encoded.tobytes())
+        picture.unlink()
+    pictures[-1].with_suffix(".jpg").write_bytes(b"damaged")
+    with client_of(tree) as client:
+        events = events_of(client.get("/api/answers?client=a"))
+    health = next(content for _, content in events if content.get("part") == "health")
+    assert health["limits"]["camera"] == "shipped, JPEG pictures (recognised)"
+    assert health["camera"]["score"] > 0.5  # 0.24 by the limits of PNG
+
+
 def test_a_part_that_fails_is_told_in_one_line_and_the_others_come(client):
     events = events_of(client.get("/api/answers?client=a&fault=lidar_fog.3.8"))
     faults = [content for name, content in events if name == "fault"]

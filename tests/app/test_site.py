@@ -113,12 +113,24 @@ def test_a_damaged_file_of_an_older_export_is_made_anew(tmp_path, content):
     assert files_of(tmp_path / "site") == whole
 
 
-def test_a_frame_that_has_changed_is_computed_again(tmp_path):
+def lose_a_point(tree):
+    sweep = tree / "training/velodyne/000000.bin"
+    sweep.write_bytes(sweep.read_bytes()[:-16])
+
+
+def correct_a_digit(tree):
+    calibration = tree / "training/calib/000000.txt"
+    before = calibration.read_text()
+    calibration.write_text(before.replace("P2: 7", "P2: 8", 1))  # as long as before
+    assert calibration.read_text() != before
+
+
+@pytest.mark.parametrize("change", [lose_a_point, correct_a_digit])
+def test_a_frame_that_has_changed_is_computed_again(tmp_path, change):
     tree = tmp_path / "tree"
     shutil.copytree(PACKAGED_FRAMES, tree)
     export(tmp_path / "site", tree)
-    sweep = tree / "training/velodyne/000000.bin"
-    sweep.write_bytes(sweep.read_bytes()[:-16])  # one point less
+    change(tree)
     _, before = export(tmp_path / "site", tree)
     assert f"; {BUTTONS + 2} are to be computed" in before
 

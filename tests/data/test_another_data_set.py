@@ -39,7 +39,7 @@ def as_pose(matrix):
 
 
 def write_other_layout(folder):
-    """JPEG images, gzipped pickles of clouds in the world's frame, poses in JSON."""
+    """JPEG images, gzipped pickles of two LiDARs in the world's frame, poses in JSON."""
     camera, lidar = folder / "camera" / "front_camera", folder / "lidar"
     camera.mkdir(parents=True)
     lidar.mkdir()
@@ -51,7 +51,10 @@ def write_other_layout(folder):
         cloud = sample.points.double().numpy()
         cloud[:, :3] = cloud[:, :3] @ world_from_lidar[:3, :3].T + world_from_lidar[:3, 3]
         cloud[:, 3] *= 255
-        (lidar / f"{index:02}.pkl.gz").write_bytes(gzip.compress(pickle.dumps(cloud)))
+        rows = np.pad(np.repeat(cloud, 2, axis=0), ((0, 0), (0, 2)))  # a time, and the LiDAR
+        rows[1::2, 5] = 1
+        rows[1::2, :3] += 5
+        (lidar / f"{index:02}.pkl.gz").write_bytes(gzip.compress(pickle.dumps(rows)))
         write_rgb(camera / f"{index:02}.jpg", sample.image.permute(1, 2, 0).numpy())
         camera_from_lidar = sample.calibration.camera_from_lidar.numpy()
         poses[lidar].append(as_pose(world_from_lidar))

@@ -8,7 +8,7 @@ from sightline.geometry.echoes import echoes, losses
 from sightline.geometry.intensity_checks import intensity_doubt, warn_of_intensities
 from tests.data.recordings import POINTS
 
-VALUES = st.sampled_from([0.0, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])
+VALUES = st.sampled_from([0.0, 3e-6, -1e-3, 2e-3, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])
 ROWS = st.lists(st.tuples(VALUES, VALUES, VALUES, VALUES), max_size=12)
 
 
@@ -23,7 +23,7 @@ def test_a_point_counts_by_x_y_z_alone_and_bad_intensities_are_0(rows):
     expected = [
         (*place, intensity if is_usable(intensity) else 0.0)
         for *place, intensity in rows
-        if all(map(is_usable, place)) and any(place)
+        if all(map(is_usable, place)) and any(abs(value) > 1e-3 for value in place)
     ]
     assert found.tolist() == [list(row) for row in expected]
 

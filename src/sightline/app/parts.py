@@ -5,6 +5,7 @@ import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
@@ -20,6 +21,7 @@ from sightline.data.sample_files import list_sample_files
 from sightline.export.names import EngineChoice
 from sightline.files.problem import FileError
 from sightline.health.monitor import HealthMonitor, rgb_of
+from sightline.health.shipped import ChosenLimits, choose_for_dataset
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.joining.config import JoinConfig
 from sightline.joining.join import join_detections
@@ -81,11 +83,10 @@ class PartMaker:
 
     def __init__(self, dataset: SampleDataset, data: Path, engine: EngineChoice) -> None:
         """Store the data; networks are loaded when they are first needed."""
-        self._dataset, self._data, self._engine = dataset, data, engine
+        self._dataset, self._data, self.engine = dataset, data, engine
         self._positions = {name: index for index, name in enumerate(dataset.sample_ids)}
         self._samples: OrderedDict[tuple[Breakage, Stamp], CameraLidarSample] = OrderedDict()
         self._predictors: OrderedDict[tuple[str, str], Predictor] = OrderedDict()
-        self._monitor = HealthMonitor()
         self._files: list[dict[str, Path]] = []
 
     def make(self, task: Task) -> Answer:
@@ -99,7 +100,7 @@ class PartMaker:
             sound = self._broken(Breakage(frame=task.state.broken.frame))
             return _scene(sample, sound)
         if task.part == "health":
-            return Answer(content=health_json(self._monitor(sample)))
+            return Answer(content=self._health(sample))
         if task.part == JOINED:
             return self._joined(sample, task)
         return self._predicted(sample, task)
@@ -107,6 +108,16 @@ class PartMaker:
     def stamp(self, frame: str) -> Stamp:
         """Times and lengths of a frame's files: answers of other ones are out of date."""
         return tuple(_file_stamp(path) for path in self._paths(frame).values())
+
+    @cached_property
+    def limits(self) -> ChosenLimits:
+        """Limits of the sensors' health, as chosen by `sightline health`."""
+        return choose_for_dataset(self._dataset)
+
+    def _health(self, sample: CameraLidarSample) -> dict[str, Any]:
+        limits = self.limits
+        judged = health_json(HealthMonitor(limits.limits)(sample))
+        return {**judged, "limits": {"camera": limits.camera, "lidar": limits.lidar}}
 
     def _paths(self, frame: str) -> dict[str, Path]:
         self._files = self._files or list_sample_files(self._dataset)
@@ -130,7 +141,7 @@ class PartMaker:
             return found.predictor(
                 method=weights if is_method else None,
                 weights=None if is_method else weights,
-                engine=self._engine,
+                engine=self.engine,
                 threads=1,
             )
 

@@ -4,11 +4,13 @@ import asyncio
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, get_args
+
+from torch import Tensor
 
 from sightline.app.answers import Answers
 from sightline.app.breaking import reproducing_commands
@@ -22,7 +24,6 @@ from sightline.corruptions.kinds import SEVERITIES, find_kind
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import list_sample_files
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outside_dataset, data_name
@@ -105,7 +106,7 @@ def export_page(
         "data": data_name(folder),
     }
     with SiteFolder(site, settings) as aside:
-        writer = _Writer(aside, dataset, states, data, engine)
+        writer = _Writer(aside, dataset, states, data, maker)
         missing = [state for state in states if not writer.is_done(state)]
         size = _estimate(maker, states) / _MEGABYTE
         announce(
@@ -178,16 +179,16 @@ class _Writer:
         dataset: SampleDataset,
         states: Sequence[PageState],
         data: Path | None,
-        engine: EngineChoice,
+        maker: PartMaker,
     ) -> None:
         self._aside, self._dataset, self._states = aside, dataset, states
-        self._engine = engine
+        self._engine = maker.engine
         self._name = Path((data or PACKAGED_FRAMES).resolve().name)
         self._is_packaged = data is None
-        listed = list_sample_files(dataset)
-        self._sizes = {
-            frame: " ".join(f"{part} {path.stat().st_size}" for part, path in sorted(paths.items()))
-            for frame, paths in zip(dataset.sample_ids, listed, strict=True)
+        limits = f"{maker.limits.camera}, {maker.limits.lidar}"
+        self._contents = {
+            name: f"{_sample_digest(dataset, index)} {limits}"
+            for index, name in enumerate(dataset.sample_ids)
         }
         self.expected: set[str] = set()
         """Paths of all files of the page."""
@@ -254,8 +255,8 @@ class _Writer:
         return [[name, content] async for name, content in events]
 
     def _place(self, state: PageState) -> str:
-        """Path of a state's file, which differs where the frame's files do."""
-        text = f"{state.to_query()} {self._sizes[state.broken.frame]}"
+        """Path of a state's file, which differs where the frame or the limits of health do."""
+        text = f"{state.to_query()} {self._contents[state.broken.frame]}"
         return f"states/{_digest(text.encode())}.json"
 
     def _write(self, place: str, content: bytes) -> None:
@@ -333,6 +334,27 @@ def _json(content: object) -> bytes:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:20]
+
+
+def _sample_digest(dataset: SampleDataset, index: int) -> str:
+    """Digest of a sample, or of the fault if it cannot be read, which is told later."""
+    digest = hashlib.sha256()
+    try:
+        _add_to_digest(digest, dataset[index])
+    except ValueError as error:
+        digest.update(str(error).encode())
+    return digest.hexdigest()[:20]
+
+
+def _add_to_digest(digest: "hashlib._Hash", value: object) -> None:
+    if is_dataclass(value):
+        for each in fields(value):
+            digest.update(each.name.encode())
+            _add_to_digest(digest, getattr(value, each.name))
+    elif isinstance(value, Tensor):
+        digest.update(f"{value.dtype} {tuple(value.shape)}".encode() + value.numpy().tobytes())
+    else:
+        digest.update(repr(value).encode())
 
 
 @cache

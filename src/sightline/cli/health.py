@@ -117,36 +117,19 @@ def _limits(
     """Choose the given limits, else Sightline's, or fit them to the first frames."""
     from sightline.health.limits import read_limits
     from sightline.health.shipped import (
-        NUM_CHECKED_FRAMES,
         ChosenLimits,
         check_frames,
-        choose_shipped,
+        choose_for_dataset,
         fit_to_first,
     )
 
     if limits is not None:
         return ChosenLimits(limits=read_limits(limits), camera=str(limits), lidar=str(limits))
-    count = len(dataset)
-    spread = {
-        round(n * (count - 1) / max(NUM_CHECKED_FRAMES - 1, 1)) for n in range(NUM_CHECKED_FRAMES)
-    }
-    checked = check_frames([dataset[index] for index in sorted(spread) if index < count])
-    chosen = choose_shipped(
-        checked, images=images, beams=beams, are_jpeg_files=_are_jpeg_files(dataset)
-    )
+    chosen = choose_for_dataset(dataset, images=images, beams=beams)
     if fit_first is None:
         return chosen
-    first = check_frames([dataset[index] for index in range(min(fit_first, count))])
+    first = check_frames(dataset[index] for index in range(min(fit_first, len(dataset))))
     return fit_to_first(chosen, first)
-
-
-def _are_jpeg_files(dataset: "SampleDataset") -> bool:
-    """Test if most images are JPEG files, by their suffixes."""
-    from sightline.data.sample_files import list_sample_files
-
-    images = [files["image"] for files in list_sample_files(dataset) if "image" in files]
-    num_jpeg = sum(each.suffix.lower() in (".jpg", ".jpeg") for each in images)
-    return 2 * num_jpeg > len(images)
 
 
 def health_limits(

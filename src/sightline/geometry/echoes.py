@@ -11,14 +11,17 @@ from jaxtyping import Bool, Float
 
 USUAL_LOSS: Final = 0.5
 """Share of points without an echo in a cloud that may include rays into the sky."""
+_NO_RANGE_M: Final = 1e-3
+"""Largest coordinate of points at the sensor itself: nuScenes' have up to 0.1 mm. No LiDAR measures
+so near."""
 
 
 def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_echoes 4"]:
-    """Keep the points with an echo: x, y, z are finite and not all zero.
+    """Keep the points with an echo: x, y, z are finite, and not all within 1 mm of 0.
 
     For missing echoes, drivers write values that are not finite, the largest possible ones, or the
-    sensor's own place. An intensity that is not finite becomes 0, as if there were none: `losses`
-    counts both.
+    sensor's own place, sometimes with rounding errors. An intensity that is not finite becomes 0,
+    as if there were none: `losses` counts both.
     """
     kept: Float[np.ndarray, "num_echoes 4"] = points[is_echo(points)]
     unusable = ~_is_finite(kept[:, 3])
@@ -68,10 +71,10 @@ def warn_of_losses(
 
 
 def is_echo(points: Float[np.ndarray, "num_points fields"]) -> Bool[np.ndarray, " num_points"]:
-    """Mask of the points with an echo: x, y, z, the first fields, are finite and not all zero."""
+    """Mask of the points with an echo: x, y, z, the first fields, are finite, one beyond 1 mm."""
     places = points[:, :3]
-    has_echo = np.logical_and(_is_finite(places).all(axis=1), places.any(axis=1))
-    return np.asarray(has_echo)
+    is_away = (np.abs(places) > _NO_RANGE_M).any(axis=1)
+    return np.asarray(_is_finite(places).all(axis=1) & is_away)
 
 
 def _is_finite(values: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:

@@ -143,7 +143,10 @@ def describe_lowness(height_m: float) -> str:
         return "; no LiDAR is below the road: give lidar_height_m"
     if not _FEET_M[0] < height_m < _FEET_M[1]:
         return ""
-    return "; few are so low: give points in metres if these are in feet, else lidar_height_m"
+    return (
+        "; few are so low: give points in metres if these are in feet, else lidar_height_m, as for "
+        "points in a vehicle's frame"
+    )
 
 
 def lidar_pose(

@@ -1,11 +1,14 @@
 """Limits included in Sightline, and their selection for the frames of a drive."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import list_sample_files
 from sightline.health.camera_checks import CameraChecks, check_camera
 from sightline.health.lidar_checks import LidarChecks, check_lidar
 from sightline.health.limits import (
@@ -24,11 +27,11 @@ ImageKind = Literal["png", "jpeg"]
 BEAMS: Final = (64, 32, 16)
 """Numbers of beams with included limits."""
 
-NUM_CHECKED_FRAMES: Final = 15
-"""Number of frames, evenly spread over a drive, for choosing the included limits."""
 MIN_FIRST_FRAMES: Final = 10
 """Minimum number of frames for limits fitted to the drive itself."""
 
+_NUM_CHECKED_FRAMES = 15  # for choosing the included limits, evenly spread over the drive
+_JPEG_SUFFIXES = (".jpg", ".jpeg")
 _RINGS_AHEAD = {64: 40.0, 32: 20.0, 16: 12.5}
 """Rings in the checked part of a sweep: of 32 beams 17 (HDL-32E) to 20 (every second one of KITTI's
 LiDAR), of 16 beams 10 (every fourth one) to 15 (VLP-16)."""
@@ -130,6 +133,38 @@ def choose_shipped(
         lidar=f"shipped, {found_beams} beams ({_origin(beams)})",
         warnings=tuple(warnings),
     )
+
+
+def choose_for_dataset(
+    dataset: SampleDataset, *, images: ImageKind | None = None, beams: int | None = None
+) -> ChosenLimits:
+    """Choose limits by frames spread over a data set, and by its image files.
+
+    Frames that cannot be read do not count.
+
+    Args:
+        dataset: The data set, with images and sweeps.
+        images: The image format. None: from the frames.
+        beams: The number of beams. None: from the frames.
+
+    Raises:
+        ValueError: There are no limits for this number of beams.
+    """
+    files = [each["image"] for each in list_sample_files(dataset) if "image" in each]
+    num_jpeg = sum(each.suffix.lower() in _JPEG_SUFFIXES for each in files)
+    return choose_shipped(
+        check_frames(_spread_samples(dataset)),
+        images=images,
+        beams=beams,
+        are_jpeg_files=2 * num_jpeg > len(files),
+    )
+
+
+def _spread_samples(dataset: SampleDataset) -> Iterator[CameraLidarSample]:
+    last, num_steps = len(dataset) - 1, _NUM_CHECKED_FRAMES - 1
+    for index in sorted({round(n * last / num_steps) for n in range(_NUM_CHECKED_FRAMES)}):
+        with suppress(ValueError):
+            yield dataset[index]
 
 
 def check_first(count: int | None) -> None:

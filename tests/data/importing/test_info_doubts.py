@@ -288,3 +288,18 @@ def test_a_first_image_of_another_size_does_not_outvote_the_other_messages(tmp_p
     report = import_recording(tmp_path / "drive", tmp_path / "out")
     assert report.written == 3
     assert "image 0 is 188x621 (height x width), but its calibration is for 375x1242" in str(report)
+
+
+def test_rectified_images_with_the_k_of_raw_ones_are_told_whatever_their_topic(tmp_path):
+    raw = CAMERA_MATRIX.copy()
+    raw[:2, 2] *= 1.2  # as kitti2bag publishes, of images of 1392x512
+    with BagMaker(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        info = {"matrix": raw, "projection": CAMERA_MATRIX, "distortion": LENS}
+        bag.info("/front/camera_info", 10**9, **info)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    told = "P fits the images and K does not: they are probably rectified already"
+    with pytest.raises(ValueError, match=f"the lens distorts .*{told}.* by --calibration"):
+        import_recording(tmp_path / "drive", tmp_path / "out")
+    assert told in str(import_recording(tmp_path / "drive", tmp_path / "out", undistort=True))

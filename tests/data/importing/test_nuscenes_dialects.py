@@ -14,8 +14,9 @@ from sightline.data.image_file import read_rgb
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.kitti_labels import read_labels
 from sightline.data.open import open_dataset
+from sightline.data.rings import ring_numbers
 from sightline.files.problem import FileError
-from tests.data.recordings import CAMERA_MATRIX, IMAGE, edit_table, write_nuscenes
+from tests.data.recordings import CAMERA_MATRIX, IMAGE, POINTS, edit_table, write_nuscenes
 
 LENS = [-0.3, 0.1, 0.0, 0.0, 0.0]
 
@@ -23,6 +24,21 @@ LENS = [-0.3, 0.1, 0.0, 0.0, 0.0]
 @pytest.fixture
 def data(tmp_path):
     return write_nuscenes(tmp_path / "data")
+
+
+def test_sweeps_come_out_ring_by_ring_by_their_column_of_rings(data, tmp_path):
+    (path,) = (data / "samples" / "LIDAR_TOP").iterdir()
+    sweep = np.fromfile(path, np.float32).reshape(-1, 5)
+    rings = ring_numbers(POINTS)
+    sweep[:, 4] = 40 - rings
+    no_echoes = np.full((3000, 5), 3e-6, np.float32)
+    no_echoes[:, 4] = np.arange(3000) % 40
+    shot = np.concatenate((sweep, no_echoes))
+    shot[np.random.default_rng(0).permutation(len(shot))].tofile(path)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "dropped 3000 of" in report
+    points = open_dataset(tmp_path / "out")[0].points.numpy()
+    assert (np.bincount(ring_numbers(points)) == np.bincount(rings)).all()
 
 
 def set_entries(data, table, **entries):

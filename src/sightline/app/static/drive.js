@@ -94,6 +94,13 @@ export function healthLines(place, parts, meanings) {
     ? "Rotation between LiDAR and camera: not seen in this frame."
     : `Rotation between LiDAR and camera by their edges: ${yaw.toFixed(2)}\u00b0`;
   place.append(...badChecks(parts.health, meanings), note);
+  if (parts.health) place.append(limitsLine(parts.health.limits));
+}
+
+function limitsLine(limits) {
+  const line = document.createElement("small");
+  line.textContent = `Limits: camera ${limits.camera}; LiDAR ${limits.lidar}.`;
+  return line;
 }
 
 function badChecks(health, meanings) {

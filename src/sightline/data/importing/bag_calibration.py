@@ -20,6 +20,7 @@ from sightline.data.importing.bag_transforms import describe_transforms, transfo
 from sightline.data.importing.frames import Rigid, find_transform
 from sightline.data.kitti_trees import describe_absent
 from sightline.data.recording_calibration import (
+    Lens,
     RecordingCalibration,
     checked_matrices,
     require_usable,
@@ -28,6 +29,9 @@ from sightline.files.plain_text import shortened
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
 
+_RECTIFIED_ALREADY: Final = (
+    "P fits the images and K does not: they are probably rectified already, as by kitti2bag"
+)
 _LEVEL_FRAMES: Final = ("base_footprint", "base_link")
 _MIN_BASELINE_M: Final = 1e-3
 _BASELINE_TOLERANCE: Final = 0.05
@@ -65,10 +69,11 @@ def calibration_of_bag(
     camera, info_notes = camera_of_bag(bag, topics, image_size)
     label, region = shortened(topics.info.name), camera.region
     if camera.lens is not None and not undistort:
-        listed = ", ".join(f"{value:.4g}" for value in camera.lens.coefficients)
-        raise ValueError(
-            f"topic {label}: the lens distorts ({camera.lens.model}: {listed}); undistort the "
-            "images by --undistort, or choose rectified ones by --camera-topic"
+        raise _distorting_lens_error(label, camera.lens, looks_rectified=camera.looks_rectified)
+    if camera.lens is not None and camera.looks_rectified:
+        info_notes += (
+            f"warning: topic {label}: {_RECTIFIED_ALREADY}, and undistorted once more now; "
+            f"{CALIBRATION_REMEDY}",
         )
     frames = tuple(dict.fromkeys(frame for frame in (camera_frame, camera.frame) if frame))
     if len(frames) > 1:
@@ -90,6 +95,20 @@ def calibration_of_bag(
     except ValueError as error:
         raise ValueError(f"topic {label}: {error}; {CALIBRATION_REMEDY}") from error
     return calibration, (*info_notes, *region.notes, *tf_notes)
+
+
+def _distorting_lens_error(label: str, lens: Lens, *, looks_rectified: bool) -> ValueError:
+    coefficients = ", ".join(f"{value:.4g}" for value in lens.coefficients)
+    problem = f"topic {label}: the lens distorts ({lens.model}: {coefficients})"
+    if looks_rectified:
+        return ValueError(
+            f"{problem}, but {_RECTIFIED_ALREADY}; {CALIBRATION_REMEDY}, or if they are not, "
+            "undistort them by --undistort"
+        )
+    return ValueError(
+        f"{problem}; undistort the images by --undistort, or choose rectified ones by "
+        "--camera-topic"
+    )
 
 
 def _image_size(bag: Bag, topics: ChosenTopics) -> tuple[int, int] | None:

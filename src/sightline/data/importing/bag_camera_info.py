@@ -21,6 +21,9 @@ from sightline.geometry.rotations import rotation_fault
 CALIBRATION_REMEDY: Final = (
     "give a calibration file by --calibration (docs/recordings.md has an example)"
 )
+_OFF_MIDDLE: Final = 0.1
+"""Distance of a principal point from the middle of the images, as a share of their half size: K of
+KITTI's raw images is 0.12 and 0.20 off that of its rectified ones, their P 0.02 and 0.08."""
 _PLACEHOLDER_FOCAL_PX: Final = 1.0
 """Largest focal length of a P that was not filled in: zeros, or the identity."""
 
@@ -36,6 +39,9 @@ class CameraCalibration:
     rectified_from_camera: Rigid
     lens: Lens | None
     """Distortion of the images; None: they are straight."""
+    looks_rectified: bool
+    """True if P fits the images and K does not, although the topic's name tells nothing: by tools
+    such as kitti2bag, which publish rectified images with the K and the lens of raw ones."""
 
 
 @dataclass(slots=True)
@@ -164,6 +170,7 @@ def _calibration(
         region=region_of_image(info, image_from_camera, image_size),
         rectified_from_camera=rectified_from_camera,
         lens=None if topics.is_rectified else _lens(info),
+        looks_rectified=not topics.is_rectified and _looks_rectified(info, image_size),
     )
 
 
@@ -216,6 +223,15 @@ def _has_projection(info: Any) -> bool:  # noqa: ANN401 - a message
     """Check if P has focal lengths, and is no placeholder."""
     focal_px = np.diag(_field(info, "p").reshape(3, 4))[:2]
     return bool((np.abs(focal_px) > _PLACEHOLDER_FOCAL_PX).all())
+
+
+def _looks_rectified(info: Any, image_size: tuple[int, int] | None) -> bool:  # noqa: ANN401
+    """Check if the principal point of K is off the middle of the images, and that of P is not."""
+    if image_size is None or (info.height, info.width) != image_size or not _has_projection(info):
+        return False
+    k, p = (_field(info, name).reshape(3, -1)[1::-1, 2] for name in ("k", "p"))
+    off_k, off_p = (np.abs((2 * each + 1) / image_size - 1) for each in (k, p))
+    return bool((off_k > _OFF_MIDDLE).all() and (off_p < _OFF_MIDDLE).all())
 
 
 def _projection_notes(info: Any, topics: ChosenTopics) -> tuple[str, ...]:  # noqa: ANN401

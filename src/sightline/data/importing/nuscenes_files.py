@@ -11,6 +11,7 @@ from jaxtyping import Float32
 from sightline.data.image_header import ImageHeader, read_complete_header
 from sightline.data.importing.nuscenes import Moment
 from sightline.data.importing.writer import CloudTally, count_echoes
+from sightline.data.rings import in_kitti_order
 from sightline.data.velodyne import COLUMNS, other_format
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
@@ -101,4 +102,5 @@ def _read_sweep(path: Path) -> Float32[np.ndarray, "num_points 4"]:
     if len(content) % _POINT_BYTES:
         problem = f"holds {len(content)} bytes, expected a multiple of {_POINT_BYTES}"
         raise FileError(path, f"{problem} (float32 x, y, z, intensity, ring)", _REMEDY)
-    return np.frombuffer(content, "<f4").reshape(-1, 5)[:, :4].astype(np.float32)
+    sweep = np.frombuffer(content, "<f4").reshape(-1, 5)
+    return in_kitti_order(sweep[:, :4].astype(np.float32), sweep[:, 4])
