@@ -19,6 +19,7 @@ from sightline.cli.main import main
 from sightline.files.weights import read_weights
 from sightline.joining.models import read_models
 from sightline.simulation.generate import simulate
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.simulation.rigs import LidarRig, Rig, Rosette, named_rig
 from sightline.simulation.settings import SimulationConfig
 from sightline.tasks import PACKAGE_RECIPES
@@ -117,6 +118,15 @@ def test_a_lidar_without_rings_is_adapted_to_without_faults_and_scores_of_rings(
         "depth-completion is scored on simulated depth, not on held-out rings",
     ]
     assert report.table().caption == "\n".join(notes[1:])
+
+
+def test_a_rig_is_measured_by_the_frames_that_have_sweeps(tmp_path):
+    tree = shutil.copytree(PACKAGED_FRAMES, tmp_path / "tree")
+    whole, _ = adaptation._rig(tree, tmp_path / "out", None)
+    max((tree / "training" / "velodyne").iterdir()).unlink()
+    rig, _ = adaptation._rig(tree, tmp_path / "out", None)
+    assert rig.camera == whole.camera
+    assert len(rig.lidar.elevations_deg) > 40
 
 
 def test_depth_is_scored_on_held_out_rings_where_they_are_in_view(adapted, tmp_path):

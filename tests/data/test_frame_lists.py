@@ -215,6 +215,9 @@ def test_notes_and_hidden_files_beside_labels_are_no_frames(tmp_path):
 def test_labels_of_another_format_are_told(tmp_path):
     with pytest.raises(ValueError, match=r"no label files .*; give KITTI's folder label_2"):
         frame_names(tmp_path, None)
+    (tmp_path / "classes.txt").write_text("Car")
+    with pytest.raises(ValueError, match=r"no label files .*; give KITTI's folder label_2"):
+        frame_names(tmp_path, None)
     (tmp_path / "000000.xml").write_text("")
     with pytest.raises(ValueError, match=r"1 files of another format, such as 000000\.xml"):
         frame_names(tmp_path, None)

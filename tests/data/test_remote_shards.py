@@ -16,6 +16,7 @@ from sightline.cli.main import main
 from sightline.data.check import check_tree
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
+from sightline.evaluation.kitti_object import frame_names
 from sightline.files import byte_source
 from sightline.files.byte_source import read_range, url_of
 from tests.data.trees import write_object_tree
@@ -60,6 +61,8 @@ class PlainHandler(SimpleHTTPRequestHandler):
 @pytest.fixture
 def folder(tmp_path):
     tree = write_object_tree(tmp_path / "tree", "000000", "000001", "000002")
+    (tree / "ImageSets").mkdir(exist_ok=True)
+    (tree / "ImageSets" / "last.txt").write_text("000002\n")
     write_shards(tree, tmp_path / "shards", frames_per_shard=2, compress=True)
     return tmp_path
 
@@ -94,7 +97,6 @@ def test_shards_on_a_server_give_the_samples_of_the_tree(folder, address):
 
 
 def test_check_finds_damage_of_the_files_of_no_frame_on_a_server(folder, address):
-    (folder / "tree" / "ImageSets").mkdir()
     (folder / "tree" / "ImageSets" / "val.txt").write_text("000001\n")
     write_shards(folder / "tree", folder / "other", frames_per_shard=2)
     before = list(check_tree(f"{address}/other"))
@@ -379,3 +381,10 @@ def test_a_path_of_this_machine_is_no_url(tmp_path, monkeypatch):
     (tmp_path / "s3:" / "x").touch()
     assert url_of(Path("s3:/x")) is None
     assert url_of(Path("s3:/y/z")) == "s3://y/z"
+
+
+def test_labels_at_an_address_have_the_lists_of_their_data_set(address):
+    labels = Path(f"{address}/shards/training/label_2")
+    assert list(frame_names(labels, "last")) == ["000002"]
+    with pytest.raises(ValueError, match="there is no list 'first'"):
+        frame_names(labels, "first")

@@ -6,12 +6,19 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sightline.cli.main import main
+from sightline.data.kitti_depth import points_from_depth_map
 from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.open import open_dataset
 from sightline.data.rings import count_rings
+from sightline.depth_completion.examples import ExampleConfig, make_example
+from sightline.depth_completion.robustness import HeldOutScoring, SimulatedDepthScoring
 from sightline.evaluation.held_out_frame import CROP_SIZE, check_rings, split_depth, split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.ops.parallax import Parallax
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample
+from tests.data.trees import write_depth_drive
 from tests.evaluation.held_out_sweeps import (
     SMALL,
     WALL_M,
@@ -263,3 +270,24 @@ def test_whole_sweeps_and_those_cut_to_the_image_score_alike(kitti_root):
         assert torch.equal(a.truth_m, b.truth_m)
         assert torch.equal(a.rings, b.rings)
         assert torch.equal(a.sample.points, b.sample.points)
+
+
+def test_points_of_depth_maps_have_no_rings(tmp_path):
+    sample = open_dataset(PACKAGED_FRAMES)[0]
+    depth_m = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
+    depth_m[:, ::2] = depth_m[:, ::2].roll(3, dims=0)  # real rings are not so even, either
+    of_map = replace(sample, points=points_from_depth_map(depth_m, sample.calibration))
+    with pytest.raises(ValueError, match="points of depth maps, row by row, have no rings"):
+        split_rings(of_map)
+    config = ExampleConfig(truth="depth", beams=(16,))
+    with pytest.raises(ValueError, match=r"have no rings; .* set beams of the settings to \[64\]"):
+        make_example(
+            replace(of_map, depth=depth_m), config, np.random.default_rng(0), training=False
+        )
+    write_depth_drive(tmp_path, tmp_path)
+    tree = open_dataset(tmp_path)
+    for dataset in (tree, open_dataset(tmp_path, sample_list=list(tree.sample_ids))):
+        with pytest.raises(ValueError, match=r"is a depth completion tree, .* no rings to hold"):
+            HeldOutScoring().check(dataset)
+        SimulatedDepthScoring().check(dataset)
+    assert main(["evaluate", "held-out", str(tmp_path), "--method", "linear"]) == 2

@@ -199,9 +199,10 @@ def test_of_sound_results_nothing_is_said_but_that_objects_are_few(tmp_path):
 
 def test_files_that_no_frame_has_are_counted(tmp_path):
     results, labels = write_frames(tmp_path, [(CAR.text(), FOUND.text())])
-    for name in ("000007.txt", "000009.txt"):
+    for name in ("000007.txt", "000009.txt", "notes.txt"):
         (results / name).write_text(FOUND.text())
-    (labels / "000003.TXT").write_text(CAR.text())
+    for name in ("000003.TXT", "README.TXT"):
+        (labels / name).write_text(CAR.text())
     notes = " ".join(evaluate_objects(results, labels).notes())
     assert (
         "2 result files were left out: no label file has their name (the first is 000007.txt)"

@@ -8,7 +8,9 @@ from sightline.geometry.echoes import echoes, losses
 from sightline.geometry.intensity_checks import intensity_doubt, warn_of_intensities
 from tests.data.recordings import POINTS
 
-VALUES = st.sampled_from([0.0, 3e-6, -1e-3, 2e-3, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf])
+VALUES = st.sampled_from(
+    [0.0, 3e-6, -1e-3, 2e-3, 1.0, -2.5, 1e300, -1e300, np.nan, np.inf, -np.inf]
+)
 ROWS = st.lists(st.tuples(VALUES, VALUES, VALUES, VALUES), max_size=12)
 
 

@@ -298,7 +298,8 @@ def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, 
         source = f" ({kept.source})" if kept.source else ""
         return kept, (f"the rig is that of {out / RIG_NAME}{source}",)
     parts: set[Part] = {"points"}
-    measured = measure_rig(open_dataset(data, parts=parts), RIG_NAME.removesuffix(".yaml"))
+    dataset = open_dataset(data, parts=parts, needs=())  # some sweeps are enough
+    measured = measure_rig(dataset, RIG_NAME.removesuffix(".yaml"))
     return measured.rig, measured.notes
 
 

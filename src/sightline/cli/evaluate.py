@@ -230,6 +230,7 @@ def held_out_command(
     from sightline.data.open import open_dataset
     from sightline.depth_completion.predictor import choose_completer
     from sightline.evaluation.held_out import evaluate_held_out
+    from sightline.evaluation.held_out_frame import check_for_sweeps
 
     if method is not None:
         refuse_engine(engine, device)
@@ -237,6 +238,7 @@ def held_out_command(
     announce_engine(engine, completer.made_by.get("engine"), device)
     parts = {*completer.parts, *(() if truth == "rings" else ("depth",))}
     dataset = open_dataset(data, sample_list=sample_list, velodyne=velodyne, parts=parts)
+    check_for_sweeps(dataset)
     samples = (dataset[index] for index in range(len(dataset)))
     report = evaluate_held_out(samples, completer, beams=beams, truth=truth, total=len(dataset))
     deliver(report, json)

@@ -231,7 +231,7 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
         writer = ", as KITTI's own program writes them" * (found[0].name == "data")
         return f"they are in {found[0]}{writer}; name that folder"
     shown = [each for each in entries if each.is_file() and not each.name.startswith(".")]
-    files = [each for each in shown if each.name.lower() != TIMES_NAME]
+    files = [each for each in shown if each.name.lower() != TIMES_NAME and not is_note(each.stem)]
     others = [each for each in files if each.suffix == _SUFFIX]
     renamed = _same_frame(others, names)
     if renamed is not None:

@@ -65,6 +65,11 @@ def ring_numbers(
             f"{max(min_rings - 1, 0)} to {max_rings - 1} times, as in KITTI's order: give the "
             "points of one turn of one LiDAR, in the order of KITTI's files"
         )
+    if len(points) >= _MIN_POINTS and np.median(np.diff(_azimuth_deg(points))) < 0:
+        raise ValueError(
+            "the azimuth falls from point to point, expected it to rise inside each ring, as in "
+            "KITTI's order: points of depth maps, row by row, have no rings; give sweeps"
+        )
     _check_top_down(_medians_deg(points, rings))
     return rings
 

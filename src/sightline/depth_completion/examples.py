@@ -303,7 +303,7 @@ def _split_truth(
         keep_every = NUM_RINGS // int(rng.choice(config.beams))
         if keep_every > 1:
             first = int(rng.integers(keep_every)) if training else 0
-            sample = thin_rings(sample, keep_every, first)
+            sample = _thinned(sample, keep_every, first)
         return _bottom_centre(sample, max_size), None
     first = int(rng.integers(HELD_OUT_EVERY)) if training else FIRST_HELD_OUT
     frame = split_rings(sample, first_held_out=first)
@@ -315,6 +315,16 @@ def _split_truth(
         dense_m = _bottom_centre(_bottom_centre(sample, inputs.image_size), max_size).depth
     inputs = _bottom_centre(replace(inputs, depth=frame.truth_m), max_size)
     return inputs, dense_m
+
+
+def _thinned(sample: CameraLidarSample, keep_every: int, first: int) -> CameraLidarSample:
+    """Thin the rings of a sweep; see `thin_rings`."""
+    try:
+        return thin_rings(sample, keep_every, first)
+    except ValueError as error:
+        raise ValueError(
+            f"{error}; or set beams of the settings to [64], which thins no sweep"
+        ) from error
 
 
 def _max_crop_size(sample: CameraLidarSample) -> tuple[int, int]:

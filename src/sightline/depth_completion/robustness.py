@@ -13,7 +13,12 @@ from typing import Final, Never
 from sightline.data.kitti_trees import Part
 from sightline.data.sample_dataset import SampleDataset
 from sightline.evaluation.held_out import depth_map_errors
-from sightline.evaluation.held_out_frame import check_rings, split_depth, split_rings
+from sightline.evaluation.held_out_frame import (
+    check_for_sweeps,
+    check_rings,
+    split_depth,
+    split_rings,
+)
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import REMAKE, FileError
@@ -44,8 +49,8 @@ class HeldOutScoring:
     )
 
     def check(self, dataset: SampleDataset) -> None:
-        """Accept every data set with sweeps."""
-        del dataset
+        """Check for sweeps with rings; see `Scoring.check`."""
+        check_for_sweeps(dataset)
 
     def notes(self, dataset: SampleDataset) -> tuple[str, ...]:
         """Return no notes: errors are means over the many pixels of every frame."""
@@ -95,6 +100,10 @@ class SimulatedDepthScoring(HeldOutScoring):
 
     name = "simulated depth in reach"
     parts: tuple[Part, ...] = ("points", "depth")
+
+    def check(self, dataset: SampleDataset) -> None:
+        """Accept every data set: no rings are held out."""
+        del dataset
 
     def prepare(self, sample: CameraLidarSample) -> BenchFrame:
         """Separate the input, cropped as for held-out rings, from the depth map."""

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float32, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.augmentation.sample_changes import crop, keep_rings, points_in_view
+from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.rings import (
     NUM_RINGS,
     beams_of_sensor,
@@ -30,6 +31,8 @@ from sightline.data.rings import (
     ring_numbers,
     rings_of_any_order,
 )
+from sightline.data.sample_dataset import NamedSubset, SampleDataset
+from sightline.data.sample_files import describe_sparse_maps
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
 from sightline.ops.parallax import Parallax, hidden_by_parallax
@@ -199,6 +202,20 @@ def _rings_in_view(
         rings = torch.from_numpy(ring_numbers(points.numpy()))
         return points, rings, num_rings, not is_whole_turn(sweep.numpy())
     return points, torch.from_numpy(numbers)[is_in_view], num_rings, False
+
+
+def check_for_sweeps(dataset: SampleDataset) -> None:
+    """Refuse a depth completion tree: its sparse depth maps have no rings to hold out.
+
+    Raises:
+        ValueError: The data set is one.
+    """
+    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    if isinstance(whole, KittiDepthDataset):
+        raise ValueError(
+            f"{describe_sparse_maps(whole, whole.root)}; they have no rings to hold out: score "
+            "predictions by the tree's truth (`sightline evaluate depth`)"
+        )
 
 
 def check_rings(frame: HeldOutFrame) -> None:

@@ -28,6 +28,7 @@ from sightline.evaluation.kitti_object_rules import STRICT, MinimumOverlaps
 from sightline.evaluation.kitti_object_scores import check_edges, score_by_distance, score_objects
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
+from sightline.files.byte_source import url_of
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
@@ -325,12 +326,14 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
 
 def _data_root(labels_dir: Path) -> Path:
     """Folder of the data set with these labels, which may have its own lists of frames."""
-    for folder in (labels_dir.absolute().parent, labels_dir.resolve().parent):
+    is_address = url_of(labels_dir) is not None
+    places = (labels_dir,) if is_address else (labels_dir.absolute(), labels_dir.resolve())
+    for folder in (data_path(place).parent for place in places):
         if is_split(folder):
             return folder.parent
         if is_recording(folder):
             return folder
-    return labels_dir.absolute().parent.parent
+    return places[0].parent.parent
 
 
 def _batches(

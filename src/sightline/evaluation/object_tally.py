@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
+from sightline.data.frame_lists import is_note
 from sightline.data.kitti_labels import (
     MAX_OCCLUSION,
     MAX_TRUNCATION,
@@ -226,6 +227,7 @@ def unread_results(
         if path.suffix.lower() == suffix
         and path.name not in expected
         and not path.name.startswith(".")
+        and not is_note(path.stem)
     )
     if not extra:
         return ()
@@ -240,7 +242,10 @@ def unread_labels(labels_dir: Path) -> tuple[str, ...]:
     extra = sorted(
         path.name
         for path in labels_dir.iterdir()
-        if path.suffix.lower() == ".txt" and path.suffix != ".txt" and not path.name.startswith(".")
+        if path.suffix.lower() == ".txt"
+        and path.suffix != ".txt"
+        and not path.name.startswith(".")
+        and not is_note(path.stem)
     )
     if not extra:
         return ()

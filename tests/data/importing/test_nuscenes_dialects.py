@@ -27,16 +27,16 @@ def data(tmp_path):
 
 
 def test_sweeps_come_out_ring_by_ring_by_their_column_of_rings(data, tmp_path):
-    (path,) = (data / "samples" / "LIDAR_TOP").iterdir()
-    sweep = np.fromfile(path, np.float32).reshape(-1, 5)
-    rings = ring_numbers(POINTS)
-    sweep[:, 4] = 40 - rings
+    rings, random = ring_numbers(POINTS), np.random.default_rng(0)
     no_echoes = np.full((3000, 5), 3e-6, np.float32)
-    no_echoes[:, 4] = np.arange(3000) % 40
-    shot = np.concatenate((sweep, no_echoes))
-    shot[np.random.default_rng(0).permutation(len(shot))].tofile(path)
+    paths = sorted((data / "samples" / "LIDAR_TOP").iterdir())
+    for path in paths:
+        sweep = np.fromfile(path, np.float32).reshape(-1, 5)
+        sweep[:, 4] = 40 - rings
+        no_echoes[:, 4] = np.arange(3000) % 40
+        random.permutation(np.concatenate((sweep, no_echoes))).tofile(path)
     report = str(import_recording(data, tmp_path / "out"))
-    assert "dropped 3000 of" in report
+    assert f"dropped {3000 * len(paths)} of" in report
     points = open_dataset(tmp_path / "out")[0].points.numpy()
     assert (np.bincount(ring_numbers(points)) == np.bincount(rings)).all()
 
