@@ -155,9 +155,9 @@ def test_a_cache_of_other_weights_settings_or_data_is_refused(
     sweeps = elsewhere / "training" / "velodyne"
     (sweeps / "000000.bin").write_bytes((sweeps / "000001.bin").read_bytes()[16:])
     assert run(weights, cache, data=elsewhere) == 2
-    assert "was made of another sweep than the data's frame" in capsys.readouterr().err
+    assert "was made of another sweep or calibration than the data's frame" in capsys.readouterr().err
     moved = replace(frames[0], points=frames[0].points + 1)
-    with pytest.raises(ValueError, match="was made of another sweep than the data's frame"):
+    with pytest.raises(ValueError, match="was made of another sweep or calibration than the data's frame"):
         example(moved, cache, training=True)
     trained = Detection3D(TINY, stages="both", initial_weights=weights)
     with pytest.raises(ValueError, match="set stages to second, or leave the cache out"):
@@ -189,4 +189,4 @@ def test_the_identity_hangs_on_weights_and_on_settings_of_the_first_stage_alone(
 def test_the_manifest_says_what_made_it(cache):
     manifest = json.loads((cache / "sightline.json").read_text())
     assert manifest["output"] == "proposal cache"
-    assert manifest["format"] == 1
+    assert manifest["format"] == 2

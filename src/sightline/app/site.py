@@ -4,13 +4,11 @@ import asyncio
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, get_args
-
-from torch import Tensor
 
 from sightline.app.answers import Answers
 from sightline.app.breaking import reproducing_commands
@@ -30,6 +28,7 @@ from sightline.jobs.output_dirs import check_outside_dataset, data_name
 from sightline.jobs.progress import ProgressLines
 from sightline.jobs.run import check_workers
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.digest import digest_sample
 
 FIRST_FRAMES: Final = 2
 """Number of frames that are exported if none are named."""
@@ -187,7 +186,7 @@ class _Writer:
         self._is_packaged = data is None
         limits = f"{maker.limits.camera}, {maker.limits.lidar}"
         self._contents = {
-            name: f"{_sample_digest(dataset, index)} {limits}"
+            name: f"{_content_of(dataset, index)} {limits}"
             for index, name in enumerate(dataset.sample_ids)
         }
         self.expected: set[str] = set()
@@ -336,25 +335,12 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:20]
 
 
-def _sample_digest(dataset: SampleDataset, index: int) -> str:
-    """Digest of a sample, or of the fault if it cannot be read, which is told later."""
-    digest = hashlib.sha256()
+def _content_of(dataset: SampleDataset, index: int) -> str:
+    """Digest of a sample, or the fault if it cannot be read, which is told later."""
     try:
-        _add_to_digest(digest, dataset[index])
+        return digest_sample(dataset[index])
     except ValueError as error:
-        digest.update(str(error).encode())
-    return digest.hexdigest()[:20]
-
-
-def _add_to_digest(digest: "hashlib._Hash", value: object) -> None:
-    if is_dataclass(value):
-        for each in fields(value):
-            digest.update(each.name.encode())
-            _add_to_digest(digest, getattr(value, each.name))
-    elif isinstance(value, Tensor):
-        digest.update(f"{value.dtype} {tuple(value.shape)}".encode() + value.numpy().tobytes())
-    else:
-        digest.update(repr(value).encode())
+        return str(error)
 
 
 @cache

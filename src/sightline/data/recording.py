@@ -123,7 +123,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 warnings.warn(str(doubt), stacklevel=3)
         starts = (self._times[name] for name in known if name in self._times)
         self._start_s = min(starts, default=Decimal(0))
-        self._last_rig: tuple[Path, _Rig] | None = None
+        self._last_rig: tuple[Path, tuple[int, int], _Rig] | None = None
         self._judge = CalibrationJudge()
         self._warn_of_rig()
         misnamed = unpaired(self.folder, files.frames)
@@ -212,7 +212,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 objects=objects,
                 depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
                 timestamp_s=self._time_of(frame.sample_id),
-                lidar_height_m=self._lidar_height_m(contents) if points is not None else None,
+                lidar_height_m=self._lidar_height_m(contents),
                 level_from_lidar=level_from_lidar,
                 all_around=points is not None and covers_turn(points.numpy()),
             )
@@ -222,15 +222,20 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             raise FileError(self.folder, str(error), _REMEDY) from error
 
     def _rig(self, path: Path) -> "_Rig":
-        """Read a calibration; a file for all frames is read once."""
-        if self._last_rig is None or self._last_rig[0] != path:
+        """Read a calibration; a file for all frames is read once, unless it has changed."""
+        status = path.stat()
+        stamp = status.st_mtime_ns, status.st_size
+        if self._last_rig is None or self._last_rig[:2] != (path, stamp):
             contents = read_recording_calibration(path)
             tilt = self._pose.tilt if contents.lidar_tilt is None else contents.lidar_tilt
-            self._last_rig = (path, _Rig.of(contents, tilt))
-        return self._last_rig[1]
+            self._last_rig = (path, stamp, _Rig.of(contents, tilt))
+        return self._last_rig[2]
 
     def _lidar_height_m(self, contents: RecordingCalibration) -> float | None:
-        return self._pose.height_m if contents.lidar_height_m is None else contents.lidar_height_m
+        """Height of the LiDAR, also for a frame without a sweep; estimated if sweeps are used."""
+        if contents.lidar_height_m is not None:
+            return contents.lidar_height_m
+        return self._pose.height_m if "points" in self.parts else None
 
     @cached_property
     def _pose(self) -> LidarPose:

@@ -9,13 +9,13 @@ FRAME.safetensors. A file contains
 * training_boxes, training_classes, training_scores: the same for training the second stage,
 
 and in its metadata, as JSON under "sightline", the version of this format, the identity of the
-first stage with its settings, and the digest of the frame's original sweep.
+first stage with its settings, and the digest of the frame's sweep with its calibration and mount.
 """
 
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -42,10 +42,11 @@ from sightline.files.settings import config_to_dict
 from sightline.inference.network import load_network
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, finished_names
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
+from sightline.structures.digest import digest_sample
 from sightline.structures.sample import CameraLidarSample
 
 SUFFIX: Final = ".safetensors"
-FORMAT: Final = 1
+FORMAT: Final = 2
 _METADATA_KEY = "sightline"
 REMEDY: Final = "make the cache again by `sightline proposals`"
 _COLUMNS = ("boxes", "classes", "scores")
@@ -86,15 +87,15 @@ def first_stage_identity(detector: Detector3D) -> str:
 
 
 def sweep_digest(sample: CameraLidarSample) -> str:
-    """Compute a digest of a sample's sweep, which separates data sets with the same frame names.
+    """Compute a digest of a sample's sweep, its calibration and its mount, the first stage's input.
 
     Raises:
         ValueError: The sample has no sweep.
     """
     if sample.points is None:
         raise ValueError(f"sample {sample.sample_id} has no sweep; give data with velodyne files")
-    content = sample.points.contiguous().numpy().tobytes()
-    return hashlib.blake2b(content, digest_size=16).hexdigest()
+    used = replace(sample, image=None, objects=None, depth=None)
+    return digest_sample(replace(used, world_from_lidar=None, timestamp_s=None))
 
 
 def read_record(
@@ -124,7 +125,9 @@ def read_record(
         raise FileError(path, f"is of format {found}, expected {FORMAT}", REMEDY)
     if sweep != sweep_digest(sample):
         raise FileError(
-            path, "was made of another sweep than the data's frame of this name", REMEDY
+            path,
+            "was made of another sweep or calibration than the data's frame of this name",
+            REMEDY,
         )
     return points, record
 

@@ -38,6 +38,8 @@ _NUM_YAWS: Final = 16  # over half a turn: front and rear look alike
 _HEIGHT_SPREAD: Final = 0.07  # relative, of heights within a class and of boxes' heights
 _HORIZON_SPREAD: Final = 0.015  # [rad], of the camera's pitch and the road's slope
 _MIN_GROUND_ERROR_M: Final = 0.3
+_LOWEST_CAMERA_M: Final = 0.3
+_SAME_HEIGHT_M: Final = 0.5
 _RETURN_ERROR_M: Final = 0.35
 _FEW_RETURNS_ERROR_M: Final = 0.6
 _FEW_RETURNS: Final = 2
@@ -129,7 +131,7 @@ def _lift_class(scene: Scene, indices: list[int], name: str) -> list[Lifted]:
     depths = guesses.bottoms[..., 2].copy()
     precision = (_HEIGHT_SPREAD * depths) ** -2.0
     total = precision * depths
-    error_m = np.maximum(_HORIZON_SPREAD * on_road**2 / scene.lidar_height_m, _MIN_GROUND_ERROR_M)
+    error_m = np.maximum(_HORIZON_SPREAD * on_road**2 / _eye_height_m(scene), _MIN_GROUND_ERROR_M)
     on_ground = np.where(np.isfinite(on_road) & ~view.at_bottom, error_m**-2.0, 0.0)[:, None]
     precision = precision + on_ground
     total = total + np.nan_to_num(on_road)[:, None] * on_ground
@@ -237,16 +239,33 @@ def _by_height(view: _View, guesses: _Guesses) -> _Guesses:
     return guesses
 
 
+def _camera_height_m(scene: Scene) -> float:
+    """Height of the camera above the road."""
+    matrix, up = scene.image_from_camera, scene.camera_from_level[:3, 2]
+    origin = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
+    return float((origin - scene.camera_from_level[:3, 3]) @ up) + scene.lidar_height_m
+
+
+def _eye_height_m(scene: Scene) -> float:
+    """Height from which distances on the road are as sure as `_HORIZON_SPREAD` says.
+
+    It was set for the height of KITTI's LiDAR, near that of its camera. The points' origin may also
+    be far from the camera, such as on the road.
+    """
+    camera_m = max(_camera_height_m(scene), _LOWEST_CAMERA_M)
+    is_near = abs(camera_m - scene.lidar_height_m) < _SAME_HEIGHT_M
+    return scene.lidar_height_m if is_near else camera_m
+
+
 def _depth_on_road(view: _View, behind_m: float) -> Float64[np.ndarray, " num_boxes"]:
     """Depths, so far behind where the boxes' lower edges stand on the road; NaN: they cannot."""
     scene, matrix = view.scene, view.scene.image_from_camera
     rays = np.linalg.solve(matrix[:, :3], _bottom_middles(view).T).T
     up = scene.camera_from_level[:3, 2]
-    center = scene.camera_from_level[:3, 3]
     origin = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
     falling = rays @ up
     falling = np.where(falling < -1e-3, falling, np.nan)
-    height = float((origin - center) @ up) + scene.lidar_height_m
+    height = _camera_height_m(scene)
     depths = origin[2] + rays[:, 2] * height / -falling + behind_m
     return np.asarray(np.clip(depths, _NEAREST_M, _FARTHEST_M))
 
