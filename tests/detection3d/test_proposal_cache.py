@@ -155,9 +155,13 @@ def test_a_cache_of_other_weights_settings_or_data_is_refused(
     sweeps = elsewhere / "training" / "velodyne"
     (sweeps / "000000.bin").write_bytes((sweeps / "000001.bin").read_bytes()[16:])
     assert run(weights, cache, data=elsewhere) == 2
-    assert "was made of another sweep or calibration than the data's frame" in capsys.readouterr().err
+    assert (
+        "was made of another sweep or calibration than the data's frame" in capsys.readouterr().err
+    )
     moved = replace(frames[0], points=frames[0].points + 1)
-    with pytest.raises(ValueError, match="was made of another sweep or calibration than the data's frame"):
+    with pytest.raises(
+        ValueError, match="was made of another sweep or calibration than the data's frame"
+    ):
         example(moved, cache, training=True)
     trained = Detection3D(TINY, stages="both", initial_weights=weights)
     with pytest.raises(ValueError, match="set stages to second, or leave the cache out"):

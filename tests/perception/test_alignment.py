@@ -124,6 +124,26 @@ def test_a_turned_lidar_is_undone_in_all_files_and_told(packaged, opened, tmp_pa
         perceive("data", tmp_path / "out", perceiver=perceiver(), align=False)
 
 
+def test_overwriting_measures_the_rotation_anew(packaged, opened, tmp_path):
+    opened([rotate_extrinsics(each, 1.0) for each in packaged])
+    with pytest.warns(UserWarning, match="undone"):
+        perceive("data", tmp_path / "out", perceiver=perceiver())
+    opened(packaged)  # the calibration was corrected
+    kept = contents_of(tmp_path / "out" / "lines")
+    with pytest.raises(ValueError, match="rotation of the LiDAR is measured otherwise now: overw"):
+        perceive("data", tmp_path / "out", perceiver=perceiver(), num_shards=2, overwrite=True)
+    assert contents_of(tmp_path / "out" / "lines") == kept
+    perceive("data", tmp_path / "out", perceiver=perceiver(), overwrite=True)
+    perceive("data", tmp_path / "new", perceiver=perceiver())
+    for folder in ("detection3d", "joined", "lines"):
+        found, expected = (contents_of(tmp_path / each / folder) for each in ("out", "new"))
+        assert found == expected
+    other = perceiver()
+    other.predictors["detection3d"].made_by["weights"] = "other"
+    with pytest.raises(ValueError, match="holds files made with"):
+        perceive("data", tmp_path / "out", perceiver=other, overwrite=True)
+
+
 def test_workers_and_a_resumed_job_undo_the_same_rotation(packaged, opened, tmp_path, monkeypatch):
     turned = [rotate_extrinsics(each, 1.0) for each in packaged]
     opened(turned)

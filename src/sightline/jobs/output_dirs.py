@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.files.atomic import atomic_create_text, check_links
+from sightline.files.atomic import atomic_create_text, atomic_write_text, check_links
 from sightline.files.byte_source import check_no_address
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened, shortened_pair
@@ -108,6 +108,19 @@ def claim_folders(claims: Sequence[Claim]) -> None:
         _is_claimed(claim.folder, claim.settings, results=claim.results)
     for claim in claims:
         acquire_output_dir(claim.folder, claim.settings, results=claim.results)
+
+
+def renew_claims(claims: Sequence[Claim], entry: str) -> None:
+    """Write another value of an entry into claims that exist, whose results are made anew."""
+    for claim in claims:
+        if (claim.folder / MANIFEST_NAME).exists() and differs_only_in(claim, entry):
+            atomic_write_text(claim.folder / MANIFEST_NAME, _manifest(claim.settings))
+
+
+def differs_only_in(claim: Claim, entry: str) -> bool:
+    """Test if a folder has no claim, or the same but for the value of an entry."""
+    held, now = read_claim(claim.folder), json.loads(_manifest(claim.settings))
+    return held is None or {**held, entry: None} == {**now, entry: None}
 
 
 def _is_claimed(

@@ -18,7 +18,14 @@ from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.jobs.crew import Driver
-from sightline.jobs.output_dirs import Claim, check_outputs, claim_folders, read_claim
+from sightline.jobs.output_dirs import (
+    Claim,
+    check_outputs,
+    claim_folders,
+    differs_only_in,
+    read_claim,
+    renew_claims,
+)
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
 from sightline.joining.alignment import MIN_FRAMES, Alignment
 from sightline.perception.frame_work import (
@@ -149,16 +156,17 @@ def perceive(
     warn_of_missing_sensors(dataset, data, perceiver.parts, stacklevel=2)
     _check_tasks(perceiver, around=around, all_outputs=all_outputs)
     if align and perceiver.alignment is None:
-        perceiver = _aligned(perceiver, dataset, out, workers, driver)
+        perceiver = _aligned(perceiver, dataset, out, workers, driver, anew=overwrite)
     if perceiver.alignment:
         warnings.warn(f"{perceiver.alignment}{_ON_ALIGNMENT}", stacklevel=2)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
     places = result_places(perceiver, out, all_outputs=all_outputs)
-    claim_folders(
-        result_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around)
-    )
+    claims = result_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around)
     folder = out / LINES_FOLDER
+    if overwrite:
+        _drop_other_alignment(claims, folder, names)
+    claim_folders(claims)
     done = set() if overwrite else done_frames(dataset, perceiver, places, folder)
     kept = (
         (index, [folder / f"{name}.json"])  # written after the frame's other files
@@ -185,6 +193,29 @@ def perceive(
             for task in perceiver.predictors
         },
     )
+
+
+def _drop_other_alignment(claims: Sequence[Claim], lines: Path, names: Sequence[str]) -> None:
+    """Drop lines whose LiDAR was turned otherwise, so that all results are made anew.
+
+    Raises:
+        ValueError: This run would keep some of the frames.
+    """
+    out = claims[0]
+    held, now = ((each or {}).get(ALIGNMENT) for each in (read_claim(out.folder), out.settings))
+    if held == now or not all(differs_only_in(each, ALIGNMENT) for each in claims):
+        return  # nothing else is refused here
+    marks = sorted(lines.glob("*.json"))  # of finished frames: an interrupted run goes on from here
+    kept = [path.stem for path in marks if path.stem not in set(names)]
+    if kept:
+        raise ValueError(
+            f"{out.folder} holds {len(kept):,} frames, {describe_absent(kept)}, that this run "
+            "would keep, but the rotation of the LiDAR is measured otherwise now: overwrite all "
+            "frames in one run, or name another folder"
+        )
+    for path in marks:
+        path.unlink()
+    renew_claims(claims, ALIGNMENT)
 
 
 def _check_all_there(out: Path, names: Sequence[str], lines: Collection[str]) -> None:
@@ -296,9 +327,11 @@ def _aligned(
     out: Path,
     workers: int,
     driver: Driver,
+    *,
+    anew: bool,
 ) -> MultiTaskPredictor:
-    """Undo the LiDAR's rotation as the output folder says, else as the frames do."""
-    held = (read_claim(out) or {}).get(ALIGNMENT)
+    """Undo the LiDAR's rotation as the output folder says, else, or anew, as the frames do."""
+    held = None if anew else (read_claim(out) or {}).get(ALIGNMENT)
     if isinstance(held, dict):
         with suppress(TypeError, ValueError):  # of a manifest that was edited
             return perceiver.with_alignment(Alignment.from_json(held))
