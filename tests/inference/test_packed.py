@@ -3,8 +3,11 @@
 import json
 import shutil
 import tarfile
+import warnings
 
+import numpy as np
 import pytest
+import torch
 
 from sightline.cli.main import main
 from sightline.data.sharding import unpack_shards, write_shards
@@ -14,6 +17,8 @@ from sightline.files.shard_path import data_path
 from sightline.inference.predict import predict_shards
 from sightline.jobs.run import JobResult
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.structures.predictions import DepthMap
+from tests.data.recordings import POINTS, write_calibration, write_recording
 from tests.inference.function_predictor import FunctionPredictor, sparse, write
 from tests.inference.trees import write_object_tree
 
@@ -89,6 +94,49 @@ def test_results_of_shards_packed_anew_from_other_frames_are_made_again(shards, 
     changed = {name for name, content in contents(out).items() if content != before[name]}
     assert changed == {"000002.tar", "000002.json"}
     assert pack(shards, out) == JobResult(written=0, skipped=3)
+
+
+def height_and_time(sample):
+    """Predict the LiDAR's height and the time, which depend on the other frames."""
+    depth_m = torch.full(sample.image_size, sample.lidar_height_m)
+    depth_m[0, 0] = 50 + sample.timestamp_s
+    return DepthMap(depth_m=depth_m, valid=depth_m > 0)
+
+
+def write_changing_recording(folder):
+    """Recording whose road is lower in each frame, by whose clouds the LiDAR is higher."""
+    names = tuple("abcdefg")
+    write_recording(folder, names, cloud=".npy")
+    for place, name in enumerate(names):
+        points = POINTS.copy()
+        points[:, 2] -= 0.1 * place
+        np.save(folder / "points" / f"{name}.npy", points)
+    (folder / "times.txt").write_text("".join(f"{name} {at}\n" for at, name in enumerate(names)))
+    return folder
+
+
+@pytest.mark.parametrize("frames_per_shard", [1, 3])
+def test_a_shard_has_the_height_and_the_times_of_the_whole(tmp_path, frames_per_shard):
+    recording = write_changing_recording(tmp_path / "drive")
+    write_shards(recording, tmp_path / "shards", frames_per_shard=frames_per_shard)
+    predictor = FunctionPredictor(height_and_time, "height")
+    with warnings.catch_warnings(action="ignore"):  # of equal images
+        write(recording, tmp_path / "expected", height_and_time, name="height")
+        predict_shards(TASK, predictor, tmp_path / "shards", tmp_path / "packed", workers=1)
+    unpack_shards(tmp_path / "packed", tmp_path / "unpacked")
+    assert contents(tmp_path / "unpacked") == contents(tmp_path / "expected")
+
+
+def test_a_changed_calibration_of_all_shards_makes_their_results_again(tmp_path):
+    recording = write_changing_recording(tmp_path / "drive")
+    shards, out = tmp_path / "shards", tmp_path / "out"
+    with warnings.catch_warnings(action="ignore"):
+        write_shards(recording, shards, frames_per_shard=3)
+        assert pack(shards, out) == JobResult(written=3, skipped=0)
+        write_calibration(recording, lidar_height_m=1.5)
+        write_shards(recording, shards, frames_per_shard=3)
+        assert pack(shards, out) == JobResult(written=3, skipped=0)
+        assert pack(shards, out) == JobResult(written=0, skipped=3)
 
 
 def test_a_damaged_shard_is_named_the_rest_finishes_and_mended_it_is_made_alone(shards, tmp_path):

@@ -35,6 +35,7 @@ from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
+from sightline.geometry.road_height import LidarPose
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
@@ -119,6 +120,18 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         warn_of_mount(self._pose, folder)
         for doubt in stated_mount_doubts(self.frames):
             warnings.warn(f"{part_folder('calibration')} of {folder}: {doubt}", stacklevel=3)
+
+    def pose_places(self, num_frames: int) -> Sequence[int]:
+        """See `PosedDataset`."""
+        return select_spread(range(num_frames))
+
+    def estimate_pose(self, frames: Sequence[ObjectFrame]) -> LidarPose:
+        """See `PosedDataset`."""
+        return pose_of_tree(frames)
+
+    def take_pose(self, pose: LidarPose) -> None:
+        """See `PosedDataset`."""
+        self._pose = pose
 
     @property
     def sample_ids(self) -> tuple[str, ...]:

@@ -10,15 +10,23 @@ from torch.utils.data import Dataset
 from sightline.data.drive_calibration import unread_calibration
 from sightline.data.drive_poses import list_oxts, read_oxts_poses, read_poses
 from sightline.data.drive_times import drive_times, drive_times_doubts
+from sightline.data.entry_checks import select_spread
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
-from sightline.data.kitti_trees import RAW_CALIBRATION, DriveFiles, describe_absent, list_drive
+from sightline.data.kitti_trees import (
+    RAW_CALIBRATION,
+    DriveFiles,
+    DriveFrame,
+    describe_absent,
+    list_drive,
+)
 from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
+from sightline.geometry.road_height import LidarPose
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_from_mount
 from sightline.structures.sample import CameraLidarSample
@@ -68,9 +76,8 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self.matrices = read_raw_matrices(files.calibration)
         self.calibration = read_raw_calibration(files.calibration)
         """Calibration of every frame."""
-        self._pose = pose_of_tree(files.frames)
+        self.take_pose(pose_of_tree(files.frames))
         warn_of_mount(self._pose, self.folder)
-        self._level_from_lidar = level_from_mount(self.calibration, self._pose.tilt)
         self._times = drive_times(files)
         doubts = unread_calibration(self.folder, files.calibration)
         doubts += [] if self._times is None else drive_times_doubts(files, self._times)
@@ -83,6 +90,19 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
             if self.first_image is None
             else read_image_size(self.first_image)
         )
+
+    def pose_places(self, num_frames: int) -> Sequence[int]:
+        """See `PosedDataset`."""
+        return select_spread(range(num_frames))
+
+    def estimate_pose(self, frames: Sequence[DriveFrame]) -> LidarPose:
+        """See `PosedDataset`."""
+        return pose_of_tree(frames)
+
+    def take_pose(self, pose: LidarPose) -> None:
+        """See `PosedDataset`."""
+        self._pose = pose
+        self._level_from_lidar = level_from_mount(self.calibration, pose.tilt)
 
     @property
     def sample_ids(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from jaxtyping import Float32
@@ -29,6 +29,8 @@ from sightline.geometry.road_height import (
     upright_turn,
 )
 from sightline.geometry.tilt import Tilt
+
+Item = TypeVar("Item")
 
 _MIN_TILT_DEG: Final = 4.0
 """Smallest tilt to level: above the apparent tilt of any cloud of KITTI (3.3 degrees)."""
@@ -210,11 +212,15 @@ def _some_clouds(
     return clouds
 
 
-def frames_with_clouds(frames: Sequence[ObjectFrame]) -> list[ObjectFrame]:
+def frames_with_clouds(frames: Sequence[ObjectFrame]) -> Sequence[ObjectFrame]:
     """Select frames with a cloud and a calibration, spread over all."""
-    complete = [frame for frame in frames if frame.points and frame.calibration]
-    step = max(len(complete) // _NUM_ROAD_CLOUDS, 1)
-    return complete[::step][:_NUM_ROAD_CLOUDS]
+    return select_road_clouds([frame for frame in frames if frame.points and frame.calibration])
+
+
+def select_road_clouds(items: Sequence[Item]) -> Sequence[Item]:
+    """Select a few of a recording's frames, or of their places, for its LiDAR's pose."""
+    step = max(len(items) // _NUM_ROAD_CLOUDS, 1)
+    return items[::step][:_NUM_ROAD_CLOUDS]
 
 
 def _cloud_or_empty(frame: ObjectFrame) -> Float32[np.ndarray, "num_points 4"]:

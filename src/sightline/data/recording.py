@@ -23,7 +23,12 @@ from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth
 from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_trees import ObjectFrame, Part, describe_absent, remedy_for_absent
-from sightline.data.lidar_mount import has_points, mount_doubts_of_recording, pose_of_recording
+from sightline.data.lidar_mount import (
+    has_points,
+    mount_doubts_of_recording,
+    pose_of_recording,
+    select_road_clouds,
+)
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -50,7 +55,7 @@ from sightline.data.recording_files import (
 from sightline.data.rings import covers_turn
 from sightline.data.undistortion import undistort
 from sightline.files.problem import FileError
-from sightline.files.shard_path import data_path
+from sightline.files.shard_path import data_path, is_single_shard
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
@@ -121,7 +126,8 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             self._times = read_times(files.times)
             for doubt in times_doubts(files.times, self._times, tuple(known)):
                 warnings.warn(str(doubt), stacklevel=3)
-        starts = (self._times[name] for name in known if name in self._times)
+        is_part = files.times is not None and is_single_shard(files.times)  # with all times
+        starts = (time for name, time in self._times.items() if is_part or name in known)
         self._start_s = min(starts, default=Decimal(0))
         self._last_rig: tuple[Path, tuple[int, int], _Rig] | None = None
         self._judge = CalibrationJudge()
@@ -240,11 +246,21 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     @cached_property
     def _pose(self) -> LidarPose:
         """Pose of the LiDAR, from the road and the first calibration."""
-        first = first_complete_frame(self._all_frames)
+        return self.estimate_pose(self._all_frames)
+
+    def pose_places(self, num_frames: int) -> Sequence[int]:
+        """See `PosedDataset`."""
+        return select_road_clouds(range(num_frames))
+
+    def estimate_pose(self, frames: Sequence[ObjectFrame]) -> LidarPose:
+        """See `PosedDataset`."""
+        first = first_complete_frame(frames)
         path = None if first is None else first.calibration
-        return pose_of_recording(
-            self._all_frames, read_or_note(read_recording_calibration, path, [])
-        )
+        return pose_of_recording(frames, read_or_note(read_recording_calibration, path, []))
+
+    def take_pose(self, pose: LidarPose) -> None:
+        """See `PosedDataset`."""
+        self._pose, self._last_rig = pose, None
 
     def _warn_of_unused(self, frames: Sequence[ObjectFrame]) -> None:
         order = order_doubt(self.folder, frames)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from torch.utils.data import Dataset
 
@@ -10,6 +10,7 @@ from sightline.data.frame_checks import Findings
 from sightline.data.kitti_trees import ObjectFrame, describe_absent, remedy_for_absent
 from sightline.files.plain_text import shortened
 from sightline.geometry.arguments import sample_index
+from sightline.geometry.road_height import LidarPose
 from sightline.structures.sample import UNNAMED, CameraLidarSample
 
 
@@ -26,6 +27,27 @@ class SampleDataset(Protocol):
 
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Read a sample."""
+
+
+@runtime_checkable
+class PosedDataset(SampleDataset, Protocol):
+    """Data set whose LiDAR's pose over the road is estimated from a few of all its frames.
+
+    A part of it, such as a shard, can take the pose of the whole.
+    """
+
+    @property
+    def frames(self) -> Sequence[Any]:
+        """Files of the samples, in the order of `sample_ids`."""
+
+    def pose_places(self, num_frames: int) -> Sequence[int]:
+        """Places, among so many frames, of those that the pose is estimated from."""
+
+    def estimate_pose(self, frames: Sequence[Any]) -> LidarPose:
+        """Estimate the pose from frames."""
+
+    def take_pose(self, pose: LidarPose) -> None:
+        """Use this pose in place of the own estimate."""
 
 
 @runtime_checkable

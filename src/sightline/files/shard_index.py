@@ -219,19 +219,26 @@ def open_tree(root: Path) -> ShardTree | None:
     if root.suffix == ".tar":
         if not root.is_file() or not index_path(root).is_file():
             return None
-        return _kept_tree(root.absolute(), _stamp(index_path(root)))
-    manifest = root / MANIFEST
-    return _kept_tree(root.absolute(), _stamp(manifest)) if manifest.is_file() else None
+        shared = index_path(root.with_name(f"{SHARED}.tar"))
+        return _kept_tree(root.absolute(), (_stamp(index_path(root)), _stamp(shared)))
+    manifest, shared = root / MANIFEST, index_path(root / f"{SHARED}.tar")
+    if not manifest.is_file():
+        return None
+    return _kept_tree(root.absolute(), (_stamp(manifest), _stamp(shared)))
 
 
 def _stamp(path: Path) -> tuple[int, ...]:
-    status = path.stat()
+    """Identity of a file's content; empty: there is no such file."""
+    try:
+        status = path.stat()
+    except OSError:
+        return ()
     return status.st_mtime_ns, status.st_size, status.st_ino
 
 
 @lru_cache(maxsize=16)
-def _kept_tree(root: Path, stamp: tuple[int, ...]) -> ShardTree | None:
-    del stamp  # another one means that the shards were made anew
+def _kept_tree(root: Path, stamps: tuple[tuple[int, ...], ...]) -> ShardTree | None:
+    del stamps  # another one means that the shards were made anew
     return _read_tree(root)
 
 

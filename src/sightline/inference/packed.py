@@ -1,13 +1,15 @@
 """Results of shards of frames, packed into shards: one in, one out."""
 
+import hashlib
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_dataset import PosedDataset, SampleDataset
 from sightline.data.sharding import files_below, pack_files
 from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of
@@ -22,6 +24,7 @@ from sightline.files.shard_index import (
     tars_of,
 )
 from sightline.files.shard_path import data_path
+from sightline.geometry.road_height import LidarPose
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     KITTI_SPLITS,
@@ -98,7 +101,7 @@ def pack_results(
     root, place, manifest = _source(data)
     check_outside_dataset(root, [out])
     frames, frames_per_shard = int(manifest["frames"]), int(manifest["frames_per_shard"])
-    tars = tars_of(root, frames, frames_per_shard)[1:]
+    shared_tar, *tars = tars_of(root, frames, frames_per_shard)
     place = place or _default_split(tars)
     dataset = _first_readable(writer, tars, place)
     with scratch_folder() as folder:
@@ -114,10 +117,12 @@ def pack_results(
         shared, *targets = tars_of(out, frames, frames_per_shard)
         pack_files(folder, shared, sorted(files_below(folder)))
     chosen = shard(list(zip(tars, targets, strict=True)), shard_index, num_shards)
+    pose = _common_pose(writer, dataset, tars, place, manifest)
+    shared_sha256 = _checksum(shared_tar)
     works = [
-        _ShardWork(writer, source, place, target)
+        _ShardWork(writer, source, place, target, source_sha256, pose)
         for source, target in chosen
-        if not _is_done(source, target)
+        if not _is_done(target, source_sha256 := _content(source, shared_sha256))
     ]
     notes = run_job(works, workers, description=description, driver=driver, keep_going=True)
     return JobResult(written=len(works), skipped=len(chosen) - len(works), notes=notes)
@@ -131,6 +136,10 @@ class _ShardWork:
     source: Path
     place: str
     target: Path
+    source_sha256: str | None
+    """Digest of the shard of frames and of the files that it shares with others."""
+    pose: LidarPose | None
+    """Pose of the LiDAR by the frames of all shards; None: of no such data."""
 
     def __str__(self) -> str:
         return f"shard {self.source.name}"
@@ -141,26 +150,55 @@ class _ShardWork:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # those of the first shard have been shown
                 dataset = _open(self.writer, self.source, self.place)
+            if isinstance(dataset, PosedDataset) and self.pose is not None:
+                dataset.take_pose(self.pose)
             if dataset is not None:
                 for work in self.writer.works(dataset, folder):
                     notes[_run_named(work) or ""] = None
             by_frame = sorted(files_below(folder), key=lambda path: (Path(path).stem, path))
-            pack_files(folder, self.target, by_frame, source_sha256=_checksum(self.source))
+            pack_files(folder, self.target, by_frame, source_sha256=self.source_sha256)
         return "; ".join(filter(None, notes))
 
 
-def _is_done(source: Path, target: Path) -> bool:
+def _is_done(target: Path, source_sha256: str | None) -> bool:
     """Test whether the results of a shard of frames are whole."""
-    try:
-        return is_whole(target, source_sha256=_checksum(source))
-    except ValueError:  # a damaged index is named when its turn comes
-        return False
+    return source_sha256 is not None and is_whole(target, source_sha256=source_sha256)
+
+
+def _content(tar: Path, shared_sha256: str | None) -> str | None:
+    """Compute a digest of a shard of frames and its shared files; None: its index is unusable."""
+    sha256 = _checksum(tar)
+    return sha256 and hashlib.sha256(f"{sha256} {shared_sha256}".encode()).hexdigest()
 
 
 def _checksum(tar: Path) -> str | None:
-    """Read the checksum in the index of a shard; None: it has no index."""
-    index = read_index(tar)
+    """Read the checksum in the index of a shard; None: it has no index, or a damaged one."""
+    try:
+        index = read_index(tar)
+    except ValueError:  # it is named when its turn comes
+        return None
     return None if index is None else index.sha256
+
+
+def _common_pose(
+    writer: ShardWriter,
+    dataset: SampleDataset,
+    tars: Sequence[Path],
+    place: str,
+    manifest: dict[str, Any],
+) -> LidarPose | None:
+    """Estimate the LiDAR's pose by the frames that a job without shards takes for it."""
+    if not isinstance(dataset, PosedDataset):
+        return None
+    frames = []
+    for number in dataset.pose_places(int(manifest["frames"])):
+        position, row = divmod(number, int(manifest["frames_per_shard"]))
+        with suppress(ValueError), warnings.catch_warnings():  # named when its turn comes
+            warnings.simplefilter("ignore")
+            found = _open(writer, tars[position], place)
+            if isinstance(found, PosedDataset):
+                frames.append(found.frames[min(row, len(found) - 1)])
+    return dataset.estimate_pose(frames) if frames else None
 
 
 def _run_named(work: Work) -> str | None:
