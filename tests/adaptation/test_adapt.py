@@ -26,6 +26,7 @@ from sightline.tasks import PACKAGE_RECIPES
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
 from sightline.training.loader import NO_WORKERS_REMEDY
+from tests.data.trees import write_depth_drive
 from tests.joining.scenes import own_score_models
 
 pytestmark = pytest.mark.filterwarnings("ignore:the rig is that of")
@@ -127,6 +128,9 @@ def test_a_rig_is_measured_by_the_frames_that_have_sweeps(tmp_path):
     rig, _ = adaptation._rig(tree, tmp_path / "out", None)
     assert rig.camera == whole.camera
     assert len(rig.lidar.elevations_deg) > 40
+    write_depth_drive(tmp_path / "depth", tmp_path / "depth")
+    with pytest.raises(ValueError, match=r"is a depth completion tree, .*: give sweeps"):
+        adaptation._rig(tmp_path / "depth", tmp_path / "out", None)
 
 
 def test_depth_is_scored_on_held_out_rings_where_they_are_in_view(adapted, tmp_path):

@@ -3,10 +3,12 @@ import json
 import os
 import shutil
 
+import numpy as np
 import pytest
 
 from sightline.app.site import chosen_states, export_page
 from sightline.cli.main import main
+from sightline.data.rings import ring_numbers
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import QuickMaker
 
@@ -194,3 +196,20 @@ def test_what_cannot_be_exported_is_refused_in_one_line(
     assert message in told
     assert told.count("\n") == 1
     assert not list(tmp_path.glob("site"))
+
+
+@pytest.mark.filterwarnings("ignore:.* is the same picture")
+@pytest.mark.filterwarnings("ignore:.* is the same cloud")
+def test_limits_of_health_are_those_of_all_frames_whatever_is_exported(tmp_path):
+    tree = tmp_path / "tree"
+    shutil.copytree(PACKAGED_FRAMES, tree)
+    sweep = tree / "training/velodyne/000000.bin"
+    points = np.fromfile(sweep, np.float32).reshape(-1, 4)
+    points[ring_numbers(points) % 4 == 0].tofile(sweep)  # lost 3 of 4 rings
+    for name in ("000002", "000003"):
+        for path in sorted(tree.rglob("*000001.*")):
+            shutil.copy(path, path.with_stem(name))
+    export(tmp_path / "site", tree, frames=["000000"])
+    states = [json.loads(path.read_text()) for path in (tmp_path / "site/states").iterdir()]
+    health = [each for state in states for each in state["parts"] if each["part"] == "health"]
+    assert {each["limits"]["lidar"] for each in health} == {"shipped, 64 beams (recognised)"}

@@ -19,6 +19,7 @@ from sightline.data.sharding import write_shards
 from sightline.evaluation.kitti_object import frame_names
 from sightline.files import byte_source
 from sightline.files.byte_source import read_range, url_of
+from sightline.files.shard_path import data_path
 from tests.data.trees import write_object_tree
 
 
@@ -385,6 +386,7 @@ def test_a_path_of_this_machine_is_no_url(tmp_path, monkeypatch):
 
 def test_labels_at_an_address_have_the_lists_of_their_data_set(address):
     labels = Path(f"{address}/shards/training/label_2")
-    assert list(frame_names(labels, "last")) == ["000002"]
-    with pytest.raises(ValueError, match="there is no list 'first'"):
-        frame_names(labels, "first")
+    for place in (labels, data_path(labels)):
+        assert list(frame_names(place, "last")) == ["000002"]
+        with pytest.raises(ValueError, match="there is no list 'first'"):
+            frame_names(place, "first")

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -185,6 +186,31 @@ def test_depths_in_another_orientation_inverse_or_of_another_scale_are_doubted(
     with pytest.warns(UserWarning, match=doubt) as told:
         evaluate_depth(*write_street(tmp_path, lambda depth_m, _: change(depth_m)))
     assert len(told) == 1
+
+
+def test_disparities_that_fit_better_turned_are_told_as_such(tmp_path):
+    def disparities(depth_m, rng):
+        return 384 / depth_m * rng.uniform(0.98, 1.02, depth_m.shape)
+
+    with pytest.warns(UserWarning, match="inverse depths or disparities"):
+        evaluate_depth(*write_street(tmp_path, disparities))
+
+
+def test_other_predictions_and_sparse_maps_are_doubted_too(tmp_path):
+    found, truth = write_street(tmp_path, lambda depth_m, rng: depth_m * rng.uniform(0.9, 1.1))
+    in_mm, _ = write_street(tmp_path / "mm", lambda depth_m, _: depth_m * 1000 / 256)
+    nothing, _ = write_street(tmp_path / "nothing", lambda depth_m, _: 0 * depth_m)
+    sparse, _ = write_street(
+        tmp_path / "sparse", lambda depth_m, rng: depth_m * (rng.random(depth_m.shape) < 0.2)
+    )
+    evaluate_depth(found, truth, sparse=sparse)  # warnings are errors here
+    for options, doubt in (
+        ({"against": in_mm}, f"{in_mm}: most depths are about 3.91 times"),
+        ({"sparse": in_mm}, f"{in_mm}: most depths are about 3.91 times"),
+        ({"sparse": nothing}, f"{nothing}: no map has a value at a pixel with ground truth"),
+    ):
+        with pytest.warns(UserWarning, match=re.escape(doubt)):
+            evaluate_depth(found, truth, **options)
 
 
 @pytest.mark.parametrize(

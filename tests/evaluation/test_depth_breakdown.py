@@ -91,6 +91,7 @@ def folders(tmp_path):
     return tmp_path
 
 
+@pytest.mark.filterwarnings("ignore:.* they are copies")
 def test_a_report_holds_bands_returns_and_the_difference_to_another_method(folders):
     report = evaluate_depth(
         folders / "near",

@@ -277,17 +277,18 @@ def test_points_of_depth_maps_have_no_rings(tmp_path):
     depth_m = sparse_depth_map(sample.points, sample.calibration, sample.image_size)
     depth_m[:, ::2] = depth_m[:, ::2].roll(3, dims=0)  # real rings are not so even, either
     of_map = replace(sample, points=points_from_depth_map(depth_m, sample.calibration))
-    with pytest.raises(ValueError, match="points of depth maps, row by row, have no rings"):
+    with pytest.raises(ValueError, match="those of a depth map, row by row, which has no rings"):
         split_rings(of_map)
-    config = ExampleConfig(truth="depth", beams=(16,))
-    with pytest.raises(ValueError, match=r"have no rings; .* set beams of the settings to \[64\]"):
-        make_example(
-            replace(of_map, depth=depth_m), config, np.random.default_rng(0), training=False
-        )
+    of_map = replace(of_map, depth=depth_m)
+    for config in (ExampleConfig(truth="depth", beams=(16,)), ExampleConfig(truth="held_out")):
+        with pytest.raises(
+            ValueError, match=r"no rings; .* set truth to depth and beams to \[64\]"
+        ):
+            make_example(of_map, config, np.random.default_rng(0), training=False)
     write_depth_drive(tmp_path, tmp_path)
     tree = open_dataset(tmp_path)
     for dataset in (tree, open_dataset(tmp_path, sample_list=list(tree.sample_ids))):
-        with pytest.raises(ValueError, match=r"is a depth completion tree, .* no rings to hold"):
+        with pytest.raises(ValueError, match=r"is a depth completion tree, .* have no rings: give"):
             HeldOutScoring().check(dataset)
         SimulatedDepthScoring().check(dataset)
     assert main(["evaluate", "held-out", str(tmp_path), "--method", "linear"]) == 2

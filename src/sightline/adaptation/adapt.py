@@ -14,6 +14,7 @@ from sightline.data.open import open_dataset
 from sightline.depth_completion.robustness import HeldOutScoring, SimulatedDepthScoring
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection3d.predictor import Detection3DPredictor
+from sightline.evaluation.held_out_frame import check_for_sweeps
 from sightline.export.process_engine import check_device
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
@@ -299,6 +300,7 @@ def _rig(data: Path, out: Path, rig_file: Path | None) -> tuple[Rig, tuple[str, 
         return kept, (f"the rig is that of {out / RIG_NAME}{source}",)
     parts: set[Part] = {"points"}
     dataset = open_dataset(data, parts=parts, needs=())  # some sweeps are enough
+    check_for_sweeps(dataset)
     measured = measure_rig(dataset, RIG_NAME.removesuffix(".yaml"))
     return measured.rig, measured.notes
 

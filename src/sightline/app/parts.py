@@ -81,8 +81,23 @@ Stamp = tuple[tuple[int, int] | None, ...]
 class PartMaker:
     """Maker of answers, with the samples and networks used last; one in each worker process."""
 
-    def __init__(self, dataset: SampleDataset, data: Path, engine: EngineChoice) -> None:
-        """Store the data; networks are loaded when they are first needed."""
+    def __init__(
+        self,
+        dataset: SampleDataset,
+        data: Path,
+        engine: EngineChoice,
+        *,
+        whole: SampleDataset | None = None,
+    ) -> None:
+        """Store the data; networks are loaded when they are first needed.
+
+        Args:
+            dataset: Frames of the page.
+            data: Folder of the data set.
+            engine: Engine of the networks.
+            whole: All frames, by which the limits of health are chosen. None: those of the page.
+        """
+        self._whole = whole or dataset
         self._dataset, self._data, self.engine = dataset, data, engine
         self._positions = {name: index for index, name in enumerate(dataset.sample_ids)}
         self._samples: OrderedDict[tuple[Breakage, Stamp], CameraLidarSample] = OrderedDict()
@@ -112,7 +127,7 @@ class PartMaker:
     @cached_property
     def limits(self) -> ChosenLimits:
         """Limits of the sensors' health, as chosen by `sightline health`."""
-        return choose_for_dataset(self._dataset)
+        return choose_for_dataset(self._whole)
 
     def _health(self, sample: CameraLidarSample) -> dict[str, Any]:
         limits = self.limits

@@ -19,7 +19,7 @@ from sightline.app.state import PRESETS, Breakage, FaultChoice, PageState
 from sightline.app.timeline import health_along
 from sightline.app.workers import Workers
 from sightline.corruptions.kinds import SEVERITIES, find_kind
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
 from sightline.export.choice import choose_engine
@@ -95,9 +95,10 @@ def export_page(
         raise ValueError("--severities are those of --kinds; name kinds, or leave them out")
     folder = data or PACKAGED_FRAMES
     check_outside_dataset(folder, [site])
-    dataset = _opened(folder, frames, velodyne)
+    whole = _opened(folder, velodyne)
+    dataset = _opened(folder, velodyne, frames or whole.sample_ids[:FIRST_FRAMES])
     states = chosen_states(dataset.sample_ids, kinds, severities or SEVERITIES)
-    maker = PartMaker(dataset, folder, engine)
+    maker = PartMaker(dataset, folder, engine, whole=whole)
     settings = {
         "made_by": SiteFolder.made_by,
         "code": _code_digest(),
@@ -134,20 +135,14 @@ def chosen_states(
     return [PageState(broken=each._replace(frame=frame)) for frame in frames for each in broken]
 
 
-def _opened(folder: Path, frames: Sequence[str] | None, velodyne: Velodyne | None) -> SampleDataset:
-    def opened(names: Sequence[str] | None) -> SampleDataset:
-        return open_dataset(
-            folder,
-            sample_list=names,
-            velodyne=velodyne,
-            parts=("image", "points", "objects"),
-            needs=(),
-        )
-
-    dataset = opened(frames)
+def _opened(
+    folder: Path, velodyne: Velodyne | None, frames: Sequence[str] | None = None
+) -> SampleDataset:
+    parts: tuple[Part, ...] = ("image", "points", "objects")
+    dataset = open_dataset(folder, sample_list=frames, velodyne=velodyne, parts=parts, needs=())
     if not len(dataset):
         raise ValueError(f"{folder} has no frames; give a folder of a data set with some")
-    return dataset if frames else opened(dataset.sample_ids[:FIRST_FRAMES])
+    return dataset
 
 
 def _estimate(maker: PartMaker, states: Sequence[PageState]) -> float:

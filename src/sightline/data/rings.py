@@ -68,7 +68,8 @@ def ring_numbers(
     if len(points) >= _MIN_POINTS and np.median(np.diff(_azimuth_deg(points))) < 0:
         raise ValueError(
             "the azimuth falls from point to point, expected it to rise inside each ring, as in "
-            "KITTI's order: points of depth maps, row by row, have no rings; give sweeps"
+            "KITTI's order: the points are clockwise, or those of a depth map, row by row, which "
+            "has no rings; give sweeps in the order of KITTI's files"
         )
     _check_top_down(_medians_deg(points, rings))
     return rings

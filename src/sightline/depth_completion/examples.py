@@ -1,6 +1,7 @@
 """Training and validation examples from samples."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -303,10 +304,12 @@ def _split_truth(
         keep_every = NUM_RINGS // int(rng.choice(config.beams))
         if keep_every > 1:
             first = int(rng.integers(keep_every)) if training else 0
-            sample = _thinned(sample, keep_every, first)
+            with _ring_remedy():
+                sample = thin_rings(sample, keep_every, first)
         return _bottom_centre(sample, max_size), None
     first = int(rng.integers(HELD_OUT_EVERY)) if training else FIRST_HELD_OUT
-    frame = split_rings(sample, first_held_out=first)
+    with _ring_remedy():
+        frame = split_rings(sample, first_held_out=first)
     beams = int(rng.choice(config.beams))
     start = int(rng.integers(NUM_RINGS // beams)) if training else 0
     inputs = frame.with_beams(beams, start=start)
@@ -317,13 +320,15 @@ def _split_truth(
     return inputs, dense_m
 
 
-def _thinned(sample: CameraLidarSample, keep_every: int, first: int) -> CameraLidarSample:
-    """Thin the rings of a sweep; see `thin_rings`."""
+@contextmanager
+def _ring_remedy() -> Iterator[None]:
+    """Name the settings that need no rings in an error about them."""
     try:
-        return thin_rings(sample, keep_every, first)
+        yield
     except ValueError as error:
         raise ValueError(
-            f"{error}; or set beams of the settings to [64], which thins no sweep"
+            f"{error}; or, if there is true depth, set truth to depth and beams to [64], which "
+            "need no rings"
         ) from error
 
 

@@ -35,6 +35,7 @@ from sightline.evaluation.depth_conventions import (
     ComparedDepths,
     compare_depths,
     doubts_about_depths,
+    doubts_about_sparse_maps,
 )
 from sightline.evaluation.depth_files import DepthFiles, match_depth_files
 from sightline.evaluation.depth_scores import (
@@ -83,6 +84,8 @@ class ImageReport:
     """Sums by band and place, from which the set's are computed."""
     depths: ComparedDepths = field(compare=False)
     """Numbers from which depths in another convention are recognised."""
+    sparse: ComparedDepths | None = field(compare=False)
+    """The same of the sparse map; None: not given."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -218,7 +221,11 @@ def evaluate_depth(
             "ground truth: name the results first",
             stacklevel=2,
         )
-    for doubt in doubts_about_depths((each.depths for each in images), predictions, truth):
+    doubts = [*doubts_about_depths((each.depths for each in images), predictions, truth)]
+    if sparse is not None:
+        measured = [each.sparse for each in images if each.sparse is not None]
+        doubts += doubts_about_sparse_maps(measured, data_path(sparse), truth)
+    for doubt in doubts:
         warnings.warn(doubt, stacklevel=2)
     report = DepthReport(
         images=images,
@@ -229,6 +236,8 @@ def evaluate_depth(
     if against is None:
         return report
     others, _ = score(data_path(against), sparse=None, ends=(0.0,))
+    for doubt in doubts_about_depths((each.depths for each in others), data_path(against), truth):
+        warnings.warn(doubt, stacklevel=2)
     if _compared(images) == _compared(others):
         warnings.warn(
             f"{predictions} and {against} have the same scores in all {len(images)} images, so "
@@ -310,6 +319,7 @@ def _score_file(pair: DepthFiles, *, band_ends_m: Sequence[float]) -> ImageRepor
             pixels=int((truth_m > 0).sum()),
             sums=error_sums(filled_m, truth_m, band_ends_m=band_ends_m, sparse_m=sparse_m),
             depths=compare_depths(prediction_m, truth_m),
+            sparse=None if sparse_m is None else compare_depths(sparse_m, truth_m),
         )
     except ValueError as error:
         raise ValueError(f"{prediction} against {truth}: {error}") from error

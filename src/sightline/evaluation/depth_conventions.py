@@ -103,6 +103,21 @@ def compare_depths(
     )
 
 
+def doubts_about_sparse_maps(
+    images: Iterable[ComparedDepths], sparse: Path, truth: Path
+) -> Iterator[str]:
+    """Say why sparse depth maps are probably not the measured ones; see `doubts_about_depths`."""
+    summed = reduce(add, images)
+    if not summed.pixels:
+        yield (
+            f"{sparse}: no map has a value at a pixel with ground truth in {truth}: name the "
+            "sparse maps of these images"
+        )
+    elif summed.pixels >= _MIN_PIXELS:
+        doubts = list(_doubts_about_highest(summed, sparse, truth))
+        yield from doubts or _doubts_about_values(summed, sparse, truth)
+
+
 def doubts_about_depths(
     images: Iterable[ComparedDepths], predictions: Path, truth: Path
 ) -> Iterator[str]:
@@ -159,14 +174,15 @@ def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path)
     counts, errors = summed.errors.T
     mean_errors = np.where(counts >= _MIN_PIXELS, errors / np.maximum(counts, 1), np.inf)
     best = int(mean_errors[1:].argmin())
-    if mean_errors[1 + best] < _BETTER * mean_errors[0]:
+    bias, spread, correlation, inverse_spread = _log_moments(summed)
+    is_inverse = correlation < _INVERSE_CORRELATION and inverse_spread < mean_errors[1 + best]
+    if mean_errors[1 + best] < _BETTER * mean_errors[0] and not is_inverse:
         yield (
             f"{predictions}: depths fit those of {truth} better {[*_ORIENTATIONS][best]}: mean "
             f"absolute difference of their logarithms {mean_errors[1 + best]:.3g}, as written "
             f"{mean_errors[0]:.3g}: write rows from top to bottom and columns from left to right"
         )
         return
-    bias, spread, correlation = _log_moments(summed)
     if correlation < _INVERSE_CORRELATION:
         yield (
             f"{predictions}: depths fall where those of {truth} rise (correlation of their "
@@ -195,14 +211,20 @@ def _log_error(
     )
 
 
-def _log_moments(summed: ComparedDepths) -> tuple[float, float, float]:
-    """Compute mean and standard deviation of the logarithms of ratios, and the correlation.
+def _log_moments(summed: ComparedDepths) -> tuple[float, float, float, float]:
+    """Compute moments of the logarithms of predicted and true depths.
 
-    The correlation is that of the logarithms of predicted and true depths; 0 if either is constant.
+    Returns:
+        Mean and standard deviation of the logarithms of their ratios; the correlation of their
+        logarithms, 0 if either is constant; the standard deviation of the logarithms of their
+        products, which is small for inverse depths.
     """
     predicted, true, predicted_2, true_2, product = summed.log_sums / summed.pixels
     variances = max(predicted_2 - predicted**2, 0.0), max(true_2 - true**2, 0.0)
     covariance = product - predicted * true
-    spread = np.sqrt(max(variances[0] + variances[1] - 2 * covariance, 0.0))
+    spread, inverse_spread = (
+        np.sqrt(max(variances[0] + variances[1] + sign * 2 * covariance, 0.0)) for sign in (-1, 1)
+    )
     scale = np.sqrt(variances[0] * variances[1])
-    return predicted - true, spread, covariance / scale if scale > _CONSTANT else 0.0
+    correlation = covariance / scale if scale > _CONSTANT else 0.0
+    return predicted - true, spread, correlation, inverse_spread

@@ -205,7 +205,7 @@ def _rings_in_view(
 
 
 def check_for_sweeps(dataset: SampleDataset) -> None:
-    """Refuse a depth completion tree: its sparse depth maps have no rings to hold out.
+    """Refuse a depth completion tree: its sparse depth maps have no rings.
 
     Raises:
         ValueError: The data set is one.
@@ -213,8 +213,8 @@ def check_for_sweeps(dataset: SampleDataset) -> None:
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
     if isinstance(whole, KittiDepthDataset):
         raise ValueError(
-            f"{describe_sparse_maps(whole, whole.root)}; they have no rings to hold out: score "
-            "predictions by the tree's truth (`sightline evaluate depth`)"
+            f"{describe_sparse_maps(whole, whole.root)}; they have no rings: give sweeps, such as "
+            "a raw drive's, or score depth maps by the tree's truth (`sightline evaluate depth`)"
         )
 
 

@@ -326,7 +326,7 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
 
 def _data_root(labels_dir: Path) -> Path:
     """Folder of the data set with these labels, which may have its own lists of frames."""
-    is_address = url_of(labels_dir) is not None
+    is_address = url_of(Path(str(labels_dir))) is not None  # also of a path in shards
     places = (labels_dir,) if is_address else (labels_dir.absolute(), labels_dir.resolve())
     for folder in (data_path(place).parent for place in places):
         if is_split(folder):
