@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from importlib.resources import files
 
 import cv2
@@ -15,10 +16,15 @@ import pytest
 from starlette.testclient import TestClient
 
 from sightline.app.guard import HEADERS
+from sightline.app.parts import Task
 from sightline.app.run import page_server
 from sightline.app.server import make_app
+from sightline.app.state import Breakage, PageState
+from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import QuickMaker, dataset, settings
+from tests.data.recordings import CAMERA_FROM_LIDAR, write_calibration, write_recording
+from tests.data.trees import write_drive
 
 
 def client_of(folder=PACKAGED_FRAMES, **changes):
@@ -113,6 +119,32 @@ def test_health_has_the_limits_that_fit_the_pictures_whatever_frame_is_damaged(t
     health = next(content for _, content in events if content.get("part") == "health")
     assert health["limits"]["camera"] == "shipped, JPEG pictures (recognised)"
     assert health["camera"]["score"] > 0.5  # 0.24 by the limits of PNG
+
+
+def test_a_changed_calibration_is_read_anew_or_asks_for_a_new_start(tmp_path):
+    recording = write_recording(tmp_path / "drive", ("a",), cloud=".npy", picture=".png")
+    drive, names = write_drive(tmp_path / "2011_09_26" / "raw", 1), ("a", "0000000000")
+    with warnings.catch_warnings(action="ignore"):
+        makers = [QuickMaker(dataset(each), each, "torch") for each in (recording, drive)]
+        scenes = [
+            Task(part="scene", state=PageState(broken=Breakage(frame=name))) for name in names
+        ]
+        before = [maker.make(scene) for maker, scene in zip(makers, scenes, strict=True)]
+        stamps = [
+            maker.stamp(scene.state.broken.frame)
+            for maker, scene in zip(makers, scenes, strict=True)
+        ]
+        moved = CAMERA_FROM_LIDAR.copy()
+        moved[0, 3] += 0.5
+        write_calibration(recording, camera_from_lidar=moved.tolist())
+        (calibration,) = tmp_path.rglob("calib_velo_to_cam.txt")
+        calibration.write_text(calibration.read_text() + "\n")
+        after = makers[0].make(scenes[0]).content["image_from_lidar"]
+        assert after != before[0].content["image_from_lidar"]
+        with pytest.raises(FileError, match="has changed since the page was started; start it ag"):
+            makers[1].make(scenes[1])
+    for maker, name, stamp in zip(makers, names, stamps, strict=True):
+        assert maker.stamp(name) != stamp
 
 
 def test_a_part_that_fails_is_told_in_one_line_and_the_others_come(client):

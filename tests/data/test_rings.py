@@ -396,3 +396,13 @@ def test_the_first_ring_in_view_of_the_camera_is_the_top_one_in_every_frame(kitt
         assert 44 <= numbers.max() + 1 <= 48
         first = reference.laser_by_elevation(np.median(points[:9], axis=0), 0.21, upper_block)
         assert first == 0
+
+
+def test_zigzag_scans_are_no_single_ring():
+    rows = sweep([np.linspace(-40, 40, 60)] * 12).reshape(12, 60, 4)
+    rows[1::2] = rows[1::2, ::-1].copy()
+    zigzag = rows.reshape(-1, 4)
+    with pytest.raises(ValueError, match="the azimuth never restarts, but elevations spread over"):
+        ring_numbers(zigzag)
+    assert (np.bincount(rings_of_any_order(zigzag)[0]) == 60).all()
+    assert ring_numbers(zigzag[:60]).max() == 0

@@ -158,11 +158,15 @@ def test_a_cache_of_other_weights_settings_or_data_is_refused(
     assert (
         "was made of another sweep or calibration than the data's frame" in capsys.readouterr().err
     )
-    moved = replace(frames[0], points=frames[0].points + 1)
-    with pytest.raises(
-        ValueError, match="was made of another sweep or calibration than the data's frame"
+    turned = frames[0].calibration.camera_from_lidar.clone()
+    turned[0, 3] += 0.1
+    for other in (
+        replace(frames[0], points=frames[0].points + 1),
+        replace(frames[0], lidar_height_m=2.0),
+        replace(frames[0], calibration=replace(frames[0].calibration, camera_from_lidar=turned)),
     ):
-        example(moved, cache, training=True)
+        with pytest.raises(ValueError, match="was made of another sweep or calibration than the"):
+            example(other, cache, training=True)
     trained = Detection3D(TINY, stages="both", initial_weights=weights)
     with pytest.raises(ValueError, match="set stages to second, or leave the cache out"):
         trained.losses(batch)

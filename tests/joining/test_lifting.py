@@ -1,6 +1,8 @@
 import math
+from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -70,3 +72,23 @@ def test_a_box_cut_by_the_border_is_marked_and_finite():
     assert np.isfinite(found.box).all()
     assert found.evidence[LIFTED_COLUMNS.index("at the image's border")] == 1
     assert 2 < found.box[0] < 8.5  # the road is seen from 6 m on
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("origin_m", [0.0, -0.09, 0.33, 4.0])
+def test_the_height_of_the_points_origin_moves_no_box(origin_m):
+    """Only the precision of the road's distance is taken from another height near the camera's."""
+    sample, box = make_sample(), box_of("Car", 36.0, 3.0)
+    (corners,) = project_upright(box, sample).tolist()
+    corners[1] += 6.0  # road and size disagree
+    found = detections2d(("Car", 0.5, corners))
+    raised = torch.eye(4).double()
+    raised[2, 3] = origin_m + ROAD_M  # from the frame of an origin at this height
+    calibration = replace(
+        sample.calibration, camera_from_lidar=sample.calibration.camera_from_lidar @ raised
+    )
+    moved = replace(sample, calibration=calibration, lidar_height_m=origin_m)
+    expected, seen = (
+        lift(make_scene(each, found, None), [0])[0].box[:2] for each in (sample, moved)
+    )
+    assert np.hypot(*(seen - expected)) < 0.1

@@ -16,8 +16,9 @@ from jaxtyping import UInt8
 from sightline.app.breaking import break_sample
 from sightline.app.points import pack_points
 from sightline.app.state import Breakage, PageState
+from sightline.data.newer_frames import shared_calibration
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import list_sample_files
+from sightline.data.sample_files import describe_sparse_maps, list_sample_files
 from sightline.export.names import EngineChoice
 from sightline.files.problem import FileError
 from sightline.health.monitor import HealthMonitor, rgb_of
@@ -103,13 +104,18 @@ class PartMaker:
         self._samples: OrderedDict[tuple[Breakage, Stamp], CameraLidarSample] = OrderedDict()
         self._predictors: OrderedDict[tuple[str, str], Predictor] = OrderedDict()
         self._files: list[dict[str, Path]] = []
+        self._read_once = {path: _file_stamp(path) for path in shared_calibration(dataset)}
 
     def make(self, task: Task) -> Answer:
         """Compute a part.
 
         Raises:
-            ValueError: The frame cannot be read, or its sensors give nothing to work on.
+            ValueError: The frame cannot be read, or its sensors give nothing to work on; or a raw
+                drive's calibration, which is read once, has changed.
         """
+        for path, stamp in self._read_once.items():
+            if _file_stamp(path) != stamp:
+                raise FileError(path, "has changed since the page was started", "start it again")
         sample = self._broken(task.state.broken)
         if task.part == "scene":
             sound = self._broken(Breakage(frame=task.state.broken.frame))
@@ -122,7 +128,7 @@ class PartMaker:
 
     def stamp(self, frame: str) -> Stamp:
         """Times and lengths of a frame's files: answers of other ones are out of date."""
-        return tuple(_file_stamp(path) for path in self._paths(frame).values())
+        return tuple(map(_file_stamp, (*self._paths(frame).values(), *self._read_once)))
 
     @cached_property
     def limits(self) -> ChosenLimits:
@@ -130,9 +136,11 @@ class PartMaker:
         return choose_for_dataset(self._whole)
 
     def _health(self, sample: CameraLidarSample) -> dict[str, Any]:
-        limits = self.limits
+        limits, lidar = self.limits, self.limits.lidar
+        if describe_sparse_maps(self._dataset, self._data):
+            lidar += "; scores of sparse depth maps, which are used as sweeps, mean nothing"
         judged = health_json(HealthMonitor(limits.limits)(sample))
-        return {**judged, "limits": {"camera": limits.camera, "lidar": limits.lidar}}
+        return {**judged, "limits": {"camera": limits.camera, "lidar": lidar}}
 
     def _paths(self, frame: str) -> dict[str, Path]:
         self._files = self._files or list_sample_files(self._dataset)

@@ -33,7 +33,7 @@ def warn_of_newer_frames(
     """
     names = {name for part in {*parts, "calibration"} for name in (part, _IN_DEPTH_TREES.get(part))}
     listed: list[dict[str, Path]] = []
-    shared = _shared_calibration(dataset)
+    shared = shared_calibration(dataset)
     kept, older, first = 0, 0, None
     for index, paths in results:
         if not paths:
@@ -53,7 +53,7 @@ def warn_of_newer_frames(
         )
 
 
-def _shared_calibration(dataset: SampleDataset) -> list[Path]:
+def shared_calibration(dataset: SampleDataset) -> list[Path]:
     """List the calibration files of a raw drive, which all its frames share; empty: no such."""
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
     if not isinstance(whole, KittiRawDrive):

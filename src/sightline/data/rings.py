@@ -26,6 +26,7 @@ _TOP_DOWN_SLACK_DEG = 8.0  # a ring on a near object seems higher: lasers sit ab
 
 _MIN_POINTS = 100  # with fewer points the order is unknown
 _MAX_NEIGHBOUR_SHARE = 0.004  # of the spread of elevations; KITTI's neighbours: up to 0.0006
+_MAX_RING_SPREAD_DEG = 3.0  # of a single ring; its laser may sit above the origin
 _MIN_EXPLAINED_SHARE = 0.5  # of the elevations' variance, explained by ring numbers
 _MAX_START_DEG = 5.0  # largest usual start azimuth of whole sweeps in KITTI's order
 _MAX_STUB_POINTS = 3  # at a seam, where azimuths alternate
@@ -71,6 +72,11 @@ def ring_numbers(
             "KITTI's order: the points are clockwise, or those of a depth map, row by row, which "
             "has no rings; give sweeps in the order of KITTI's files"
         )
+    if num_rings == 1 and len(points) >= _MIN_POINTS and _spread_deg(points) > _MAX_RING_SPREAD_DEG:
+        raise ValueError(
+            f"the azimuth never restarts, but elevations spread over {_spread_deg(points):.0f} "
+            "degrees, as in zigzag scans: give sweeps in the order of KITTI's files"
+        )
     _check_top_down(_medians_deg(points, rings))
     return rings
 
@@ -91,9 +97,13 @@ def is_firing_order(points: Float[np.ndarray, "num_points fields"]) -> bool:
     """
     if len(points) < _MIN_POINTS:
         return False
-    elevation = elevations_deg(points)
-    spread = float(np.subtract(*np.quantile(elevation, (0.9, 0.1))))
-    return float(np.median(np.abs(np.diff(elevation)))) > _MAX_NEIGHBOUR_SHARE * spread
+    step_deg = float(np.median(np.abs(np.diff(elevations_deg(points)))))
+    return step_deg > _MAX_NEIGHBOUR_SHARE * _spread_deg(points)
+
+
+def _spread_deg(points: Float[np.ndarray, "num_points fields"]) -> float:
+    """Spread of most elevations [degrees]."""
+    return float(np.subtract(*np.quantile(elevations_deg(points), (0.9, 0.1))))
 
 
 def rings_of_any_order(
