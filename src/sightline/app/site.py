@@ -28,7 +28,7 @@ from sightline.jobs.output_dirs import check_outside_dataset, data_name
 from sightline.jobs.progress import ProgressLines
 from sightline.jobs.run import check_workers
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from sightline.structures.digest import digest_sample
+from sightline.structures.sample import digest_sample
 
 FIRST_FRAMES: Final = 2
 """Number of frames that are exported if none are named."""

@@ -42,8 +42,7 @@ from sightline.files.settings import config_to_dict
 from sightline.inference.network import load_network
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, finished_names
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
-from sightline.structures.digest import digest_sample
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, digest_sample
 
 SUFFIX: Final = ".safetensors"
 FORMAT: Final = 2

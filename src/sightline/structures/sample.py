@@ -1,7 +1,8 @@
 """Sample of camera and LiDAR."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Final, Literal, SupportsFloat, SupportsIndex
 
 import numpy as np
@@ -14,6 +15,7 @@ from sightline.geometry.calibration import Calibration, plain_calibration
 from sightline.geometry.checked import checked
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import level_ahead
+from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import image_planes, sweep_points, warn_of_view
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.mounting import plain_height, plain_tilt, pose_of_sweep, warn_of_axes
@@ -31,6 +33,8 @@ SENSOR_TITLES: Final[Mapping[Sensor, str]] = {"camera": "camera", "lidar": "LiDA
 
 UNNAMED: Final = "sample"
 """Name of a sample from arrays without a name; a data set gives it its own."""
+
+_NUM_DIGEST_DIGITS: Final = 20
 
 
 @checked(wide=True, remedy="CameraLidarSample.from_arrays converts arrays")
@@ -224,3 +228,23 @@ def check_finite_points(sample: CameraLidarSample) -> None:
             f"NaN or infinite values, the first is point {int(is_finite.int().argmin())} of "
             f"{len(sample.points)} (from 0); leave them out"
         )
+
+
+@named_arguments
+def digest_sample(sample: CameraLidarSample) -> str:
+    """Compute a digest of all that a sample holds, by which kept results are matched to data."""
+    digest = hashlib.sha256()
+    _add_to(digest, sample)
+    return digest.hexdigest()[:_NUM_DIGEST_DIGITS]
+
+
+def _add_to(digest: "hashlib._Hash", value: object) -> None:
+    if is_dataclass(value):
+        for each in fields(value):
+            digest.update(each.name.encode())
+            _add_to(digest, getattr(value, each.name))
+    elif isinstance(value, Tensor):
+        digest.update(f"{value.dtype} {tuple(value.shape)}".encode())
+        digest.update(value.contiguous().numpy().tobytes())
+    else:
+        digest.update(repr(value).encode())
