@@ -399,6 +399,25 @@ def test_a_switch_changes_what_is_written_and_stands_in_the_manifest(data, tmp_p
         predict(TASK, FunctionPredictor(half_valid), data, out, switches=["fast"])
 
 
+def test_kept_results_of_shards_that_were_packed_anew_are_told(data, out):
+    def pack():
+        write_shards(data, data.with_name("shards"), frames_per_shard=2)
+        return data.with_name("shards")
+
+    write(pack(), out)
+    write(pack(), out)  # nothing was packed anew; warnings are errors here
+    cloud = data / "training" / "velodyne" / "000002.bin"
+    cloud.write_bytes(cloud.read_bytes()[:-16])
+    told = "of 6 frames whose results are kept, 2 changed after .* first is 000002: .*packed since"
+    with pytest.warns(UserWarning, match=f"{told}; .*--overwrite"):
+        write(pack(), out)
+    (data / "ImageSets").mkdir()
+    (data / "ImageSets" / "list.txt").write_text("000001\n")
+    assert write(pack(), out, overwrite=True).written == 6
+    (data / "ImageSets" / "list.txt").write_text("000001\n000002\n")
+    write(pack(), out)  # a list belongs to no frame
+
+
 def test_a_newer_calibration_of_a_drive_is_newer_than_all_its_results(tmp_path, out):
     drive = write_drive(tmp_path / "day" / "drive")
     write(drive, out)

@@ -9,6 +9,8 @@ from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import Part
 from sightline.data.sample_dataset import NamedSubset, SampleDataset
 from sightline.data.sample_files import list_sample_files
+from sightline.files.shard_index import index_path
+from sightline.files.shard_path import ShardPath, stored_file
 
 _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}
 
@@ -23,7 +25,8 @@ def warn_of_newer_frames(
     """Warn if files of frames are newer than the kept results of the frames.
 
     By times of modification, so a change that keeps them is not noticed, and a copy of the data
-    may be as sound as before. Files in shards have no times and are never newer.
+    may be as sound as before. Files in shards have the time when their shard was packed; those on a
+    server have none and are never newer.
 
     Args:
         dataset: Data set of `open_dataset`.
@@ -41,14 +44,14 @@ def warn_of_newer_frames(
         kept += 1
         listed = listed or list_sample_files(dataset)
         inputs = [path for name, path in listed[index].items() if name in names] + shared
-        if max(map(_changed_at, inputs), default=0.0) > min(map(_changed_at, paths)):
+        if max(map(changed_at, inputs), default=0.0) > min(map(changed_at, paths)):
             older += 1
             first = first or paths[0]
     if first is not None:
         warnings.warn(
             f"{first.parent}: of {kept:,} frames whose results are kept, {older:,} changed after "
-            f"the result, the first is {first.stem}: the data were changed or copied since; "
-            f"{remedy}",
+            f"the result, the first is {first.stem}: the data were changed, copied or packed "
+            f"since; {remedy}",
             stacklevel=3,
         )
 
@@ -63,8 +66,11 @@ def shared_calibration(dataset: SampleDataset) -> list[Path]:
     ]
 
 
-def _changed_at(path: Path) -> float:
-    """Time of modification [s]; 0: in shards, or removed meanwhile."""
+def changed_at(path: Path) -> float:
+    """Time of modification [s], of a file in shards that of packing; 0: removed, or on a server."""
+    stored = stored_file(path)
     with suppress(OSError):
-        return float(path.stat().st_mtime)
+        if stored is not None:
+            file = index_path(stored) if isinstance(path, ShardPath) else stored
+            return float(file.stat().st_mtime)
     return 0.0
