@@ -1,4 +1,6 @@
-"""Files of an import that a user corrected, and a further run of it."""
+"""Files of an import that a user corrected, or whose source has changed, and a further run."""
+
+import os
 
 import pytest
 
@@ -74,3 +76,34 @@ def test_times_calibrations_and_labels_that_were_corrected_are_kept_by_a_further
     assert report.written == 1
     assert "times.txt differs from the times of the source, and is kept" in str(report)
     assert [path.read_text() for path in (times, *corrected)] == texts
+
+
+@pytest.mark.parametrize("kind", ["mcap", "folder", "nuscenes"])
+def test_kept_frames_that_are_older_than_their_source_are_told_with_the_remedy(tmp_path, kind):
+    out = tmp_path / "out"
+    if kind == "nuscenes":
+        data = write_nuscenes(tmp_path / "data")
+        source = data / "samples" / "LIDAR_TOP" / "1.pcd.bin"
+        told = "of 2 frames that were there already, 1 are older than their source, the first is "
+        told += "scene-0001-001"
+    else:
+        data = write_bag(tmp_path / "data", 2)
+        (source,) = data.glob("*.mcap")
+        data = source if kind == "mcap" else data
+        told = "of 2 frames that were there already, 2 are older than their source, the first is "
+        told += "000000"
+    import_recording(data, out)
+    unchanged = import_recording(data, out).notes
+    assert not [note for note in unchanged if "there already" in note]
+    kept = {path: path.read_bytes() for path in out.rglob("*.*")}
+    later_ns = source.stat().st_mtime_ns + 10**10
+    os.utime(source, ns=(later_ns, later_ns))
+    report = import_recording(data, out)
+    (note,) = set(report.notes) - set(unchanged)
+    assert note.startswith(f"warning: {told}: ")
+    assert note.endswith(f"to import them anew, name another folder or remove {out}")
+    assert [each for each in report.notes if each != note] == list(unchanged)
+    assert {path: path.read_bytes() for path in out.rglob("*.*")} == kept
+    for cloud in (out / "points").iterdir():
+        cloud.unlink()
+    assert "there already," not in str(import_recording(data, out))

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from sightline.data.newer_frames import changed_at
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
@@ -168,6 +169,11 @@ def _visible_files(folder: Path) -> list[Path]:
 def size_of_bag(path: Path) -> int:
     """Total size of a bag's files, as they are on the disk [bytes]."""
     return sum(each.stat().st_size for each in _files_of(path).paths)
+
+
+def bag_changed_at(path: Path) -> float:
+    """Time of the last modification of a bag's files [s]."""
+    return max(map(changed_at, _files_of(path).paths))
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import calibration_of_bag, with_plausible_tilt
 from sightline.data.importing.bag_clocks import Clock
-from sightline.data.importing.bag_files import describe_unread_files, size_of_bag
+from sightline.data.importing.bag_files import bag_changed_at, describe_unread_files, size_of_bag
 from sightline.data.importing.bag_messages import (
     cloud_from_message,
     image_file_from_message,
@@ -39,6 +39,7 @@ from sightline.data.importing.writer import (
     check_not_into_source,
     collected_warnings,
     count_echoes,
+    describe_newer_sources,
     describe_view,
     moved_cloud,
     names_present,
@@ -152,6 +153,8 @@ def import_bag(
         notes += write_or_keep_times(out, times)
         present = names_present(out, IMAGES, POINTS)
         pending = [number for number, name in enumerate(names) if name not in present]
+        kept = present.intersection(names)
+        notes += describe_newer_sources(out, dict.fromkeys(kept, bag_changed_at(source)))
         frames.write(bag, {names[number]: pairs.positions[number] for number in pending})
         if frames.faults:
             write_or_keep_times(out, times, left_out=frames.faults)

@@ -26,6 +26,7 @@ from sightline.data.importing.writer import (
     CloudTally,
     ImportReport,
     check_not_into_source,
+    describe_newer_sources,
     describe_view,
     moved_cloud,
     names_present,
@@ -40,6 +41,7 @@ from sightline.data.importing.writer import (
 )
 from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
 from sightline.data.kitti_labels import write_objects
+from sightline.data.newer_frames import changed_at
 from sightline.data.recording_calibration import (
     Lens,
     RecordingCalibration,
@@ -121,6 +123,11 @@ def import_nuscenes(
     folders = (CALIBRATIONS, IMAGES, POINTS, *((LABELS,) if frames.is_labelled else ()))
     complete = names_present(out, *folders)
     pending = [moment for moment in moments if moment.name not in complete]
+    changed_s = {
+        moment.name: max(changed_at(moment.image), changed_at(moment.sweep))
+        for moment in moments
+        if moment.name in complete
+    }
     for moment in track(pending, description="importing"):
         frames.write(moment)
     dropped = frames.faults.keys() - finished
@@ -140,6 +147,7 @@ def import_nuscenes(
             *((STRAIGHT_NOTE,) if undistort and not lens else ()),
             *_scene_notes(there),
             *_dropped_notes(key_frames, absent, dropped, faults),
+            *describe_newer_sources(out, changed_s),
             *_kept_notes((faults.keys() & finished) - complete, faults, len(there)),
             *_time_notes(there),
             *_rotation_notes(there, camera),

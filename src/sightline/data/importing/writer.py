@@ -20,6 +20,7 @@ from sightline.data.image_header import read_image_size
 from sightline.data.importing.frames import Rigid
 from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
 from sightline.data.kitti_trees import find_file, list_files
+from sightline.data.newer_frames import changed_at
 from sightline.data.point_files import checked_cloud
 from sightline.data.recording_calibration import (
     RecordingCalibration,
@@ -393,6 +394,24 @@ def write_or_keep_times(
 def names_present(out: Path, *folders: str) -> set[str]:
     """Names of the frames with a file in each folder."""
     return set.intersection(*({path.stem for path in (out / name).glob("*")} for name in folders))
+
+
+def describe_newer_sources(out: Path, changed_s: Mapping[str, float]) -> tuple[str, ...]:
+    """Warn of kept frames whose source is newer than their cloud, by times of modification.
+
+    Args:
+        out: Folder of the recording.
+        changed_s: Time of the last modification of each kept frame's source.
+    """
+    clouds = {path.stem: path for path in (out / POINTS).glob("*")}
+    older = [name for name in sorted(changed_s) if changed_s[name] > changed_at(clouds[name])]
+    if not older:
+        return ()
+    return (
+        f"warning: of {len(changed_s)} frames that were there already, {len(older)} are older than "
+        f"their source, the first is {older[0]}: the source was changed or copied since; to "
+        f"import them anew, name another folder or remove {out}",
+    )
 
 
 def remove_incomplete(out: Path, names: Collection[str]) -> None:
