@@ -11,6 +11,7 @@ from sightline.data import between_frames
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_trees import CORRUPTED
+from sightline.data.map_png import read_depth_png, write_depth_png
 from sightline.data.open import open_dataset
 from tests.data.recordings import write_recording
 from tests.data.test_image_file import with_exif
@@ -57,6 +58,30 @@ def test_point_clouds_without_points_are_told_as_such_not_as_equal(tmp_path):
         np.save(root / "points" / f"{name}.npy", np.zeros((0, 4), np.float32))
     with pytest.warns(UserWarning, match=r"b\.npy: holds no point, like 1 more, of 3 point clouds"):
         assert problems(root) == []
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".npy"])
+def test_clouds_of_a_recording_that_are_all_empty_are_told_with_their_number(tmp_path, suffix):
+    root = write_recording(tmp_path, NAMES, cloud=suffix)
+    for name in NAMES:
+        empty = np.zeros((0, 4), np.float32)
+        path = root / "points" / f"{name}{suffix}"
+        np.save(path, empty) if suffix == ".npy" else path.write_bytes(b"")
+    assert problems(root) == [(root / "points", "holds 3 clouds, all without a point")]
+    (told,) = (each for each in told_on_opening(root) if "sightline check" in each)
+    assert "all 3 sweeps are empty" in told
+
+
+def test_sparse_maps_that_are_all_empty_are_told_with_their_number(tmp_path):
+    for seed in range(2):
+        write_selection(tmp_path, f"000000000{seed}", seed)
+    first, last = sorted(tmp_path.rglob("velodyne_raw/*.png"))
+    nothing = np.zeros_like(read_depth_png(first))
+    write_depth_png(first, nothing)
+    assert problems(tmp_path) == []
+    write_depth_png(last, nothing)
+    told = "holds 2 sparse depth maps, all without a depth"
+    assert (first.parent, told) in problems(tmp_path)
 
 
 def test_frames_of_a_length_that_differ_in_a_byte_are_no_repeats(tree):

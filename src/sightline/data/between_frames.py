@@ -4,7 +4,7 @@ import hashlib
 import math
 import stat
 import warnings
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from sightline.data.kitti_trees import (
 )
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
 from sightline.data.label_fit import visible_objects
+from sightline.data.map_png import read_depth_png
 from sightline.data.point_files import holds_no_point, read_cloud
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.data.recording_files import CALIBRATION_SUFFIXES
@@ -61,39 +62,35 @@ def check_drive_frames(frames: Sequence[DriveFrame]) -> list[Problem]:
 
 def check_depth_frames(frames: Sequence[DepthFrame]) -> list[Problem]:
     """Check frames of a depth tree against each other."""
-    return [*check_repeats(frames), *check_orientations(frames)]
+    sparse = [frame.sparse for frame in frames if frame.sparse is not None]
+    return [
+        *check_repeats(frames),
+        *check_orientations(frames),
+        *_check_all_empty(sparse, _holds_no_depth, "sparse depth maps, all without a depth"),
+    ]
 
 
 def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
     """Check frames of a recording against each other; sizes of images are checked by frame."""
-    _warn_of_empty_clouds([frame.points for frame in frames if frame.points is not None])
     return [
         *check_repeats(frames),
         *check_orientations(frames),
+        *_check_clouds(frames),
         *_check_labels(frames),
         *check_label_alignment(frames, _read_recording_frame),
     ]
 
 
 def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:
-    clouds = [frame.points for frame in frames if frame.points is not None]
-    _warn_of_empty_clouds(clouds)
-    return [
-        *check_repeats(frames),
-        *check_orientations(frames),
-        *_check_emptiness(
-            clouds,
-            "clouds, all without a point",
-            "check whether the LiDAR delivered points, and how they were converted",
-        ),
-    ]
+    return [*check_repeats(frames), *check_orientations(frames), *_check_clouds(frames)]
 
 
 def _check_labels(frames: Sequence[ObjectFrame]) -> list[Problem]:
     labels = [frame.objects for frame in frames if frame.objects is not None]
     return [
-        *_check_emptiness(
+        *_check_all_empty(
             labels,
+            _is_blank,
             "label files, all without an object",
             "check how they were written, or remove the folder if nothing was labelled",
         ),
@@ -228,8 +225,9 @@ def check_orientations(
     ]
 
 
-def _warn_of_empty_clouds(clouds: Sequence[Path]) -> None:
-    """Warn of point clouds of zero points among others; where all are empty, that is a problem."""
+def _check_clouds(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:
+    """Find clouds that all have zero points, and warn of such clouds among others."""
+    clouds = [frame.points for frame in frames if frame.points is not None]
     empty = [path for path in clouds if holds_no_point(path)]
     if 0 < len(empty) < len(clouds):
         warnings.warn(
@@ -237,15 +235,34 @@ def _warn_of_empty_clouds(clouds: Sequence[Path]) -> None:
             "whether the LiDAR delivered points",
             stacklevel=3,
         )
+    return _check_all_empty(clouds, holds_no_point, "clouds, all without a point")
 
 
-def _check_emptiness(paths: Sequence[Path], described: str, remedy: str) -> list[Problem]:
-    """Find a folder whose files all hold nothing; single empty ones are no problem."""
-    sizes = [_size(path) for path in paths]
-    if not sizes or any(size is None or size > _MAX_BLANK_BYTES for size in sizes):
+def _check_all_empty(
+    paths: Sequence[Path],
+    is_empty: Callable[[Path], bool],
+    described: str,
+    remedy: str = "check whether the LiDAR delivered points, and how they were converted",
+) -> list[Problem]:
+    """Find the folders of files that all hold nothing; single empty ones are no problem."""
+    if not all(map(is_empty, paths)):
         return []
-    problem = f"holds {len(paths)} {described}"
-    return [Problem(path=paths[0].parent, problem=problem, remedy=remedy)]
+    counts = Counter(path.parent for path in paths)
+    return [
+        Problem(path=folder, problem=f"holds {count} {described}", remedy=remedy)
+        for folder, count in counts.items()
+    ]
+
+
+def _is_blank(path: Path) -> bool:
+    size = _size(path)
+    return size is not None and size <= _MAX_BLANK_BYTES
+
+
+def _holds_no_depth(path: Path) -> bool:
+    """Whether a depth map has no depth; false for an unreadable one, which its reader reports."""
+    depth_m = read_or_note(read_depth_png, path, [])
+    return depth_m is not None and not depth_m.any()
 
 
 def _check_image_sizes(frames: Sequence[ObjectFrame]) -> list[Problem]:
