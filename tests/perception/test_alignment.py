@@ -120,8 +120,35 @@ def test_a_turned_lidar_is_undone_in_all_files_and_told(packaged, opened, tmp_pa
     for folder in ("detection3d", "joined", "joined-3d"):
         first = (tmp_path / "out" / folder / "000003.txt").read_bytes()
         assert first == (tmp_path / "corrected" / folder / "000003.txt").read_bytes()
-    with pytest.raises(ValueError, match=r"out holds files made with alignment yaw_deg .* instead"):
+    told = (
+        r"out holds files made with alignment yaw_deg .* instead .*; or leave --align no out, or "
+    )
+    with pytest.raises(ValueError, match=f"{told}overwrite all"):
         perceive("data", tmp_path / "out", perceiver=perceiver(), align=False)
+
+
+def test_frames_that_were_taken_as_they_are_before_name_the_ways_to_add_more(
+    packaged, opened, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(perceive_module, "warn_of_newer_frames", lambda *_, **__: None)
+    turned = [rotate_extrinsics(each, 1.0) for each in packaged]
+    opened(turned[:2])  # too few to measure
+    perceive("data", tmp_path / "out", perceiver=perceiver())
+    opened(turned)
+    told = r"made with alignment none instead of .*; or add --align no \(align=False\) to take all"
+    with (
+        pytest.warns(UserWarning, match="undone"),
+        pytest.raises(ValueError, match=f"{told} frames as they are, or overwrite all .*anew"),
+    ):
+        perceive("data", tmp_path / "out", perceiver=perceiver())
+    other = perceiver()
+    other.predictors["detection3d"].made_by["weights"] = "other"
+    with (
+        pytest.warns(UserWarning, match="undone"),
+        pytest.raises(ValueError, match=r"sightline\.json too$"),  # the rotation is not all
+    ):
+        perceive("data", tmp_path / "out", perceiver=other)
+    assert perceive("data", tmp_path / "out", perceiver=perceiver(), align=False).skipped == 2
 
 
 def test_overwriting_measures_the_rotation_anew(packaged, opened, tmp_path):

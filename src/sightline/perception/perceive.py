@@ -166,7 +166,7 @@ def perceive(
     folder = out / LINES_FOLDER
     if overwrite:
         _drop_other_alignment(claims, folder, names)
-    claim_folders(claims)
+    _claim_folders(claims)
     done = set() if overwrite else done_frames(dataset, perceiver, places, folder)
     kept = (
         (index, [folder / f"{name}.json"])  # written after the frame's other files
@@ -193,6 +193,30 @@ def perceive(
             for task in perceiver.predictors
         },
     )
+
+
+def _claim_folders(claims: Sequence[Claim]) -> None:
+    """Claim all folders; a refusal for the LiDAR's rotation alone has its own remedies.
+
+    Raises:
+        ValueError: See `claim_folders`.
+    """
+    held, now = read_claim(claims[0].folder), claims[0].settings
+    try:
+        claim_folders(claims)
+    except ValueError as error:
+        is_only_difference = all(differs_only_in(each, ALIGNMENT) for each in claims)
+        if held is None or held.get(ALIGNMENT) == now.get(ALIGNMENT) or not is_only_difference:
+            raise
+        go_on = ""
+        if ALIGNMENT not in held:
+            go_on = "add --align no (align=False) to take all frames as they are, or "
+        elif ALIGNMENT not in now:
+            go_on = "leave --align no out, or "
+        raise ValueError(
+            f"{error}; or {go_on}overwrite all frames in one run (--overwrite), which measures the "
+            "rotation of the LiDAR anew"
+        ) from error
 
 
 def _drop_other_alignment(claims: Sequence[Claim], lines: Path, names: Sequence[str]) -> None:
