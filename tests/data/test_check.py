@@ -52,7 +52,7 @@ def test_whole_trees_have_no_problems(tmp_path):
     write_object_tree(tmp_path / "object", "000001", "000002")
     write_object_frame(tmp_path / "object", "000001", split="testing")
     write_selection(tmp_path / "depth")
-    write_depth_drive(tmp_path / "depth", tmp_path / "raw")
+    write_depth_drive(tmp_path / "depth", tmp_path / "depth")
     write_drive(tmp_path / "day" / "drive")
     write_drive(tmp_path / "flat", official=False)
     for root in ("object", "object/training", "depth", "day/drive", "flat"):
@@ -426,6 +426,42 @@ def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):
     assert "velodyne_points/data/0000000001.bin: is missing; " in gap
     assert "name a list of the other frames" in gap  # KITTI's own drive 0009 lacks four sweeps
     assert "calib_cam_to_cam.txt: is missing, here and one folder up; " in calibration
+
+
+@pytest.mark.parametrize("split", ["train", "val"])
+def test_a_split_by_drives_is_checked_by_its_own_folder_as_in_the_tree(
+    tmp_path, monkeypatch, split
+):
+    write_depth_drive(tmp_path, tmp_path, split)
+    for archive in ("data_depth_annotated", "data_depth_velodyne"):
+        shutil.copytree(tmp_path / archive, tmp_path, dirs_exist_ok=True)
+        shutil.rmtree(tmp_path / archive)
+    folder = tmp_path / split
+    monkeypatch.chdir(folder)
+    for place in (tmp_path, folder, Path()):
+        (summary,) = summarize_tree(place)
+        assert (summary.folder, summary.num_frames) == (folder, 1)
+        assert lines(place) == []
+    next(folder.rglob("groundtruth/image_02/*.png")).unlink()
+    (line,) = lines(folder)
+    assert line.startswith(f"{folder}/*/proj_depth/groundtruth: holds no files of the frames")
+
+
+def test_a_split_by_drives_without_its_raw_drives_is_a_problem_as_for_opening(tmp_path):
+    name = write_depth_drive(tmp_path, tmp_path)
+    day = tmp_path / "2011_09_26"
+    images = day / "2011_09_26_drive_0002_sync" / "image_02" / "data"
+    shutil.rmtree(images)
+    (line,) = lines(tmp_path)
+    told = f"lacks images of 1 of 1 frames of val ({name}); extract KITTI's raw data, or link"
+    assert line.startswith(f"{images}: {told}")
+    shutil.rmtree(day)
+    (line,) = lines(tmp_path)
+    told = "is missing, with the intrinsics of 1 frame of val; extract KITTI's raw data, or link"
+    assert line.startswith(f"{day / 'calib_cam_to_cam.txt'}: {told}")
+    for parts in (("points",), ("image", "points")):
+        with pytest.raises(ValueError, match=r"intrinsics .* lacks 1 of 1"):
+            open_dataset(tmp_path, parts=parts)
 
 
 def test_part_of_a_calibration_in_a_drive_is_named_where_the_day_has_the_one_read(tmp_path):

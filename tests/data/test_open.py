@@ -124,6 +124,59 @@ def test_annotated_drives_are_known_by_their_split_and_the_folder_above(tmp_path
         assert dataset.sample_ids == (f"{DRIVE}_image_0000000005_image_02",)
 
 
+def copy_to_other_camera(root):
+    for path in sorted(root.rglob("proj_depth/*/image_02/*.png")):
+        folder = path.parent.parent / "image_03"
+        folder.mkdir(exist_ok=True)
+        shutil.copy(path, folder)
+
+
+def test_the_splits_of_a_depth_tree_that_are_not_opened_are_told(tmp_path):
+    write_depth_drive(tmp_path, tmp_path, "train")
+    write_depth_drive(tmp_path, tmp_path)
+    told = rf"{tmp_path}: only the frames in val are used, not the 1 in train; "
+    with pytest.warns(
+        UserWarning, match=told + r"KittiDepthDataset\(.., split\) reads those in Py"
+    ):
+        open_dataset(tmp_path)
+    for archive in ("data_depth_annotated", "data_depth_velodyne"):
+        shutil.copytree(tmp_path / archive, tmp_path, dirs_exist_ok=True)
+        shutil.rmtree(tmp_path / archive)
+    train = tmp_path / "train"
+    with pytest.warns(
+        UserWarning, match=told + f"give the folder of another split, such as {train}"
+    ):
+        (name,) = open_dataset(tmp_path).sample_ids
+    for path, names in ((train, None), (tmp_path / "val", None), (tmp_path, [name])):
+        assert open_dataset(path, sample_list=names).sample_ids == (name,)  # warnings are errors
+    write_selected(tmp_path)
+    write_selection(tmp_path / "test_depth_completion_anonymous", with_truth=False)
+    told = (
+        "only the frames in val_selection_cropped are used, not the 1 in train, 1 in val, 1 in "
+        "test_depth_completion_anonymous; give the folder"
+    )
+    with pytest.warns(UserWarning, match=told):
+        open_dataset(tmp_path, parts=("points",))
+    assert len(open_dataset(tmp_path / "depth_selection" / "val_selection_cropped")) == 1
+
+
+def test_the_right_cameras_frames_of_a_depth_tree_are_told(tmp_path):
+    name = write_depth_drive(tmp_path, tmp_path)
+    copy_to_other_camera(tmp_path)
+    told = (
+        rf"{tmp_path}: only the frames of image_02 in val are used, not the 1 of image_03; "
+        r'KittiDepthDataset\(.., "val", cameras=\("image_03",\)\) reads those in Python'
+    )
+    with pytest.warns(UserWarning, match=told):
+        assert open_dataset(tmp_path).sample_ids == (name,)
+    assert len(open_dataset(tmp_path, sample_list=[name])) == 1
+    other = f"{name[:-1]}3"
+    with pytest.warns(UserWarning, match=told), pytest.raises(ValueError, match=f"lacks .*{other}"):
+        open_dataset(tmp_path, sample_list=[other])
+    assert len(KittiDepthDataset(tmp_path, "val", cameras=("image_03",), load_images=False)) == 1
+    assert "; other commands leave out the 1 of image_03" in str(summarize_tree(tmp_path)[0])
+
+
 def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
     write_object_tree(tmp_path / "objects", 3)
     write_selection(tmp_path / "depth", with_truth=False)

@@ -1,4 +1,5 @@
 import tarfile
+from pathlib import Path
 
 import pytest
 
@@ -7,7 +8,12 @@ from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from tests.data.recordings import write_recording
-from tests.data.trees import write_drive, write_object_frame, write_object_tree
+from tests.data.trees import (
+    write_depth_drive,
+    write_drive,
+    write_object_frame,
+    write_object_tree,
+)
 
 
 def told(root) -> str:
@@ -147,3 +153,21 @@ def test_labels_of_a_raw_drive_are_said_not_to_be_read(tmp_path):
     (drive / "tracklet_labels.xml").write_text("<x/>")
     (summary,) = summarize_tree(drive)
     assert "tracklet_labels.xml is not read" in str(summary)
+
+
+def test_a_part_of_a_depth_tree_is_called_so_and_its_split_named(tmp_path, monkeypatch):
+    write_depth_drive(tmp_path, tmp_path)
+    split = tmp_path / "data_depth_annotated" / "val"
+    drive = split / "2011_09_26_drive_0002_sync"
+    monkeypatch.chdir(drive)
+    for place in (
+        drive,
+        drive / "proj_depth",
+        drive / "proj_depth" / "groundtruth" / "image_02",
+        Path(),
+    ):
+        line = told(place)
+        assert "is a part of a depth completion tree, but none of its splits" in line
+        assert line.endswith(f"give the split, {split}")
+    other = split.rename(tmp_path / "mine")
+    assert told(other).endswith(f"rename {other} to train or val, as in KITTI's tree")

@@ -77,6 +77,20 @@ def test_labels_depth_times_and_a_calibration_in_json_are_read(tmp_path):
     assert second.timestamp_s == 0.25
 
 
+def test_a_depth_map_of_another_size_than_the_images_is_named_as_the_cause(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    height, width = SAMPLE.image_size
+    path = tmp_path / "depth" / "a.png"
+    for size, remedy in (
+        ((height // 2, width // 2), "write depth maps in the size of the images"),
+        ((width, height), "rotate it"),
+    ):
+        write_depth_png(path, np.full(size, 9.0))
+        (line,) = [str(each) for each in check_tree(tmp_path) if each.path == path]
+        assert f"is {size[0]}x{size[1]} (height x width), expected {height}x{width}" in line
+        assert remedy in line
+
+
 def test_times_since_the_start_are_those_that_are_written(tmp_path):
     write_recording(tmp_path, ("a", "b", "c"))
     (tmp_path / "times.txt").write_text("a 1700000000.000000\nb 1700000000.6\nc 1700000000.7\n")

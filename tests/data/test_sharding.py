@@ -18,6 +18,7 @@ from sightline.data.open import open_dataset
 from sightline.data.sample_files import list_sample_files
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.files.byte_source import read_range, read_small
+from sightline.files.problem import FileError
 from sightline.files.shard_path import ShardPath, data_path
 from tests.data.recordings import write_recording
 from tests.data.trees import (
@@ -212,6 +213,20 @@ def test_depth_trees_are_read_from_shards(tmp_path):
         assert torch.equal(one[0].image, other[0].image)
         assert torch.equal(one[0].depth, other[0].depth)
         assert torch.equal(one[0].points, other[0].points)
+
+
+def test_a_split_by_drives_is_refused_with_the_tree_to_pack(tmp_path):
+    write_depth_drive(tmp_path / "tree", tmp_path / "tree")
+    tree, out = tmp_path / "tree" / "data_depth_velodyne", tmp_path / "packed"
+    shutil.copytree(tmp_path / "tree" / "data_depth_annotated", tree, dirs_exist_ok=True)
+    shutil.copytree(tmp_path / "tree" / "2011_09_26", tree / "2011_09_26")
+    told = f"split val of a depth completion tree .*; pack the whole tree, {tree}; .* OUT/val"
+    with pytest.raises(FileError, match=told):
+        write_shards(tree / "val", out, frames_per_shard=1)
+    assert not out.exists()
+    write_shards(tree, out, frames_per_shard=1)
+    assert len(open_dataset(out / "val")) == 1
+    assert list(check_tree(out / "val")) == []
 
 
 def rows_of(tar):

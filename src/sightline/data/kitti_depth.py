@@ -21,6 +21,7 @@ from sightline.data.kitti_calibration import (
 )
 from sightline.data.kitti_files import read_depth, read_image
 from sightline.data.kitti_trees import (
+    RAW_CALIBRATION,
     Camera,
     DepthFrame,
     DriveSplit,
@@ -94,7 +95,8 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
                 f"{self.root} holds no frames of {split}, expected the tree of KITTI's depth "
                 "completion benchmark; give the folder of its extracted archives"
             )
-        needed = {"sparse": "velodyne_raw", "intrinsics": "intrinsics (calib_cam_to_cam.txt)"}
+        source = f" ({RAW_CALIBRATION[0]})" if frames[0].camera is not None else ""
+        needed = {"sparse": "velodyne_raw", "intrinsics": f"intrinsics{source}"}
         if load_images and not allow_gaps:
             needed["image"] = "image"
         if split != "test_depth_completion_anonymous" and not allow_gaps:

@@ -205,7 +205,7 @@ def list_drive_frames(
         frame
         for drive in drives
         for camera in cameras
-        for frame in _frames_of_drive(drive, bases, raw_root / drive[:_DATE_LENGTH], camera)
+        for frame in _frames_of_drive(drive, bases, raw_root, camera)
     ]
 
 
@@ -214,6 +214,11 @@ def drive_bases(root: Path, split: DriveSplit) -> list[Path]:
     return [
         root / archive / split for archive in ("", "data_depth_annotated", "data_depth_velodyne")
     ]
+
+
+def raw_images(raw_root: Path, drive: str, camera: Camera) -> Path:
+    """Folder of a camera's images of a raw drive, below the folder of its day."""
+    return raw_root / drive[:_DATE_LENGTH] / drive / camera / "data"
 
 
 def selection_folder(root: Path, split: SelectedSplit) -> Path:
@@ -247,7 +252,7 @@ def list_selected_frames(root: Path, split: SelectedSplit) -> list[DepthFrame]:
 
 
 def _frames_of_drive(
-    drive: str, bases: Sequence[Path], day: Path, camera: Camera
+    drive: str, bases: Sequence[Path], raw_root: Path, camera: Camera
 ) -> list[DepthFrame]:
     sparse: dict[str, Path] = {}
     truth: dict[str, Path] = {}
@@ -255,8 +260,8 @@ def _frames_of_drive(
         maps = base / drive / "proj_depth"
         sparse |= list_files(maps / "velodyne_raw" / camera, (".png",))
         truth |= list_files(maps / "groundtruth" / camera, (".png",))
-    images = list_files(day / drive / camera / "data", IMAGE_SUFFIXES)
-    calibration = day / "calib_cam_to_cam.txt"
+    images = list_files(raw_images(raw_root, drive, camera), IMAGE_SUFFIXES)
+    calibration = raw_root / drive[:_DATE_LENGTH] / RAW_CALIBRATION[0]
     return [
         DepthFrame(
             sample_id=f"{drive}_image_{number}_{camera}",

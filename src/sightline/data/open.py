@@ -6,6 +6,14 @@ from functools import partial
 from pathlib import Path
 from typing import get_args
 
+from sightline.data.depth_trees import (
+    DRIVE_SPLITS,
+    OTHER_CAMERA,
+    find_depth_split,
+    split_by_drives,
+    warn_of_other_camera,
+    warn_of_other_splits,
+)
 from sightline.data.drive_calibration import drive_matrices_doubts
 from sightline.data.entry_checks import (
     check_sample_frames,
@@ -21,16 +29,12 @@ from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import (
-    DriveSplit,
     Part,
-    SelectedSplit,
     Velodyne,
     describe_absent,
     find_velodyne,
     list_drive,
-    list_drive_frames,
     list_object_frames,
-    list_selected_frames,
 )
 from sightline.data.other_layouts import no_data_set, refuse_other_layouts
 from sightline.data.recording import RecordingDataset
@@ -49,8 +53,6 @@ from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import plain_names, plain_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import KITTI_SPLITS, is_split
-
-_DRIVE_SPLITS: tuple[DriveSplit, ...] = ("val", "train")
 
 
 @named_arguments
@@ -120,9 +122,14 @@ def open_dataset(
         dataset = _open_depth_tree(
             path, load_images="image" in requested, allow_gaps=may_have_gaps
         ) or _open_drive(path, requested, allow_gaps=may_have_gaps)
-        if dataset is not None and sample_list is not None:
+        listed = (
+            None if dataset is None or sample_list is None else read_sample_list(sample_list, path)
+        )
+        if isinstance(dataset, KittiDepthDataset):
+            _warn_of_other_depth_frames(dataset, path, listed)
+        if dataset is not None and listed is not None:
             needs = needs if allow_gaps else _complete_parts(dataset)
-            dataset = NamedSubset(dataset, read_sample_list(sample_list, path))
+            dataset = NamedSubset(dataset, listed)
         elif isinstance(dataset, ExaminedDataset):  # a class that may leave samples unnamed
             dataset = NamedSubset(dataset, dataset.sample_ids)
     if dataset is None:
@@ -247,34 +254,29 @@ def _no_data_set(path: Path) -> FileError:
 
 def resolve_split(path: Path) -> Path:
     """Resolve a path that does not show the name of the split, such as "." or a link."""
-    known = (*KITTI_SPLITS, *_DRIVE_SPLITS)
+    known = (*KITTI_SPLITS, *DRIVE_SPLITS)
     resolved = path.resolve()
     return resolved if path.name not in known and resolved.name in known else path
 
 
 def _open_depth_tree(path: Path, *, load_images: bool, allow_gaps: bool) -> SampleDataset | None:
-    split = _find_depth_split(path)
-    if split is None:
+    found = find_depth_split(path)
+    if found is None:
         return None
-    root = path.parent if path.name == split and split in _DRIVE_SPLITS else path
+    root, split = found
     parts: tuple[Part, ...] = ("image", "points") if load_images else ("points",)
     warn_of_unread_files(depth_folders(root, split), parts)
     return KittiDepthDataset(root, split, load_images=load_images, allow_gaps=allow_gaps)
 
 
-def _find_depth_split(path: Path) -> DriveSplit | SelectedSplit | None:
-    if path.name in _DRIVE_SPLITS and any(path.glob("*/proj_depth")):
-        return "train" if path.name == "train" else "val"
-    if (path / "velodyne_raw").is_dir():
-        is_validation = (path / "groundtruth_depth").is_dir()
-        return "val_selection_cropped" if is_validation else "test_depth_completion_anonymous"
-    if list_selected_frames(path, "val_selection_cropped"):
-        return "val_selection_cropped"
-    if list_drive_frames(path, "val", path, ("image_02",)):
-        return "val"
-    if list_selected_frames(path, "test_depth_completion_anonymous"):
-        return "test_depth_completion_anonymous"
-    return "train" if list_drive_frames(path, "train", path, ("image_02",)) else None
+def _warn_of_other_depth_frames(
+    dataset: KittiDepthDataset, path: Path, listed: Sequence[str] | None
+) -> None:
+    """Warn of frames of a depth tree that are not opened, unless a list leaves them out."""
+    if listed is None and split_by_drives(path) is None:
+        warn_of_other_splits(dataset.root, dataset.split)
+    if listed is None or any(name.endswith(OTHER_CAMERA) for name in listed):
+        warn_of_other_camera(dataset.root, dataset.split)
 
 
 def _open_drive(path: Path, parts: Collection[Part], *, allow_gaps: bool) -> SampleDataset | None:

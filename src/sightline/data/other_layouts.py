@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from sightline.data.depth_trees import split_by_drives
 from sightline.data.frame_lists import TIMES_NAME
 from sightline.data.recording_files import is_recording, lacks_calibration, misnamed_files
 from sightline.data.unread_files import (
@@ -27,7 +28,6 @@ _LAYOUT_NAMES: Final = (
     {"image_02", "velodyne_points"},
     {"images", "points"},
     {"image", "velodyne_raw"},
-    {"groundtruth", "velodyne_raw"},
     {"calib.txt", "velodyne"},
     {"calib.txt", "image_2"},
 )
@@ -54,8 +54,8 @@ def refuse_other_layouts(path: Path) -> None:
 
 def no_data_set(path: Path) -> Problem:
     """Problem of a path that is no data set: its actual type, or the expected one."""
-    causes = (_no_folder, _odometry, _tracking, _uncalibrated, _source, _unread, _apart, _below)
-    for cause in causes:
+    layouts = (_odometry, _tracking, _uncalibrated, _source, _unread, _apart, _in_depth_tree)
+    for cause in (_no_folder, *layouts, _below):
         problem = cause(path)
         if problem is not None:
             return problem
@@ -205,6 +205,24 @@ def _apart(path: Path) -> Problem | None:
         f"({', '.join(each.name for each in parts)})",
         remedy="merge their folders training and testing: training/image_2, "
         "training/velodyne, training/calib, training/label_2",
+    )
+
+
+def _in_depth_tree(path: Path) -> Problem | None:
+    """Problem of a drive with depth maps, or of a folder of such drives that is no split."""
+    place = path.absolute()
+    places = (*sorted(place.glob("*/proj_depth")), place / "proj_depth", place, *place.parents)
+    maps = next((each for each in places if each.name == "proj_depth" and each.is_dir()), None)
+    if maps is None:
+        return None
+    split = maps.parent.parent
+    is_split_by_drives = split_by_drives(split) is not None
+    return Problem(
+        path=path,
+        problem="is a part of a depth completion tree, but none of its splits",
+        remedy=f"give the split, {split}"
+        if is_split_by_drives
+        else f"rename {split} to train or val, as in KITTI's tree",
     )
 
 

@@ -38,6 +38,7 @@ from sightline.data.recording_calibration import (
     read_recording_calibration,
     require_usable,
 )
+from sightline.data.recording_files import DEPTH
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import hollow_doubt
 from sightline.geometry.echoes import echoes, is_echo
@@ -352,12 +353,12 @@ def _check_hollow(points: Float32[np.ndarray, "_num_points 4"], path: Path) -> l
 def size_mismatch(
     image: Path, size: tuple[int, int], calibration: RecordingCalibration, reference: Path | None
 ) -> Problem | None:
-    """Problem of an image whose size does not fit its calibration; None: it fits.
+    """Problem of an image or depth map whose size does not fit its calibration; None: it fits.
 
     Args:
-        image: Path of the image.
-        size: Height and width of the image [px].
-        calibration: Calibration of the image.
+        image: Path of the image or depth map.
+        size: Its height and width [px].
+        calibration: Its calibration.
         reference: First image of the same calibration.
     """
     expected, source = calibration.image_size, "in the calibration"
@@ -367,14 +368,17 @@ def size_mismatch(
         source = f"in {reference.name}, of the same calibration"
     if expected is None or expected == size:
         return None
+    remedy = "give each frame its own calibration (calibration/NAME.yaml), or the calibrated images"
+    if expected == size[::-1]:
+        remedy = "rotate it as when the camera was calibrated; the EXIF orientation is ignored"
+    elif image.parent.name == DEPTH:
+        remedy = "write depth maps in the size of the images, or give frames of another camera "
+        remedy += "their own calibration (calibration/NAME.yaml)"
     return Problem(
         path=image,
         problem=f"is {size[0]}x{size[1]} (height x width), expected {expected[0]}x{expected[1]} as "
         f"{source}",
-        remedy="rotate it as when the camera was calibrated; the EXIF orientation is ignored"
-        if expected == size[::-1]
-        else "give each frame its own calibration (calibration/NAME.yaml), or the calibrated "
-        "images",
+        remedy=remedy,
     )
 
 

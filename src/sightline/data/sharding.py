@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
+from sightline.data.depth_trees import split_by_drives
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.kitti_trees import day_folder, list_drive
 from sightline.data.point_files import CLOUD_SUFFIXES
@@ -103,12 +104,13 @@ def write_shards(
         workers: Number of threads.
 
     Raises:
-        ValueError: There are no frames, a number is out of range, or `out` holds other shards.
+        ValueError: There are no frames, files that frames need are one folder up, a number is out
+            of range, or `out` holds other shards.
     """
     if frames_per_shard < 1:
         raise ValueError(f"frames_per_shard must be at least 1, got {frames_per_shard}")
     check_threads(workers)
-    _check_has_calibration(data)
+    _check_is_whole(data)
     sources = _find_sources(data)
     count = len(sources.frames)
     if count > MAX_SHARDS * frames_per_shard:
@@ -203,8 +205,17 @@ def _attempt(job: Callable[[], bool | None]) -> bool | str | None:
         return error_text(error)
 
 
-def _check_has_calibration(data: Path) -> None:
-    """Refuse a raw drive whose calibration is above it, and would stay behind."""
+def _check_is_whole(data: Path) -> None:
+    """Refuse a drive or a depth tree's split by drives if files above it would stay behind."""
+    by_drives = split_by_drives(data)
+    if by_drives is not None:
+        root, split = by_drives
+        raise FileError(
+            data,
+            f"is the split {split} of a depth completion tree without its raw drives, which are "
+            "one folder up",
+            f"pack the whole tree, {root}; commands read its split from OUT/{split}",
+        )
     drive = list_drive(data)
     if drive.frames and drive.calibration not in (None, data):
         raise FileError(

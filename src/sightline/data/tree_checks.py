@@ -12,6 +12,13 @@ from sightline.data.between_frames import (
     check_object_frames,
     check_recording_frames,
 )
+from sightline.data.depth_trees import (
+    DRIVE_SPLITS,
+    OTHER_CAMERA,
+    SELECTIONS,
+    raw_gaps,
+    split_by_drives,
+)
 from sightline.data.drive_calibration import drive_matrices_doubts, unread_calibration
 from sightline.data.drive_poses import check_oxts
 from sightline.data.drive_times import check_drive_times
@@ -164,15 +171,12 @@ def find_trees(root: Path) -> list[Tree]:
     except FileError:
         return []
     object_trees = [_object_tree(root / split) for split in ("training", "testing")]
-    drive_splits: tuple[DriveSplit, ...] = ("train", "val")
-    selections: tuple[SelectedSplit, ...] = (
-        "val_selection_cropped",
-        "test_depth_completion_anonymous",
-    )
+    by_drives = split_by_drives(root)
+    splits = [(root, split) for split in DRIVE_SPLITS] if by_drives is None else [by_drives]
     # Both are the same folder if `root` is itself a selection.
-    by_folder = {selection_folder(root, split): split for split in selections}
+    by_folder = {selection_folder(root, split): split for split in SELECTIONS}
     others = [
-        *(_drives_tree(root, split) for split in drive_splits),
+        *(_drives_tree(place, split) for place, split in splits),
         *(_selection_tree(root, folder, split) for folder, split in by_folder.items()),
         _raw_drive_tree(root),
         _recording_tree(root),
@@ -238,7 +242,6 @@ def _object_tree(folder: Path) -> Tree | None:
 
 
 def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
-    # Images and calibrations are in the raw recordings, which may be anywhere.
     expected = [
         _ExpectedPart(attribute=attribute, folder=root / split / "*" / "proj_depth" / name)
         for attribute, name in (("sparse", "velodyne_raw"), ("truth", "groundtruth"))
@@ -247,8 +250,14 @@ def _drives_tree(root: Path, split: DriveSplit) -> Tree | None:
     checks = _frame_checks(examine_depth_frame, frames)
     checks.append(_between_frames(partial(check_depth_frames, frames)))
     tree = _tree(root / split, "depth frames", frames, expected, checks)
-    tree = _with_notes(tree, *describe_raw_drives(root))
-    return _with_unread(tree, depth_folders(root, split))
+    if tree is None:
+        return None
+    tree = replace(tree, gaps=(*tree.gaps, *raw_gaps(root, split, frames)))
+    notes = describe_raw_drives(root)
+    others = sum(frame.camera == OTHER_CAMERA for frame in frames)
+    if others:
+        notes = (f"other commands leave out the {others:,} of {OTHER_CAMERA}", *notes)
+    return _with_unread(_with_notes(tree, *notes), depth_folders(root, split))
 
 
 def _selection_tree(root: Path, folder: Path, split: SelectedSplit) -> Tree | None:
