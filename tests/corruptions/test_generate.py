@@ -16,11 +16,17 @@ from sightline.corruptions.generate import corrupt_dataset, read_corrupted
 from sightline.corruptions.suites import SUITES
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
+from sightline.data.lidar_mount import record_pose
 from sightline.data.map_png import read_mask_png
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
+from sightline.files.problem import FileError
+from sightline.geometry.road_height import LidarPose
+from sightline.geometry.tilt import Tilt
 from sightline.jobs.run import JobResult
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.corruptions.samples import same
+from tests.data.test_lidar_mount import mounted_lower, write_frames
 from tests.data.trees import picture, write_drive, write_object_frame, write_object_tree
 
 FRAMES = ("000000", "000003", "000011", "000042")
@@ -365,3 +371,84 @@ def test_an_error_names_the_frame_and_what_was_done_before_stays(tmp_path: Path,
         make(data, out, workers=workers)
     assert (out / "lidar_blank/training/corruption/000000.json").exists()
     assert not list(out.rglob("000001.*"))
+
+
+# By this seed, the road of the packaged frames seems 0.8 m higher.
+BEAMS = {"suite": "lidar_beams", "cases": ["lidar_beams-5"], "seed": 0}
+RECORD = "lidar_beams-5/training/lidar_mount.json"
+
+
+def test_clouds_that_hardly_show_the_road_keep_the_mount_of_the_sound_ones(tmp_path: Path):
+    make(PACKAGED_FRAMES, tmp_path / "out", **BEAMS)
+    tree = tmp_path / "out/lidar_beams-5"
+    assert open_dataset(tree)[0].lidar_height_m is None
+    assert list(check_tree(tree)) == []
+    write_shards(tree, tmp_path / "shards", frames_per_shard=1)
+    for shard in ("000000.tar", "000001.tar"):
+        assert open_dataset(tmp_path / "shards" / shard)[0].lidar_height_m is None
+    (tmp_path / "out" / RECORD).unlink()  # as in a tree of an earlier version
+    with pytest.warns(UserWarning, match="m above it, not 1.73 m like KITTI's"):
+        assert open_dataset(tree)[0].lidar_height_m == pytest.approx(0.95, abs=0.2)
+    assert make(PACKAGED_FRAMES, tmp_path / "out", **BEAMS) == JobResult(written=0, skipped=2)
+    assert open_dataset(tree)[0].lidar_height_m is None
+
+
+@pytest.mark.filterwarnings("ignore:.*shows that the LiDAR is 2.67 m above it")
+def test_a_case_has_the_very_height_of_a_tree_of_another_lidar(tmp_path: Path):
+    sound = write_frames(tmp_path / "sound", "tree", mounted_lower(-0.9))
+    make(sound, tmp_path / "out", **BEAMS)
+    again = tmp_path / "again"
+    make(tmp_path / "out/lidar_beams-5", again, **BEAMS)  # broken twice
+    height_m = open_dataset(sound)[0].lidar_height_m
+    assert height_m == pytest.approx(2.67, abs=0.01)
+    for root in (tmp_path / "out", again):
+        assert open_dataset(root / "lidar_beams-5")[0].lidar_height_m == height_m
+
+
+def test_broken_clouds_do_not_contradict_a_mount_in_calibration_files(tmp_path: Path):
+    shutil.copytree(PACKAGED_FRAMES, tmp_path / "sound")
+    for path in (tmp_path / "sound/training/calib").iterdir():
+        mount = "lidar_height_m: 1.73\nlidar_tilt_deg: 0 0\n"
+        path.write_text(path.read_text().rstrip() + "\n" + mount)
+    make(tmp_path / "sound", tmp_path / "out", **{**BEAMS, "seed": 1})
+    tree = tmp_path / "out/lidar_beams-5"
+    assert open_dataset(tree)[0].lidar_height_m == 1.73
+    assert list(check_tree(tree)) == []
+    (tmp_path / "out" / RECORD).unlink()
+    with pytest.warns(UserWarning, match="lidar_height_m is 1.73, but the road in the sweeps"):
+        open_dataset(tree)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        "[" * 10**5,
+        '{"lidar_height_m": "1.9", "lidar_tilt_deg": null}',
+        '{"lidar_height_m": NaN, "lidar_tilt_deg": null}',
+        '{"lidar_height_m": null, "lidar_tilt_deg": {"roll": 1.0}}',
+        '{"lidar_height_m": null, "lidar_tilt_deg": {"roll": 1.0, "pitch": null}}',
+    ],
+)
+def test_a_damaged_record_of_the_mount_is_refused_in_a_line(tmp_path: Path, text: str):
+    make(PACKAGED_FRAMES, tmp_path / "out", **BEAMS)
+    tree = tmp_path / "out/lidar_beams-5"
+    (tmp_path / "out" / RECORD).write_text(text)
+    with pytest.raises(FileError, match=r"lidar_mount\.json: is damaged, .* corrupt again"):
+        open_dataset(tree)
+    (problem,) = check_tree(tree)
+    assert "lidar_mount.json: is damaged" in str(problem)
+    make(PACKAGED_FRAMES, tmp_path / "out", **BEAMS)
+    assert open_dataset(tree)[0].lidar_height_m is None
+
+
+def test_the_tilt_of_the_sound_tree_is_recorded_to_the_bit(tmp_path: Path):
+    pose = LidarPose(height_m=1.9000000000000001, tilt=Tilt(roll_deg=-0.1, pitch_deg=5.3))
+    make(PACKAGED_FRAMES, tmp_path / "out", **BEAMS)
+    tree = tmp_path / "out/lidar_beams-5"
+    record_pose(tree / "training", pose)
+    with pytest.warns(UserWarning, match="the LiDAR is tilted"):
+        dataset = open_dataset(tree)
+    assert dataset.pose == pose

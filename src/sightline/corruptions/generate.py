@@ -25,6 +25,7 @@ from sightline.data.kitti_trees import (
     list_object_frames,
     part_folder,
 )
+from sightline.data.lidar_mount import record_pose
 from sightline.data.map_png import read_mask_png, write_mask_png
 from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import open_dataset
@@ -54,7 +55,8 @@ class CaseTree:
 
     `SPLIT/corruption/N.json` holds the record; `SPLIT/{camera_mask,lidar_mask}/N.png`, if
     requested, the pixels that may have changed. Unchanged files are hard links to the input's
-    files, or copies if such links are not supported.
+    files, or copies if such links are not supported. `SPLIT/lidar_mount.json` holds the LiDAR's
+    pose over the road in the input, which broken clouds do not show.
     """
 
     root: Path
@@ -232,6 +234,7 @@ def corrupt_dataset(
     _warn_of_other_labels(dataset, kept_names, remedy)
     for tree in trees:
         tree.link_lists(dataset.root)
+        record_pose(tree.root / tree.split, dataset.pose)
     run_job(
         [work for work in works if work.pending],
         workers,

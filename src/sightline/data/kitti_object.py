@@ -50,7 +50,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
     (the camera points more than 5 degrees away from its x axis) or tilted (by 4 degrees or more
     against the road in some clouds, with a warning), samples have a `level_from_lidar`. If it sits
     more than 0.5 m higher or lower than KITTI's, with a warning, they have its height. Calibration
-    files of simulated rigs give height and tilt, frame by frame, which then replace estimates.
+    files of simulated rigs give height and tilt, frame by frame, which then replace estimates; so
+    does the record of the sound tree's pose that `sightline corrupt` leaves in its trees.
     """
 
     def __init__(
@@ -120,6 +121,11 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         warn_of_mount(self._pose, folder)
         for doubt in stated_mount_doubts(self.frames):
             warnings.warn(f"{part_folder('calibration')} of {folder}: {doubt}", stacklevel=3)
+
+    @property
+    def pose(self) -> LidarPose:
+        """Pose of the LiDAR over the road in frames whose calibration file does not give it."""
+        return self._pose
 
     def pose_places(self, num_frames: int) -> Sequence[int]:
         """See `PosedDataset`."""

@@ -1,5 +1,7 @@
 """Mounting of a LiDAR: its pose over the road, from a few clouds of a data set."""
 
+import json
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,6 +18,8 @@ from sightline.data.kitti_trees import DriveFrame, ObjectFrame
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
 from sightline.data.velodyne import read_sweep
+from sightline.files.atomic import atomic_write_text
+from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import turn_ahead
@@ -40,6 +44,9 @@ and 0.16 m for medians of three."""
 _NUM_ROAD_CLOUDS = 5  # clouds for the pose over the road, spread over a recording
 _LEVEL: Final = Tilt(roll_deg=0.0, pitch_deg=0.0)
 _KITTI_POSE: Final = LidarPose(height_m=None, tilt=None)
+_RECORD: Final = "lidar_mount.json"
+"""File beside the folders of a split with the pose of the tree that it was made from."""
+_RECORD_REMEDY: Final = "run sightline corrupt again, which writes it anew, or remove it"
 
 
 def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarPose:
@@ -47,14 +54,21 @@ def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarP
 
     A LiDAR tilted by less than 4 degrees is assumed to be level, and one whose height differs by
     less than 0.5 m from KITTI's, or whose clouds hardly show the road, to be mounted like KITTI's.
-    Where the calibration files give the mount of each frame (`stated_pose`), nothing is estimated.
+    Where the calibration files give the mount of each frame (`stated_pose`), or the tree records
+    that of its sound clouds (`record_pose`), nothing is estimated.
 
     Args:
         frames: All frames of a tree, so that any selection has the same pose.
+
+    Raises:
+        FileError: The record is damaged.
     """
     first = next((frame for frame in frames if isinstance(frame, ObjectFrame)), None)
     if first is not None and stated_pose(first) is not None:
         return _KITTI_POSE
+    record = None if first is None else _record_of(first)
+    if record is not None:
+        return _read_record(record)
     paths = select_spread([frame.points for frame in frames if frame.points is not None])
     read = (read_or_note(read_sweep, path, []) for path in paths)
     sweeps = [sweep for sweep in read if sweep is not None]  # others: reported by their readers
@@ -73,15 +87,60 @@ def stated_pose(frame: ObjectFrame) -> LidarPose | None:
     return read_or_note(read_object_pose, frame.calibration, [])
 
 
+def record_pose(split: Path, pose: LidarPose) -> None:
+    """Record the pose of a sound tree in a split of a tree whose clouds are corrupted.
+
+    Args:
+        split: Folder of the split, such as `training`.
+        pose: Pose by `pose_of_tree`; both fields are None if it is KITTI's.
+    """
+    tilt = pose.tilt and {"roll": pose.tilt.roll_deg, "pitch": pose.tilt.pitch_deg}
+    text = json.dumps({"lidar_height_m": pose.height_m, "lidar_tilt_deg": tilt}, indent=2) + "\n"
+    path = split / _RECORD
+    if not path.is_file() or path.read_bytes() != text.encode():  # shards go by times of change
+        atomic_write_text(path, text)
+
+
+def _record_of(frame: ObjectFrame) -> Path | None:
+    """Find the recorded pose of a frame's tree."""
+    files = (frame.points, frame.calibration, frame.image, frame.objects, frame.depth)
+    path = next(each for each in files if each is not None).parent.parent / _RECORD
+    return path if path.is_file() else None
+
+
+def _read_record(path: Path) -> LidarPose:
+    """Read the pose that `record_pose` wrote.
+
+    Raises:
+        FileError: The file is damaged.
+    """
+    text = read_text(path, remedy=_RECORD_REMEDY)
+    try:
+        content = json.loads(text)
+        height_m, angles = content["lidar_height_m"], content["lidar_tilt_deg"]
+        tilt = None if angles is None else Tilt(roll_deg=angles["roll"], pitch_deg=angles["pitch"])
+        numbers = [] if tilt is None else [tilt.roll_deg, tilt.pitch_deg]
+        numbers += [] if height_m is None else [height_m]
+        is_valid = all(isinstance(each, float) and math.isfinite(each) for each in numbers)
+    except (ValueError, TypeError, KeyError, RecursionError):
+        is_valid = False
+    if not is_valid:
+        problem = "is damaged, expected the LiDAR's height and tilt over the road"
+        raise FileError(path, problem, _RECORD_REMEDY)
+    return LidarPose(height_m=height_m, tilt=tilt)
+
+
 def stated_mount_doubts(frames: Sequence[ObjectFrame]) -> tuple[MountDoubt, ...]:
     """Describe a mount in calibration files that the road in the clouds contradicts; empty: none.
 
     Of the first cloud, the last and one between, most must contradict it: single clouds of hills
-    look tilted.
+    look tilted. Clouds that were corrupted (`record_pose`) contradict nothing.
 
     Args:
         frames: Frames of an object tree.
     """
+    if frames and _record_of(frames[0]) is not None:
+        return ()
     found: list[MountDoubt] = []
     given = 0
     for frame in select_spread([each for each in frames if each.points is not None]):

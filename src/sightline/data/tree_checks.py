@@ -235,9 +235,11 @@ def _object_tree(folder: Path) -> Tree | None:
             for each in stated_mount_doubts(frames)
         )
         tree = replace(tree, gaps=(*tree.gaps, *doubts))
-    tree = _with_notes(
-        tree, *_describe_pose(frames, read_or_note(read_object_matrices, calibration_file, []))
-    )
+    matrices = read_or_note(read_object_matrices, calibration_file, [])
+    try:
+        tree = _with_notes(tree, *_describe_pose(frames, matrices))
+    except FileError as error:
+        tree = tree and replace(tree, gaps=(*tree.gaps, error.problem))
     return _with_unread(tree, object_folders(folder, velodyne))
 
 
