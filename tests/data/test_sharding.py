@@ -564,3 +564,12 @@ def test_check_finds_damage_of_the_files_of_no_frame(shards, place, damage, told
     assert others == before
     assert problem.path == shards / "shared.tar"
     assert told in str(problem)
+
+
+def test_an_open_data_set_reads_shards_that_are_packed_anew(tree, shards):
+    dataset = open_dataset(shards)
+    before = dataset[0].points
+    sweep = tree / "training" / "velodyne" / "000000.bin"
+    sweep.write_bytes(sweep.read_bytes()[16:])
+    write_shards(tree, shards, frames_per_shard=2)
+    assert len(dataset[0].points) == len(before) - 1

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
@@ -229,8 +230,10 @@ class RecordingDataset(Dataset[CameraLidarSample]):
 
     def _rig(self, path: Path) -> "_Rig":
         """Read a calibration; a file for all frames is read once, unless it has changed."""
-        status = path.stat()
-        stamp = status.st_mtime_ns, status.st_size
+        stamp = (0, 0)
+        with suppress(OSError):  # reading tells
+            status = path.stat()
+            stamp = status.st_mtime_ns, status.st_size
         if self._last_rig is None or self._last_rig[:2] != (path, stamp):
             contents = read_recording_calibration(path)
             tilt = self._pose.tilt if contents.lidar_tilt is None else contents.lidar_tilt

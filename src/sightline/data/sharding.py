@@ -134,7 +134,10 @@ def write_shards(
         partial(_pack_current, sources.root, tar, files, compress=compress)
         for tar, files in zip(tars_of(out, count, frames_per_shard), contents, strict=True)
     ]
-    return _run(jobs, workers, "packing")
+    report = _run(jobs, workers, "packing")
+    if report.written:
+        (out / MANIFEST).touch()  # processes that have the shards open read their indexes anew
+    return report
 
 
 def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
