@@ -1,17 +1,10 @@
-import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sightline.cli.main import main
-from sightline.data.map_png import read_depth_png, write_depth_png
-from sightline.data.sharding import write_shards
-from sightline.evaluation.inputs import warn_of_other_data
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from tests.data.recordings import write_recording
 from tests.evaluation.kitti_scenes import Line, text_of, write_frames
 
 CAR = Line(z=15)
@@ -108,48 +101,3 @@ def test_results_are_not_scored_against_themselves(command, tmp_path, capsys):
     (tmp_path / "000000.txt").write_text("Car 0 0 0 1 1 50 50 1.5 1.6 4 0 1.6 20 0 0.9\n")
     assert main(["evaluate", command, str(tmp_path), f"{tmp_path}/."]) == 2
     assert "named both as the results and as the labels" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("kind", ["objects", "proposals", "depth", "against"])
-def test_results_of_another_data_set_than_that_of_the_labels_are_told(tmp_path, kind):
-    data, results = tmp_path / "day" / "kitti", tmp_path / "results"
-    shutil.copytree(PACKAGED_FRAMES, data)
-    truth = data / "training" / ("depth" if kind == "depth" else "label_2")
-    results.mkdir()
-    for path in truth.iterdir():
-        if kind == "depth":
-            write_depth_png(results / path.name, read_depth_png(path) * np.float32(1.01))
-        else:
-            lines = [f"{line} 1.0\n" for line in path.read_text().splitlines()]
-            (results / path.name).write_text("".join(lines))
-    command = ["evaluate", "objects" if kind == "against" else kind, str(results), str(truth)]
-    if kind == "against":
-        shutil.copytree(results, tmp_path / "other")
-        command += ["--against", str(tmp_path / "other")]
-    claim = (tmp_path / "other" if kind == "against" else results) / "sightline.json"
-    assert main(command) in (0, None)  # warnings are errors here
-    for made_from in ("day/kitti", "kitti/training"):
-        claim.write_text(json.dumps({"data": made_from}))
-        assert main(command) in (0, None)
-    claim.write_text(json.dumps({"data": "night/kitti"}))
-    told = f"{claim.parent} was made from night/kitti, not from {data}; check that frames with"
-    with pytest.warns(UserWarning, match=told):
-        main(command)
-
-
-def test_labels_in_shards_and_recordings_have_the_name_of_their_data(tmp_path, recwarn):
-    write_shards(PACKAGED_FRAMES, tmp_path / "shards", frames_per_shard=1)
-    write_recording(tmp_path / "drive", ("a",))
-    (tmp_path / "results").mkdir()
-    names = ("/".join(PACKAGED_FRAMES.parts[-2:]), f"{tmp_path.name}/drive")
-    truths = (tmp_path / "shards" / "training" / "label_2", tmp_path / "drive" / "labels")
-    for made_from in names:
-        (tmp_path / "results" / "sightline.json").write_text(json.dumps({"data": made_from}))
-        for name, truth in zip(names, truths, strict=True):
-            recwarn.clear()
-            warn_of_other_data(tmp_path / "results", truth)
-            assert bool(recwarn.list) == (name != made_from)
-        recwarn.clear()
-        warn_of_other_data(tmp_path / "results", tmp_path / "elsewhere" / "label_2")
-        warn_of_other_data(tmp_path / "results", Path("s3://bucket/shards/training/label_2"))
-        assert not recwarn.list

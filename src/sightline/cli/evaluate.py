@@ -77,13 +77,10 @@ def objects_command(
     check_outputs(places | {"--plots": plots}, data=only_read, results=read)
     check_places(places)
     check_writable_folder(plots)
-    from sightline.evaluation.inputs import warn_of_other_data
     from sightline.evaluation.kitti_object import compare_objects, evaluate_objects
     from sightline.evaluation.kitti_object_rules import parse_overlaps
     from sightline.evaluation.object_report import write_object_rows
 
-    for folder in read:
-        warn_of_other_data(folder, labels)
     if against is not None:
         comparison = compare_objects(
             results,
@@ -136,10 +133,8 @@ def proposals_command(
         json: File for the whole report.
     """
     check_places({"--json": json}, data=[labels, named_file(sample_list)], results=[results])
-    from sightline.evaluation.inputs import warn_of_other_data
     from sightline.evaluation.kitti_object_proposals import evaluate_proposals
 
-    warn_of_other_data(results, labels)
     report = evaluate_proposals(
         results,
         labels,
@@ -184,10 +179,7 @@ def depth_command(
     results = [predictions, *([] if against is None else [against])]
     check_places({"--json": json}, data=data, results=results)
     from sightline.evaluation.depth import evaluate_depth
-    from sightline.evaluation.inputs import warn_of_other_data
 
-    for folder in results:
-        warn_of_other_data(folder, truth)
     report = evaluate_depth(
         predictions,
         truth,
