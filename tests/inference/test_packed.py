@@ -10,6 +10,8 @@ import pytest
 import torch
 
 from sightline.cli.main import main
+from sightline.data.map_png import read_depth_png
+from sightline.data.open import open_dataset
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.depth_completion.registration import TASK
 from sightline.evaluation.depth import evaluate_depth
@@ -96,6 +98,12 @@ def test_results_of_shards_packed_anew_from_other_frames_are_made_again(shards, 
     assert pack(shards, out) == JobResult(written=0, skipped=3)
 
 
+def height(sample):
+    """Predict the LiDAR's height, which depends on the other frames."""
+    depth_m = torch.full(sample.image_size, sample.lidar_height_m)
+    return DepthMap(depth_m=depth_m, valid=depth_m > 0)
+
+
 def height_and_time(sample):
     """Predict the LiDAR's height and the time, which depend on the other frames."""
     depth_m = torch.full(sample.image_size, sample.lidar_height_m)
@@ -125,6 +133,50 @@ def test_a_shard_has_the_height_and_the_times_of_the_whole(tmp_path, frames_per_
         predict_shards(TASK, predictor, tmp_path / "shards", tmp_path / "packed", workers=1)
     unpack_shards(tmp_path / "packed", tmp_path / "unpacked")
     assert contents(tmp_path / "unpacked") == contents(tmp_path / "expected")
+
+
+def test_the_height_is_estimated_where_some_frames_have_no_sweep(tmp_path):
+    recording = write_changing_recording(tmp_path / "drive")
+    for name in "adg":
+        (recording / "points" / f"{name}.npy").unlink()
+    write_shards(recording, tmp_path / "shards", frames_per_shard=3)
+    predictor = FunctionPredictor(height, "height")
+    with warnings.catch_warnings(action="ignore"):
+        predict_shards(TASK, predictor, tmp_path / "shards", tmp_path / "packed", workers=1)
+        whole = open_dataset(recording, parts=("points",), needs=())[1].lidar_height_m
+    unpack_shards(tmp_path / "packed", tmp_path / "unpacked")
+    heights = {
+        round(float(read_depth_png(path).max()), 2)
+        for path in (tmp_path / "unpacked").glob("*.png")
+    }
+    assert len(heights) == 1
+    assert heights.pop() == pytest.approx(whole, abs=0.15)
+
+
+def test_the_height_in_one_of_two_splits_is_that_of_the_unpacked_split(tmp_path):
+    tree = tmp_path / "tree"
+    for split, count in (("testing", 3), ("training", 8)):
+        for number in range(count):
+            name = f"{number:06}"
+            for part in ("image_2", "calib", "velodyne"):
+                (path,) = (PACKAGED_FRAMES / "training" / part).glob("000000.*")
+                (tree / split / part).mkdir(parents=True, exist_ok=True)
+                shutil.copy(path, tree / split / part / f"{name}{path.suffix}")
+            points = POINTS.copy()
+            points[:, 2] -= 0.8 + 0.1 * number
+            points.tofile(tree / split / "velodyne" / f"{name}.bin")
+    write_shards(tree, tmp_path / "shards", frames_per_shard=2)
+    with warnings.catch_warnings(action="ignore"):
+        for split in ("training", "testing"):
+            write(tree / split, tmp_path / f"{split}-expected", height, name="height")
+            predictor = FunctionPredictor(height, "height")
+            predict_shards(TASK, predictor, tmp_path / "shards" / split, tmp_path / split)
+            unpack_shards(tmp_path / split, tmp_path / f"{split}-unpacked")
+            found, expected = (
+                {path.name: path.read_bytes() for path in (tmp_path / each).glob("*.png")}
+                for each in (f"{split}-unpacked", f"{split}-expected")
+            )
+            assert found == expected
 
 
 def test_a_changed_calibration_of_all_shards_makes_their_results_again(tmp_path):

@@ -110,8 +110,9 @@ def doubts_about_sparse_maps(
     summed = reduce(add, images)
     if not summed.pixels:
         yield (
-            f"{sparse}: no map has a value at a pixel with ground truth in {truth}: name the "
-            "sparse maps of these images"
+            f"{sparse}: no map has a value at a pixel with ground truth in {truth}, so no lost "
+            "returns are counted: name the sparse maps of these images, unless the truth leaves "
+            "their pixels out"
         )
     elif summed.pixels >= _MIN_PIXELS:
         doubts = list(_doubts_about_highest(summed, sparse, truth))

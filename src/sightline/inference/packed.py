@@ -117,7 +117,7 @@ def pack_results(
         shared, *targets = tars_of(out, frames, frames_per_shard)
         pack_files(folder, shared, sorted(files_below(folder)))
     chosen = shard(list(zip(tars, targets, strict=True)), shard_index, num_shards)
-    pose = _common_pose(writer, dataset, tars, place, manifest)
+    pose = _common_pose(writer, dataset, tars, place, frames_per_shard)
     shared_sha256 = _checksum(shared_tar)
     works = [
         _ShardWork(writer, source, place, target, source_sha256, pose)
@@ -181,24 +181,57 @@ def _checksum(tar: Path) -> str | None:
 
 
 def _common_pose(
-    writer: ShardWriter,
-    dataset: SampleDataset,
-    tars: Sequence[Path],
-    place: str,
-    manifest: dict[str, Any],
+    writer: ShardWriter, dataset: SampleDataset, tars: Sequence[Path], place: str, num_frames: int
 ) -> LidarPose | None:
-    """Estimate the LiDAR's pose by the frames that a job without shards takes for it."""
+    """Estimate the LiDAR's pose by the frames that a job without shards takes for it.
+
+    Where frames lack a sweep, a job without shards may take others nearby.
+
+    Args:
+        writer: Writer of the results.
+        dataset: A shard's frames.
+        tars: All shards of frames.
+        place: Place in them.
+        num_frames: Number of frames in each shard but the last.
+    """
     if not isinstance(dataset, PosedDataset):
         return None
+    holding = _holding(tars, place)
+    parts = [_quietly_opened(writer, tar, place) for tar in (holding[0], holding[-1])]
+    first, last = (0 if each is None else len(each) for each in parts)
+    count = first if len(holding) == 1 else first + num_frames * (len(holding) - 2) + last
     frames = []
-    for number in dataset.pose_places(int(manifest["frames"])):
-        position, row = divmod(number, int(manifest["frames_per_shard"]))
-        with suppress(ValueError), warnings.catch_warnings():  # named when its turn comes
-            warnings.simplefilter("ignore")
-            found = _open(writer, tars[position], place)
-            if isinstance(found, PosedDataset):
-                frames.append(found.frames[min(row, len(found) - 1)])
+    for number in dataset.pose_places(count):
+        position, row = divmod(number - first, num_frames) if number >= first else (-1, number)
+        found = _quietly_opened(writer, holding[1 + position], place)
+        if isinstance(found, PosedDataset):
+            near = [*found.frames[row:], *reversed(found.frames[:row])]
+            frames += [frame for frame in near if frame.points is not None][:1]
     return dataset.estimate_pose(frames) if frames else None
+
+
+def _holding(tars: Sequence[Path], place: str) -> Sequence[Path]:
+    """Shards with frames in a place, which follow each other, as frames are sorted by their paths.
+
+    All indexes are read only where the first or the last shard has none there.
+    """
+
+    def holds(tar: Path) -> bool:
+        with suppress(ValueError):  # named when its turn comes
+            return (data_path(tar) / place).is_dir()
+        return False
+
+    if not place or (holds(tars[0]) and holds(tars[-1])):
+        return tars
+    return [tar for tar in tars if holds(tar)] or tars
+
+
+def _quietly_opened(writer: ShardWriter, tar: Path, place: str) -> SampleDataset | None:
+    """Open the frames of a shard; None: there are none, or they cannot be read."""
+    with suppress(ValueError), warnings.catch_warnings():  # named when its turn comes
+        warnings.simplefilter("ignore")
+        return _open(writer, tar, place)
+    return None
 
 
 def _run_named(work: Work) -> str | None:

@@ -23,6 +23,7 @@ from sightline.jobs.output_dirs import (
     check_outputs,
     claim_folders,
     differs_only_in,
+    finished_names,
     read_claim,
     renew_claims,
 )
@@ -118,7 +119,8 @@ def perceive(
         all_outputs: Whether to write also the further outputs of tasks: expected errors, gates.
         workers: Number of workers; 1 on this machine: only this process.
         driver: Kind of workers: processes of this machine, or actors of a Ray cluster.
-        overwrite: Whether to replace existing files.
+        overwrite: Whether to replace existing files. Where all of them are replaced, the LiDAR's
+            rotation is measured anew.
         shard_index: Index of the shard to process, from 0.
         num_shards: Number of shards; shards can run on different machines at the same time.
         video: Additional MP4 file of all frames; see `PictureFiles`.
@@ -155,17 +157,18 @@ def perceive(
     )
     warn_of_missing_sensors(dataset, data, perceiver.parts, stacklevel=2)
     _check_tasks(perceiver, around=around, all_outputs=all_outputs)
-    if align and perceiver.alignment is None:
-        perceiver = _aligned(perceiver, dataset, out, workers, driver, anew=overwrite)
-    if perceiver.alignment:
-        warnings.warn(f"{perceiver.alignment}{_ON_ALIGNMENT}", stacklevel=2)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
+    folder = out / LINES_FOLDER
+    is_all_anew = overwrite and finished_names(folder, ".json") <= set(names)
+    if align and perceiver.alignment is None:
+        perceiver = _aligned(perceiver, dataset, out, workers, driver, anew=is_all_anew)
+    if perceiver.alignment:
+        warnings.warn(f"{perceiver.alignment}{_ON_ALIGNMENT}", stacklevel=2)
     places = result_places(perceiver, out, all_outputs=all_outputs)
     claims = result_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around)
-    folder = out / LINES_FOLDER
-    if overwrite:
-        _drop_other_alignment(claims, folder, names)
+    if is_all_anew:
+        _drop_other_alignment(claims, folder)
     _claim_folders(claims)
     done = set() if overwrite else done_frames(dataset, perceiver, places, folder)
     kept = (
@@ -219,25 +222,13 @@ def _claim_folders(claims: Sequence[Claim]) -> None:
         ) from error
 
 
-def _drop_other_alignment(claims: Sequence[Claim], lines: Path, names: Sequence[str]) -> None:
-    """Drop lines whose LiDAR was turned otherwise, so that all results are made anew.
-
-    Raises:
-        ValueError: This run would keep some of the frames.
-    """
+def _drop_other_alignment(claims: Sequence[Claim], lines: Path) -> None:
+    """Drop the lines of all frames if their LiDAR was turned otherwise, and renew the claims."""
     out = claims[0]
     held, now = ((each or {}).get(ALIGNMENT) for each in (read_claim(out.folder), out.settings))
     if held == now or not all(differs_only_in(each, ALIGNMENT) for each in claims):
         return  # nothing else is refused here
-    marks = sorted(lines.glob("*.json"))  # of finished frames: an interrupted run goes on from here
-    kept = [path.stem for path in marks if path.stem not in set(names)]
-    if kept:
-        raise ValueError(
-            f"{out.folder} holds {len(kept):,} frames, {describe_absent(kept)}, that this run "
-            "would keep, but the rotation of the LiDAR is measured otherwise now: overwrite all "
-            "frames in one run, or name another folder"
-        )
-    for path in marks:
+    for path in lines.glob("*.json"):  # an interrupted run goes on from here
         path.unlink()
     renew_claims(claims, ALIGNMENT)
 
