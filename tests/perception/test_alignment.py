@@ -166,6 +166,12 @@ def test_overwriting_measures_the_rotation_anew(packaged, opened, tmp_path):
     for folder in ("detection3d", "joined", "lines"):
         found, expected = (contents_of(tmp_path / each / folder) for each in ("out", "new"))
         assert found == expected
+    for folder in ("", "detection3d"):  # as where a run was killed between claims
+        manifest = tmp_path / "out" / folder / "sightline.json"
+        held = json.loads(manifest.read_text()) | {"alignment": {"yaw_deg": 1.0}}
+        manifest.write_text(json.dumps(held, indent=2) + "\n")
+        perceive("data", tmp_path / "out", perceiver=perceiver(), overwrite=True)
+        assert "alignment" not in json.loads(manifest.read_text())
     other = perceiver()
     other.predictors["detection3d"].made_by["weights"] = "other"
     with pytest.raises(ValueError, match="holds files made with"):

@@ -4,7 +4,7 @@ import gzip
 import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
@@ -133,14 +133,16 @@ class PartMaker:
     @cached_property
     def limits(self) -> ChosenLimits:
         """Limits of the sensors' health, as chosen by `sightline health`."""
-        return choose_for_dataset(self._whole)
+        chosen = choose_for_dataset(self._whole)
+        if describe_sparse_maps(self._whole, self._data) is None:
+            return chosen
+        doubt = "scores of sparse depth maps, which are used as sweeps, mean nothing"
+        return replace(chosen, lidar=f"{chosen.lidar}; {doubt}")
 
     def _health(self, sample: CameraLidarSample) -> dict[str, Any]:
-        limits, lidar = self.limits, self.limits.lidar
-        if describe_sparse_maps(self._dataset, self._data):
-            lidar += "; scores of sparse depth maps, which are used as sweeps, mean nothing"
+        limits = self.limits
         judged = health_json(HealthMonitor(limits.limits)(sample))
-        return {**judged, "limits": {"camera": limits.camera, "lidar": lidar}}
+        return {**judged, "limits": {"camera": limits.camera, "lidar": limits.lidar}}
 
     def _paths(self, frame: str) -> dict[str, Path]:
         self._files = self._files or list_sample_files(self._dataset)

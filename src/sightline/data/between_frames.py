@@ -260,7 +260,7 @@ def _is_blank(path: Path) -> bool:
 
 
 def _holds_no_depth(path: Path) -> bool:
-    """Whether a depth map has no depth; false for an unreadable one, which its reader reports."""
+    """Test if a depth map is readable and has no depth."""
     depth_m = read_or_note(read_depth_png, path, [])
     return depth_m is not None and not depth_m.any()
 

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float
 USUAL_LOSS: Final = 0.5
 """Share of points without an echo in a cloud that may include rays into the sky."""
 _NO_RANGE_M: Final = 1e-3
-"""Largest coordinate of points at the sensor itself: nuScenes' have up to 0.1 mm. No LiDAR measures
-so near."""
+"""Largest coordinate of points at the sensor itself. A sweep of nuScenes has 3,756 within 0.31 mm,
+and the next one at 0.34 m."""
 
 
 def echoes(points: Float[np.ndarray, "num_points 4"]) -> Float[np.ndarray, "num_echoes 4"]:

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -117,12 +118,16 @@ def pack_results(
         shared, *targets = tars_of(out, frames, frames_per_shard)
         pack_files(folder, shared, sorted(files_below(folder)))
     chosen = shard(list(zip(tars, targets, strict=True)), shard_index, num_shards)
-    pose = _common_pose(writer, dataset, tars, place, frames_per_shard)
     shared_sha256 = _checksum(shared_tar)
-    works = [
-        _ShardWork(writer, source, place, target, source_sha256, pose)
+    pending = [
+        (source, target, content)
         for source, target in chosen
-        if not _is_done(target, source_sha256 := _content(source, shared_sha256))
+        if not _is_done(target, content := _content(source, shared_sha256))
+    ]
+    pose = _common_pose(writer, dataset, tars, place, frames_per_shard) if pending else None
+    works = [
+        _ShardWork(writer, source, place, target, content, pose)
+        for source, target, content in pending
     ]
     notes = run_job(works, workers, description=description, driver=driver, keep_going=True)
     return JobResult(written=len(works), skipped=len(chosen) - len(works), notes=notes)
@@ -196,14 +201,15 @@ def _common_pose(
     """
     if not isinstance(dataset, PosedDataset):
         return None
+    opened = cache(partial(_quietly_opened, writer, place=place))
     holding = _holding(tars, place)
-    parts = [_quietly_opened(writer, tar, place) for tar in (holding[0], holding[-1])]
-    first, last = (0 if each is None else len(each) for each in parts)
+    ends = [opened(tar) for tar in (holding[0], holding[-1])]
+    first, last = (0 if each is None else len(each) for each in ends)
     count = first if len(holding) == 1 else first + num_frames * (len(holding) - 2) + last
     frames = []
     for number in dataset.pose_places(count):
         position, row = divmod(number - first, num_frames) if number >= first else (-1, number)
-        found = _quietly_opened(writer, holding[1 + position], place)
+        found = opened(holding[1 + position])
         if isinstance(found, PosedDataset):
             near = [*found.frames[row:], *reversed(found.frames[:row])]
             frames += [frame for frame in near if frame.points is not None][:1]

@@ -223,14 +223,20 @@ def _claim_folders(claims: Sequence[Claim]) -> None:
 
 
 def _drop_other_alignment(claims: Sequence[Claim], lines: Path) -> None:
-    """Drop the lines of all frames if their LiDAR was turned otherwise, and renew the claims."""
-    out = claims[0]
-    held, now = ((each or {}).get(ALIGNMENT) for each in (read_claim(out.folder), out.settings))
-    if held == now or not all(differs_only_in(each, ALIGNMENT) for each in claims):
+    """Drop the lines of all frames if their LiDAR was turned otherwise, and renew the claims.
+
+    The claim on the whole folder is renewed last: until then another run is refused, or overwrites
+    all frames, too.
+    """
+    is_other = any(
+        (read_claim(each.folder) or each.settings).get(ALIGNMENT) != each.settings.get(ALIGNMENT)
+        for each in claims
+    )
+    if not is_other or not all(differs_only_in(each, ALIGNMENT) for each in claims):
         return  # nothing else is refused here
-    for path in lines.glob("*.json"):  # an interrupted run goes on from here
+    for path in lines.glob("*.json"):
         path.unlink()
-    renew_claims(claims, ALIGNMENT)
+    renew_claims(claims[::-1], ALIGNMENT)
 
 
 def _check_all_there(out: Path, names: Sequence[str], lines: Collection[str]) -> None:
