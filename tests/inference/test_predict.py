@@ -165,7 +165,7 @@ def test_overwrite_makes_all_files_anew(data, out):
     [
         ({"name": "other"}, "method sparse instead of other"),
         ({"made_by": {"weights_sha256": "ab"}}, "weights_sha256 none instead of ab"),
-        ({"made_by": {"sightline": "9"}}, r"sightline [\d.]+ instead of 9"),
+        ({"made_by": {"sightline": "9"}}, r"sightline [\w.]+ instead of 9"),
     ],
 )
 @pytest.mark.parametrize("overwrite", [False, True])

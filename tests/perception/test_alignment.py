@@ -62,7 +62,6 @@ def opened(monkeypatch):
         recording = Recording(samples)
         for name, given in (
             ("open_dataset", lambda *_, **__: recording),
-            ("sweeps_folder", lambda _: "velodyne"),
             ("warn_of_missing_sensors", lambda *_, **__: None),
         ):
             monkeypatch.setattr(perceive_module, name, given)
@@ -157,7 +156,8 @@ def test_overwriting_measures_the_rotation_anew(packaged, opened, tmp_path):
         perceive("data", tmp_path / "out", perceiver=perceiver())
     opened(packaged)  # the calibration was corrected
     kept = contents_of(tmp_path / "out" / "lines")
-    with pytest.warns(UserWarning, match="undone"):  # as of the frames that stay
+    told = "undone; .* measured when this output was begun: to measure it anew, overwrite all"
+    with pytest.warns(UserWarning, match=told):  # as of the frames that stay
         perceive("data", tmp_path / "out", perceiver=perceiver(), num_shards=2, overwrite=True)
     assert contents_of(tmp_path / "out" / "lines").keys() == kept.keys()
     assert all(line["undone_turn"] for line in lines_of(tmp_path / "out"))
@@ -176,6 +176,18 @@ def test_overwriting_measures_the_rotation_anew(packaged, opened, tmp_path):
     other.predictors["detection3d"].made_by["weights"] = "other"
     with pytest.raises(ValueError, match="holds files made with"):
         perceive("data", tmp_path / "out", perceiver=other, overwrite=True)
+
+
+def test_lines_of_removed_frames_do_not_keep_a_rotation(packaged, opened, tmp_path):
+    opened([rotate_extrinsics(each, 1.0) for each in packaged])
+    with pytest.warns(UserWarning, match="undone"):
+        perceive("data", tmp_path / "out", perceiver=perceiver())
+    opened(packaged[:5])  # the calibration was corrected, and a frame removed
+    told = "results of 1 of 6 frames, 000005, are of no frame of these data and were dropped"
+    with pytest.warns(UserWarning, match=told):
+        perceive("data", tmp_path / "out", perceiver=perceiver(), overwrite=True)
+    assert len(lines_of(tmp_path / "out")) == 5
+    assert not any("undone_turn" in line for line in lines_of(tmp_path / "out"))
 
 
 def test_workers_and_a_resumed_job_undo_the_same_rotation(packaged, opened, tmp_path, monkeypatch):
@@ -296,7 +308,7 @@ def test_show_draws_on_the_corrected_sample(tmp_path, monkeypatch):
         return torch.zeros(4, 4, 3, dtype=torch.uint8).numpy()
 
     monkeypatch.setattr("sightline.perception.show.frame_sheet", sheet)
-    source = ResultSource([tmp_path / "out"], PACKAGED_FRAMES)
+    source = ResultSource([tmp_path / "out"])
     write_frames_picture(
         PACKAGED_FRAMES, ["000000"], tmp_path / "p.png", source=source, min_score=0.3
     )

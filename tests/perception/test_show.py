@@ -121,7 +121,7 @@ def test_true_depth_of_an_object_tree_is_drawn_as_the_errors_of_a_prediction(dat
 def test_results_of_other_data_are_drawn_with_one_warning(data, results, tmp_path):
     moved = data.rename(tmp_path / "moved")
     words = ["show", str(moved), "000001", "--out", str(tmp_path / "one.png")]
-    with pytest.warns(UserWarning, match=f"made from .*, not from {moved}; check") as warned:
+    with pytest.warns(UserWarning, match="made from .*/data, not from .*/moved; check") as warned:
         assert main([*words, "--results", str(results)]) == 0
     assert len(warned) == 1
 

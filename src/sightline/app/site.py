@@ -22,9 +22,10 @@ from sightline.corruptions.kinds import SEVERITIES, find_kind
 from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import dataset_title
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
-from sightline.jobs.output_dirs import check_outside_dataset, data_name
+from sightline.jobs.output_dirs import check_outside_dataset
 from sightline.jobs.progress import ProgressLines
 from sightline.jobs.run import check_workers
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -103,7 +104,7 @@ def export_page(
         "made_by": SiteFolder.made_by,
         "code": _code_digest(),
         "engine": choose_engine(engine),
-        "data": data_name(folder),
+        "data": dataset_title(whole, folder),
     }
     with SiteFolder(site, settings) as aside:
         writer = _Writer(aside, dataset, states, data, maker)

@@ -56,7 +56,7 @@ def show(
         raise ValueError("--results needs no task, method or weights; leave these out")
     source: PredictorSource | ResultSource
     if results:
-        source = ResultSource(folders, data)
+        source = ResultSource(folders)
     else:
         chosen = choose_task(task, weights)
         source = PredictorSource(chosen, chosen.predictor(method=method, weights=weights))

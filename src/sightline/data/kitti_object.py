@@ -109,6 +109,8 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         )
         _check_complete(folder, requested, found, needed, velodyne)
         self.frames = tuple(found[frame_id] for frame_id in requested)
+        self.all_sample_ids = tuple(found)
+        """Names of all frames of the split, also of those that the list leaves out."""
         pictures = (frame.image or frame.depth for frame in found.values())
         self._any_picture = next((path for path in pictures if path is not None), None)
         self._judge = CalibrationJudge()

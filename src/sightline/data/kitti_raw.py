@@ -113,6 +113,10 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         """Number of frames."""
         return len(self.frames)
 
+    def time_s(self, index: int) -> float | None:
+        """Time of a frame's sweep since the drive's first [s]; None: there are no times."""
+        return None if self._times is None else self._times[index]
+
     def __getitem__(self, index: int) -> CameraLidarSample:
         """Read a frame.
 
@@ -139,7 +143,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
             image=image,
             points=None if frame.points is None else read_points(frame.points),
             world_from_lidar=None if self._poses is None else self._poses[index],
-            timestamp_s=None if self._times is None else self._times[index],
+            timestamp_s=self.time_s(index),
             lidar_height_m=self._pose.height_m,
             level_from_lidar=self._level_from_lidar,
         )

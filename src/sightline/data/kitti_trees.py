@@ -37,6 +37,9 @@ RAW_CALIBRATION: Final = tuple(
 """Calibration files of a raw drive; the folder with the first is that of all."""
 
 _DATE_LENGTH = len("2011_09_26")
+SELECTIONS_FOLDER: Final = "depth_selection"
+"""Folder of the selections in a depth completion tree."""
+
 DRIVE_FOLDERS: Final[dict[Part, tuple[str, ...]]] = {
     "image": ("image_02/data", "image_02"),
     "points": ("velodyne_points/data", "velodyne_points", "velodyne"),
@@ -223,7 +226,7 @@ def raw_images(raw_root: Path, drive: str, camera: Camera) -> Path:
 
 def selection_folder(root: Path, split: SelectedSplit) -> Path:
     """Folder of a selection: in `root`, in its folder depth_selection, or `root` itself."""
-    candidates = (root / split, root / "depth_selection" / split, root)
+    candidates = (root / split, root / SELECTIONS_FOLDER / split, root)
     return next((base for base in candidates if (base / "velodyne_raw").is_dir()), candidates[0])
 
 

@@ -1,14 +1,16 @@
-"""Warning of results that are older than the frames that they were made from."""
+"""Warnings of kept results that are older than their frames, or of frames that are gone."""
 
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
+from itertools import filterfalse
 from pathlib import Path
 
+from sightline.data.frame_lists import is_note
 from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.kitti_trees import Part
+from sightline.data.kitti_trees import Part, describe_absent
 from sightline.data.sample_dataset import NamedSubset, SampleDataset
-from sightline.data.sample_files import list_sample_files
+from sightline.data.sample_files import all_sample_ids, list_sample_files
 from sightline.files.shard_index import index_path
 from sightline.files.shard_path import ShardPath, stored_file
 
@@ -52,6 +54,27 @@ def warn_of_newer_frames(
             f"{first.parent}: of {kept:,} frames whose results are kept, {older:,} changed after "
             f"the result, the first is {first.stem}: the data were changed, copied or packed "
             f"since; {remedy}",
+            stacklevel=3,
+        )
+
+
+def warn_of_gone_frames(
+    dataset: SampleDataset, folder: Path, names: Collection[str], *, fate: str = "stay"
+) -> None:
+    """Warn of results of frames that the whole data set does not have.
+
+    Args:
+        dataset: Data set of `open_dataset`.
+        folder: Folder of the results.
+        names: Names of the frames with results; notes among them are left out.
+        fate: End of the sentence on these results.
+    """
+    gone = sorted(set(filterfalse(is_note, names)) - set(all_sample_ids(dataset)))
+    if gone:
+        warnings.warn(
+            f"{folder}: results of {len(gone):,} of {len(names):,} frames, "
+            f"{describe_absent(gone)}, are of no frame of these data and {fate}; if the frames "
+            "were removed or renamed, remove their results, too, or name another folder",
             stacklevel=3,
         )
 

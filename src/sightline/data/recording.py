@@ -146,6 +146,16 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         """Number of frames."""
         return len(self.frames)
 
+    @property
+    def all_sample_ids(self) -> tuple[str, ...]:
+        """Names of all frames, also of those that the list leaves out."""
+        return tuple(frame.sample_id for frame in self._all_frames)
+
+    def time_s(self, index: int) -> float | None:
+        """Time of a frame since the recording's start [s]; None: unknown."""
+        name = self.frames[index].sample_id
+        return float(self._times[name] - self._start_s) if name in self._times else None
+
     def label_file(self, index: int) -> Path | None:
         """Path of the frame's labels; None: no labels, or they are not loaded."""
         return self.frames[index].objects if "objects" in self.parts else None
@@ -218,7 +228,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 points=points,
                 objects=objects,
                 depth=read_depth(frame.depth) if frame.depth and "depth" in self.parts else None,
-                timestamp_s=self._time_of(frame.sample_id),
+                timestamp_s=self.time_s(index),
                 lidar_height_m=self._lidar_height_m(contents),
                 level_from_lidar=level_from_lidar,
                 all_around=points is not None and covers_turn(points.numpy()),
@@ -339,9 +349,6 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         if self._any_picture is not None:
             return read_image_size(self._any_picture)
         return centred_image_size(calibration)
-
-    def _time_of(self, name: str) -> float | None:
-        return float(self._times[name] - self._start_s) if name in self._times else None
 
     def _check_complete(self, needed: Collection[Part]) -> None:
         attributes = {"image": "images", "points": "points", "objects": "labels", "depth": "depth"}

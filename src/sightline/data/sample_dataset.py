@@ -51,6 +51,14 @@ class PosedDataset(SampleDataset, Protocol):
 
 
 @runtime_checkable
+class TimedDataset(SampleDataset, Protocol):
+    """Data set that knows the times of its samples without reading them."""
+
+    def time_s(self, index: int) -> float | None:
+        """Time of a sample [s]; None: unknown."""
+
+
+@runtime_checkable
 class ExaminedDataset(SampleDataset, Protocol):
     """Data set that lists the files of its samples, and examines them without a sample."""
 

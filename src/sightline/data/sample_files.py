@@ -11,6 +11,7 @@ from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import (
+    SELECTIONS_FOLDER,
     DepthFrame,
     Part,
     Velodyne,
@@ -19,18 +20,45 @@ from sightline.data.kitti_trees import (
 )
 from sightline.data.point_files import holds_no_point
 from sightline.data.recording import RecordingDataset
-from sightline.data.sample_dataset import ExaminedDataset, NamedSubset, SampleDataset
+from sightline.data.sample_dataset import (
+    ExaminedDataset,
+    NamedSubset,
+    SampleDataset,
+    TimedDataset,
+)
 from sightline.files.shard_path import data_path
 from sightline.jobs.output_dirs import data_name
 
 SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
 """Nouns for the data of sensors."""
+_NANOSECOND_S: Final = 1.0e-9
 _IN_DEPTH_FRAMES: Final[Mapping[Part, str]] = {"points": "sparse", "depth": "truth"}
 
 
 def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
     """Test if a part of a sample has a file, without reading it."""
     return _listed_file(dataset, index, part) is not None
+
+
+def has_time(dataset: SampleDataset, index: int, time_s: float | None) -> bool:
+    """Test if a sample has this time [s], to a nanosecond; so has any whose layout keeps none."""
+    if isinstance(dataset, NamedSubset):
+        return has_time(dataset.dataset, dataset.positions[index], time_s)
+    if not isinstance(dataset, TimedDataset):
+        return True
+    now_s = dataset.time_s(index)
+    if now_s is None or time_s is None:
+        return now_s == time_s
+    return abs(now_s - time_s) <= _NANOSECOND_S
+
+
+def all_sample_ids(dataset: SampleDataset) -> tuple[str, ...]:
+    """Names of all samples of a data set, also of those that a list leaves out."""
+    if isinstance(dataset, NamedSubset):
+        return tuple(dataset.dataset.sample_ids)
+    if isinstance(dataset, KittiObjectDataset | RecordingDataset):
+        return dataset.all_sample_ids
+    return tuple(dataset.sample_ids)
 
 
 def _listed_file(dataset: SampleDataset, index: int, part: Part) -> Path | None:
@@ -140,8 +168,18 @@ def list_sample_files(dataset: SampleDataset) -> list[dict[str, Path]]:
 
 
 def dataset_title(dataset: SampleDataset, data: Path) -> str:
-    """Name a data set at `data` in records: the same name for an object tree and for its split."""
-    return data_name(dataset.root if isinstance(dataset, KittiObjectDataset) else data)
+    """Name a data set at `data` in records and claims.
+
+    It is the same whether the tree or its opened split is given. A split other than `training` is
+    part of the name, as frames of two splits may have equal names.
+    """
+    whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
+    if not isinstance(whole, KittiObjectDataset | KittiDepthDataset):
+        return data_name(data)
+    root = next((each.parent for each in (data, data.resolve()) if each.name == whole.split), data)
+    root = root.parent if root.name == SELECTIONS_FOLDER else root
+    name = data_name(root)
+    return name if whole.split == "training" else f"{name}/{whole.split}"
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:

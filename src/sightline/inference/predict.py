@@ -5,14 +5,20 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.newer_frames import warn_of_newer_frames
+from sightline.data.newer_frames import warn_of_gone_frames, warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.pixels import is_in_view
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import sweeps_folder, warn_of_missing_sensors
+from sightline.data.sample_files import (
+    SENSOR_NOUNS,
+    dataset_title,
+    has_file,
+    sweeps_folder,
+    warn_of_missing_sensors,
+)
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import Output, PredictingTask, Predictor, check_predictor
@@ -21,7 +27,6 @@ from sightline.jobs.output_dirs import (
     Claim,
     check_outside_dataset,
     claim_folders,
-    data_name,
     finished_names,
 )
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
@@ -29,6 +34,10 @@ from sightline.structures.sample import CameraLidarSample
 
 Places = tuple[tuple[Output, Path], ...]
 """Outputs to write, each with its folder."""
+
+_LACKS: Final = ".lacks"
+"""Hidden folder beside the files of the first output: an empty file NAME.PART for each part that
+the predictor uses and the sample did not have."""
 
 
 @named_arguments
@@ -95,17 +104,19 @@ def predict(
     )
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = dataset.sample_ids
-    present = predicted_samples(places)
+    finished = predicted_samples(places)
+    present = finished - _completed_samples(dataset, places)
     pending = [index for index in indices if overwrite or names[index] not in present]
-    sweeps = sweeps_folder(dataset)
+    title, sweeps = dataset_title(dataset, data), sweeps_folder(dataset)
     chosen = {**dict.fromkeys(changes, True), **around_entry(around=around)}
-    claim_folders(output_claims(task, predictor, places, data, sweeps, chosen=chosen))
+    claim_folders(output_claims(task, predictor, places, title, sweeps, chosen=chosen))
     kept = (
         (index, result_files(places, names[index]))
         for index in indices
         if not overwrite and names[index] in present
     )
     warn_of_newer_frames(dataset, kept, parts=predictor.parts)
+    warn_of_gone_frames(dataset, out, finished)
     works = [
         _SampleWork(
             dataset, index, names[index], predictor, tuple(changes.values()), places, around
@@ -167,9 +178,10 @@ class _ShardWriter:
         return open_dataset(data, velodyne=self.velodyne, parts=parts, needs=needs)
 
     def claims(self, data: Path, dataset: SampleDataset, folder: Path) -> list[Claim]:
-        places, sweeps = ((self.task.outputs[0], folder),), sweeps_folder(dataset)
+        places = ((self.task.outputs[0], folder),)
+        title, sweeps = dataset_title(dataset, data), sweeps_folder(dataset)
         chosen = {**{name: True for name, _ in self.changes}, **around_entry(around=self.around)}
-        return output_claims(self.task, self.predictor, places, data, sweeps, chosen=chosen)
+        return output_claims(self.task, self.predictor, places, title, sweeps, chosen=chosen)
 
     def works(self, dataset: SampleDataset, folder: Path) -> "list[_SampleWork]":
         places, changes = ((self.task.outputs[0], folder),), tuple(each for _, each in self.changes)
@@ -199,7 +211,7 @@ class _SampleWork:
         prediction = self.predictor(sample)
         for change in self.changes:
             prediction = change(prediction)
-        return write_prediction(self.places, sample, prediction)
+        return write_prediction(self.places, sample, prediction, self.predictor.parts)
 
 
 def read_sample(dataset: SampleDataset, index: int, *, around: bool | None) -> CameraLidarSample:
@@ -271,13 +283,13 @@ def output_claims(
     task: PredictingTask,
     predictor: Predictor,
     places: Places,
-    data: Path,
+    title: str,
     velodyne: Velodyne,
     *,
     chosen: Mapping[str, object] | None = None,
 ) -> list[Claim]:
-    """Create the claims on the output folders for predictor, data and chosen options."""
-    made_from = {"data": data_name(data), "velodyne": velodyne}
+    """Create the claims on the output folders for predictor, data's title and chosen options."""
+    made_from = {"data": title, "velodyne": velodyne}
     made_by = {
         "sightline": version("sightline"),
         **predictor.made_by,
@@ -291,12 +303,26 @@ def output_claims(
     return claims
 
 
-def write_prediction(places: Places, sample: CameraLidarSample, prediction: object) -> str:
+def write_prediction(
+    places: Places, sample: CameraLidarSample, prediction: object, parts: Collection[str]
+) -> str:
     """Write the files of one prediction, and return the remark on it; empty: none.
+
+    Args:
+        places: Outputs with their folders.
+        sample: The sample.
+        prediction: Its prediction.
+        parts: Parts that the predictor uses; those that the sample lacks are noted, so that the
+            files are made again once the data have them.
 
     Raises:
         ValueError: The writer of an output leaves no file of the given name.
     """
+    notes = {part: places[0][1] / _LACKS / f"{sample.sample_id}.{part}" for part in SENSOR_NOUNS}
+    lacking = [part for part in notes if part in parts and getattr(sample, part) is None]
+    for part in lacking:
+        notes[part].parent.mkdir(exist_ok=True)
+        notes[part].touch()
     for output, folder in places:
         path = folder / f"{sample.sample_id}{output.suffix}"
         output.write(path, sample, prediction)
@@ -305,6 +331,8 @@ def write_prediction(places: Places, sample: CameraLidarSample, prediction: obje
                 f"the writer of the output {output.name} wrote no {path.name}; write exactly the "
                 "given file (np.save, for one, adds .npy to other suffixes)"
             )
+    for part in notes.keys() - lacking:
+        notes[part].unlink(missing_ok=True)
     remarks = (output.remark(prediction) for output, _ in places if output.remark is not None)
     return "; ".join(filter(None, remarks))
 
@@ -312,6 +340,17 @@ def write_prediction(places: Places, sample: CameraLidarSample, prediction: obje
 def result_files(places: Places, name: str) -> list[Path]:
     """Files of a sample's prediction."""
     return [folder / f"{name}{output.suffix}" for output, folder in places]
+
+
+def _completed_samples(dataset: SampleDataset, places: Places) -> set[str]:
+    """Names of the samples whose files were made without a part that the data now have."""
+    noted = {path.name for path in (places[0][1] / _LACKS).glob("*")}
+    return {
+        name
+        for index, name in enumerate(dataset.sample_ids if noted else ())
+        for part in SENSOR_NOUNS
+        if f"{name}.{part}" in noted and has_file(dataset, index, part)
+    }
 
 
 def predicted_samples(places: Places) -> set[str]:

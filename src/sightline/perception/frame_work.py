@@ -6,9 +6,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.kitti_trees import Velodyne
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import has_file
+from sightline.data.sample_files import dataset_title, has_file, has_time, sweeps_folder
 from sightline.files.atomic import atomic_write_text
 from sightline.inference.predict import (
     Places,
@@ -20,7 +19,7 @@ from sightline.inference.predict import (
     write_prediction,
 )
 from sightline.inference.predictor import Predictor
-from sightline.jobs.output_dirs import Claim, data_name
+from sightline.jobs.output_dirs import Claim
 from sightline.joining.files import write_objects
 from sightline.joining.models import JOINED
 from sightline.perception.kept_lines import (
@@ -33,6 +32,7 @@ from sightline.perception.lines import frame_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.perception.results import ALIGNMENT, JOB_NAME
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
+from sightline.structures.sample import SENSOR_FIELDS
 from sightline.tasks import find_task
 
 JOINED_FOLDERS: Final = {JOINED: False, f"{JOINED}-3d": True}
@@ -64,7 +64,9 @@ class FrameWork:
         predictions = self.perceiver.predict_by_task(sample)
         sample = undo_turn(sample, predictions.undone_turn or LidarTurn())
         remarks = [
-            write_prediction(self.places[task], sample, prediction)
+            write_prediction(
+                self.places[task], sample, prediction, self.perceiver.predictors[task].parts
+            )
             for task, prediction in predictions.by_task.items()
         ]
         if predictions.objects is not None:
@@ -105,8 +107,8 @@ def result_claims(
     perceiver: MultiTaskPredictor,
     places: Mapping[str, Places],
     data: Path,
+    dataset: SampleDataset,
     out: Path,
-    velodyne: Velodyne,
     *,
     around: bool | None,
 ) -> list[Claim]:
@@ -115,11 +117,12 @@ def result_claims(
         name: {"method": predictor.name, **predictor.made_by}
         for name, predictor in perceiver.predictors.items()
     }
+    title, velodyne = dataset_title(dataset, data), sweeps_folder(dataset)
     aligned = {ALIGNMENT: perceiver.alignment.to_json()} if perceiver.alignment else {}
     settings = {
         "job": JOB_NAME,
         "folders": [folder.name for task in places.values() for _, folder in task],
-        "data": data_name(data),
+        "data": title,
         "velodyne": velodyne,
         "sightline": version("sightline"),
         **around_entry(around=around),
@@ -130,7 +133,7 @@ def result_claims(
     claims = [Claim(folder=out, settings=settings, results=(f"{LINES_FOLDER}/*.json", LINES_NAME))]
     for name, predictor in perceiver.predictors.items():
         task, chosen = find_task(name), around_entry(around=around) | aligned
-        claims += output_claims(task, predictor, places[name], data, velodyne, chosen=chosen)
+        claims += output_claims(task, predictor, places[name], title, velodyne, chosen=chosen)
     models = perceiver.join_models
     if models is not None:
         joined = {key: settings[key] for key in ("job", "data", "velodyne", "sightline")}
@@ -153,7 +156,8 @@ def done_frames(
 ) -> set[str]:
     """Frames with a line of these tasks and all files of the tasks that predicted.
 
-    A missing sensor in a line is accepted only if the data still has no file of the sensor.
+    A missing sensor in a line is accepted only if the data still has no file of the sensor, a time
+    only if it is the data's.
     """
     present = {task: predicted_samples(task_places) for task, task_places in places.items()}
     lines = read_lines(folder)
@@ -162,20 +166,29 @@ def done_frames(
         if name not in lines:
             continue
         line = lines[name][1]
-        tasks = line["tasks"]
-        has_same_predictors = all(
-            task in tasks and tasks[task]["by"] == predictor.name
-            for task, predictor in perceiver.predictors.items()
-        )
-        lacking = {part for entry in tasks.values() for part in entry.get("lacks", ())}
-        still_lacks = not any(has_file(dataset, index, part) for part in lacking)
         has_files = all(name in present.get(task, ()) for task in predicting_tasks(line))
         if line["objects"] is not None:
             paths = (folder.parent / each / f"{name}.txt" for each in JOINED_FOLDERS)
             has_files &= all(path.is_file() for path in paths)
-        if has_same_predictors and still_lacks and has_files:
+        if has_files and _is_current(line, dataset, index, perceiver):
             done.add(name)
     return done
+
+
+def _is_current(
+    line: Mapping[str, Any], dataset: SampleDataset, index: int, perceiver: MultiTaskPredictor
+) -> bool:
+    """Whether a line is of these predictors, with the sensors and the time that the data have."""
+    tasks = line["tasks"]
+    has_same_predictors = all(
+        task in tasks and tasks[task]["by"] == predictor.name
+        for task, predictor in perceiver.predictors.items()
+    )
+    lacking = {part for entry in tasks.values() for part in entry.get("lacks", ())}
+    missing = {field for sensor, field in SENSOR_FIELDS.items() if not line["sensors"][sensor]}
+    lacking |= missing & set(perceiver.parts)
+    still_lacks = not any(has_file(dataset, index, part) for part in lacking)
+    return has_same_predictors and still_lacks and has_time(dataset, index, line["timestamp_s"])
 
 
 def predicting_tasks(line: Mapping[str, Any]) -> Collection[str]:

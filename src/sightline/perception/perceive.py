@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.kitti_trees import Velodyne, describe_absent
-from sightline.data.newer_frames import warn_of_newer_frames
+from sightline.data.newer_frames import warn_of_gone_frames, warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import sweeps_folder, warn_of_missing_sensors
+from sightline.data.sample_files import all_sample_ids, warn_of_missing_sensors
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments
@@ -46,6 +46,10 @@ from sightline.structures.lidar_turn import LidarTurn
 _NOT_JOINED: Final = (
     "objects are not joined: there are no models of joined scores for these detectors; fit them by "
     "`sightline fit-joined`, and give --joined (MultiTaskPredictor.load(joined=..))"
+)
+_AS_HELD: Final = (
+    "; it was measured when this output was begun: to measure it anew, overwrite all frames in "
+    "one run"
 )
 _ON_ALIGNMENT: Final = "; --align no (align=False) takes the frames as they are"
 
@@ -160,16 +164,25 @@ def perceive(
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
     folder = out / LINES_FOLDER
-    is_all_anew = overwrite and finished_names(folder, ".json") <= set(names)
+    finished = finished_names(folder, ".json")
+    is_all_anew = overwrite and finished & set(all_sample_ids(dataset)) <= set(names)
+    held = None
     if align and perceiver.alignment is None:
-        perceiver = _aligned(perceiver, dataset, out, workers, driver, anew=is_all_anew)
+        held = None if is_all_anew else _held_alignment(out)
+        perceiver = (
+            _aligned(perceiver, dataset, workers, driver)
+            if held is None
+            else perceiver.with_alignment(held)
+        )
     if perceiver.alignment:
-        warnings.warn(f"{perceiver.alignment}{_ON_ALIGNMENT}", stacklevel=2)
+        origin = "" if held is None else _AS_HELD
+        warnings.warn(f"{perceiver.alignment}{origin}{_ON_ALIGNMENT}", stacklevel=2)
     places = result_places(perceiver, out, all_outputs=all_outputs)
-    claims = result_claims(perceiver, places, data, out, sweeps_folder(dataset), around=around)
-    if is_all_anew:
-        _drop_other_alignment(claims, folder)
+    claims = result_claims(perceiver, places, data, dataset, out, around=around)
+    is_dropped = is_all_anew and _drop_other_alignment(claims, folder)
     _claim_folders(claims)
+    fate = "were dropped, as the LiDAR's rotation in them was another" if is_dropped else "stay"
+    warn_of_gone_frames(dataset, folder, finished, fate=fate)
     done = set() if overwrite else done_frames(dataset, perceiver, places, folder)
     kept = (
         (index, [folder / f"{name}.json"])  # written after the frame's other files
@@ -222,21 +235,25 @@ def _claim_folders(claims: Sequence[Claim]) -> None:
         ) from error
 
 
-def _drop_other_alignment(claims: Sequence[Claim], lines: Path) -> None:
+def _drop_other_alignment(claims: Sequence[Claim], lines: Path) -> bool:
     """Drop the lines of all frames if their LiDAR was turned otherwise, and renew the claims.
 
     The claim on the whole folder is renewed last: until then another run is refused, or overwrites
     all frames, too.
+
+    Returns:
+        Whether the lines were dropped.
     """
     is_other = any(
         (read_claim(each.folder) or each.settings).get(ALIGNMENT) != each.settings.get(ALIGNMENT)
         for each in claims
     )
     if not is_other or not all(differs_only_in(each, ALIGNMENT) for each in claims):
-        return  # nothing else is refused here
+        return False  # nothing else is refused here
     for path in lines.glob("*.json"):
         path.unlink()
     renew_claims(claims[::-1], ALIGNMENT)
+    return True
 
 
 def _check_all_there(out: Path, names: Sequence[str], lines: Collection[str]) -> None:
@@ -309,8 +326,7 @@ class _ShardWriter:
 
     def claims(self, data: Path, dataset: SampleDataset, folder: Path) -> list[Claim]:
         places = result_places(self.perceiver, folder, all_outputs=self.all_outputs)
-        sweeps = sweeps_folder(dataset)
-        return result_claims(self.perceiver, places, data, folder, sweeps, around=self.around)
+        return result_claims(self.perceiver, places, data, dataset, folder, around=self.around)
 
     def works(self, dataset: SampleDataset, folder: Path) -> "list[FrameWork]":
         places = result_places(self.perceiver, folder, all_outputs=self.all_outputs)
@@ -342,20 +358,19 @@ class _MountWork:
         atomic_write_text(self.into, json.dumps(asdict(alignment)))  # not rounded
 
 
-def _aligned(
-    perceiver: MultiTaskPredictor,
-    dataset: SampleDataset,
-    out: Path,
-    workers: int,
-    driver: Driver,
-    *,
-    anew: bool,
-) -> MultiTaskPredictor:
-    """Undo the LiDAR's rotation as the output folder says, else, or anew, as the frames do."""
-    held = None if anew else (read_claim(out) or {}).get(ALIGNMENT)
+def _held_alignment(out: Path) -> Alignment | None:
+    """Read the LiDAR's rotation that an output folder was begun with; None: it holds none."""
+    held = (read_claim(out) or {}).get(ALIGNMENT)
     if isinstance(held, dict):
         with suppress(TypeError, ValueError):  # of a manifest that was edited
-            return perceiver.with_alignment(Alignment.from_json(held))
+            return Alignment.from_json(held)
+    return None
+
+
+def _aligned(
+    perceiver: MultiTaskPredictor, dataset: SampleDataset, workers: int, driver: Driver
+) -> MultiTaskPredictor:
+    """Undo the LiDAR's rotation as the frames show it."""
     if len(dataset) < MIN_FRAMES or not {"image", "points"} <= set(perceiver.parts):
         return perceiver
     if workers == 1 or driver != "local":  # other drivers fork no process

@@ -44,7 +44,7 @@ class ResultFolder:
     made_by: str = ""
     """Name of the weights or the method; empty: unknown."""
     data: str = ""
-    """Name of the source data by `data_name`; empty: unknown."""
+    """Name of the source data by `dataset_title`; empty: unknown."""
     further: str = ""
     """See `Output.further`."""
     position: int = 0

@@ -7,8 +7,8 @@ from pathlib import Path
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
+from sightline.data.sample_files import dataset_title
 from sightline.inference.predictor import Predictor, lacking_parts
-from sightline.jobs.output_dirs import data_name
 from sightline.perception.results import ResultFolder, open_results, read_perception
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Perception
@@ -36,16 +36,19 @@ class PredictorSource:
 class ResultSource:
     """Source of predictions from result files."""
 
-    def __init__(self, folders: Sequence[Path], data: Path) -> None:
-        """Open the folders; warn of results from other data."""
+    def __init__(self, folders: Sequence[Path]) -> None:
+        """Open the folders."""
         self._folders = tuple(folders)
         self._opened = open_results(self._folders)
-        foreign = [each for each in self._opened if each.data not in ("", data_name(data))]
+
+    def check_data(self, title: str) -> None:
+        """Warn of results from data of another title than this; see `dataset_title`."""
+        foreign = [each for each in self._opened if each.data not in ("", title)]
         if foreign:
             warnings.warn(
-                f"{foreign[0].folder} was made from {foreign[0].data}, not from {data}; check that "
-                "frames with the same name are the same",
-                stacklevel=2,
+                f"{foreign[0].folder} was made from {foreign[0].data}, not from {title}; check "
+                "that frames with the same name are the same",
+                stacklevel=3,
             )
 
     @property
@@ -113,6 +116,8 @@ def write_frames_picture(
         parts=("image", "points", "objects", "depth"),
         needs=(),
     )
+    if isinstance(source, ResultSource):
+        source.check_data(dataset_title(dataset, data))
     samples = [dataset[index] for index in range(len(dataset))]
     perceptions = [source(sample).filter_by_score(min_score) for sample in samples]
     samples = [

@@ -306,7 +306,7 @@ def describe_setting(
         task: Task of the methods.
         scoring: Scoring of their predictions.
         dataset: The frames.
-        data: Name of the data in records; see `data_name`.
+        data: Name of the data in records; see `dataset_title`.
         velodyne: The sweeps' folder.
         suite: Suite of the cases.
         seed: Seed of the cases' random draws.

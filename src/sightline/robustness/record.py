@@ -62,7 +62,7 @@ class Setting:
     scoring: str
     """Protocol of the scoring."""
     data: str
-    """Name of the data; see `data_name`."""
+    """Name of the data; see `dataset_title`."""
     velodyne: str
     """The sweeps' folder."""
     frames: int
