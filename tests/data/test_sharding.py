@@ -573,3 +573,17 @@ def test_an_open_data_set_reads_shards_that_are_packed_anew(tree, shards):
     sweep.write_bytes(sweep.read_bytes()[16:])
     write_shards(tree, shards, frames_per_shard=2)
     assert len(dataset[0].points) == len(before) - 1
+
+
+def test_an_open_data_set_reads_shards_whose_packing_was_killed_and_run_again(
+    tree, shards, monkeypatch
+):
+    dataset = open_dataset(shards)
+    before = dataset[0].points
+    sweep = tree / "training" / "velodyne" / "000000.bin"
+    sweep.write_bytes(sweep.read_bytes()[16:])
+    monkeypatch.setattr(Path, "touch", lambda _: None)  # killed before
+    write_shards(tree, shards, frames_per_shard=2)
+    monkeypatch.undo()
+    assert write_shards(tree, shards, frames_per_shard=2).written == 0
+    assert len(dataset[0].points) == len(before) - 1

@@ -6,7 +6,7 @@ import os
 import re
 import tarfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -130,14 +130,21 @@ def write_shards(
         tuple(path for frame in sources.frames[first : first + frames_per_shard] for path in frame)
         for first in range(0, count, frames_per_shard)
     ]
+    tars = tars_of(out, count, frames_per_shard)
     jobs = [
         partial(_pack_current, sources.root, tar, files, compress=compress)
-        for tar, files in zip(tars_of(out, count, frames_per_shard), contents, strict=True)
+        for tar, files in zip(tars, contents, strict=True)
     ]
     report = _run(jobs, workers, "packing")
-    if report.written:
-        (out / MANIFEST).touch()  # processes that have the shards open read their indexes anew
+    _touch_older(out / MANIFEST, map(index_path, tars))
     return report
+
+
+def _touch_older(manifest: Path, indexes: Iterable[Path]) -> None:
+    """Touch a manifest older than an index, also of a killed job: open shards are read anew."""
+    packed_ns = [path.stat().st_mtime_ns for path in indexes if path.is_file()]
+    if max(packed_ns, default=0) > manifest.stat().st_mtime_ns:
+        manifest.touch()
 
 
 def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
