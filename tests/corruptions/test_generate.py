@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -412,7 +413,10 @@ def test_broken_clouds_do_not_contradict_a_mount_in_calibration_files(tmp_path: 
         path.write_text(path.read_text().rstrip() + "\n" + mount)
     make(tmp_path / "sound", tmp_path / "out", **{**BEAMS, "seed": 1})
     tree = tmp_path / "out/lidar_beams-5"
-    assert open_dataset(tree)[0].lidar_height_m == 1.73
+    sample = open_dataset(tree)[0]
+    assert sample.lidar_height_m == 1.73
+    assert not sample.is_height_estimated
+    assert not sample.is_tilt_estimated
     assert list(check_tree(tree)) == []
     (tmp_path / "out" / RECORD).unlink()
     with pytest.warns(UserWarning, match="lidar_height_m is 1.73, but the road in the sweeps"):
@@ -428,6 +432,8 @@ def test_broken_clouds_do_not_contradict_a_mount_in_calibration_files(tmp_path: 
         "[" * 10**5,
         '{"lidar_height_m": "1.9", "lidar_tilt_deg": null}',
         '{"lidar_height_m": NaN, "lidar_tilt_deg": null}',
+        '{"lidar_height_m": true, "lidar_tilt_deg": null}',
+        f'{{"lidar_height_m": 1{"0" * 400}, "lidar_tilt_deg": null}}',
         '{"lidar_height_m": null, "lidar_tilt_deg": {"roll": 1.0}}',
         '{"lidar_height_m": null, "lidar_tilt_deg": {"roll": 1.0, "pitch": null}}',
     ],
@@ -452,3 +458,20 @@ def test_the_tilt_of_the_sound_tree_is_recorded_to_the_bit(tmp_path: Path):
     with pytest.warns(UserWarning, match="the LiDAR is tilted"):
         dataset = open_dataset(tree)
     assert dataset.pose == pose
+    record = tmp_path / "out" / RECORD
+    before = record.stat()
+    rounded = replace(pose, height_m=1.9 + 2e-14)
+    record_pose(tree / "training", rounded)  # by another processor
+    assert record.stat() == before
+    record_pose(tree / "training", replace(pose, tilt=None))
+    assert '"lidar_tilt_deg": null' in record.read_text()
+
+
+def test_a_record_written_by_hand_may_hold_whole_numbers(tmp_path: Path):
+    make(PACKAGED_FRAMES, tmp_path / "out", **BEAMS)
+    (tmp_path / "out" / RECORD).write_text(
+        '{"lidar_height_m": 2, "lidar_tilt_deg": {"roll": 0, "pitch": -5}}'
+    )
+    with pytest.warns(UserWarning, match="the LiDAR is tilted"):
+        pose = open_dataset(tmp_path / "out/lidar_beams-5").pose
+    assert pose == LidarPose(height_m=2.0, tilt=Tilt(roll_deg=0.0, pitch_deg=-5.0))

@@ -4,6 +4,7 @@ import json
 import math
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, TypeVar
@@ -46,6 +47,8 @@ _LEVEL: Final = Tilt(roll_deg=0.0, pitch_deg=0.0)
 _KITTI_POSE: Final = LidarPose(height_m=None, tilt=None)
 _RECORD: Final = "lidar_mount.json"
 """File beside the folders of a split with the pose of the tree that it was made from."""
+_ROUNDING: Final = 1e-6
+"""Largest difference [m, degrees] that other processors' rounding makes."""
 _RECORD_REMEDY: Final = "run sightline corrupt again, which writes it anew, or remove it"
 
 
@@ -92,13 +95,31 @@ def record_pose(split: Path, pose: LidarPose) -> None:
 
     Args:
         split: Folder of the split, such as `training`.
-        pose: Pose by `pose_of_tree`; both fields are None if it is KITTI's.
+        pose: Pose by `pose_of_tree`; both fields are None if it is KITTI's. A record of this pose
+            but for rounding stays as it is.
     """
+    path = split / _RECORD
+    if path.is_file():
+        with suppress(FileError):  # a damaged one is written anew
+            if _is_same(_read_record(path), pose):  # shards go by times of change
+                return
     tilt = pose.tilt and {"roll": pose.tilt.roll_deg, "pitch": pose.tilt.pitch_deg}
     text = json.dumps({"lidar_height_m": pose.height_m, "lidar_tilt_deg": tilt}, indent=2) + "\n"
-    path = split / _RECORD
-    if not path.is_file() or path.read_bytes() != text.encode():  # shards go by times of change
-        atomic_write_text(path, text)
+    atomic_write_text(path, text)
+
+
+def _is_same(first: LidarPose, second: LidarPose) -> bool:
+    """Test whether poses differ by the rounding of other processors only."""
+    both = _numbers(first), _numbers(second)
+    return np.allclose(*both, rtol=0, atol=_ROUNDING, equal_nan=True)
+
+
+def _numbers(pose: LidarPose) -> tuple[float, float, float]:
+    """Height [m], roll and pitch [degrees]; NaN: there is none."""
+    height_m = math.nan if pose.height_m is None else pose.height_m
+    if pose.tilt is None:
+        return height_m, math.nan, math.nan
+    return height_m, pose.tilt.roll_deg, pose.tilt.pitch_deg
 
 
 def _record_of(frame: ObjectFrame) -> Path | None:
@@ -118,16 +139,25 @@ def _read_record(path: Path) -> LidarPose:
     try:
         content = json.loads(text)
         height_m, angles = content["lidar_height_m"], content["lidar_tilt_deg"]
-        tilt = None if angles is None else Tilt(roll_deg=angles["roll"], pitch_deg=angles["pitch"])
-        numbers = [] if tilt is None else [tilt.roll_deg, tilt.pitch_deg]
-        numbers += [] if height_m is None else [height_m]
-        is_valid = all(isinstance(each, float) and math.isfinite(each) for each in numbers)
-    except (ValueError, TypeError, KeyError, RecursionError):
-        is_valid = False
-    if not is_valid:
+        tilt = None
+        if angles is not None:
+            tilt = Tilt(roll_deg=_number(angles["roll"]), pitch_deg=_number(angles["pitch"]))
+        return LidarPose(height_m=None if height_m is None else _number(height_m), tilt=tilt)
+    except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
         problem = "is damaged, expected the LiDAR's height and tilt over the road"
-        raise FileError(path, problem, _RECORD_REMEDY)
-    return LidarPose(height_m=height_m, tilt=tilt)
+        raise FileError(path, problem, _RECORD_REMEDY) from error
+
+
+def _number(value: object) -> float:
+    """Convert a finite number of JSON, such as a whole one that was written by hand.
+
+    Raises:
+        ValueError: It is none.
+        OverflowError: It has hundreds of digits.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no finite number")
+    return float(value)
 
 
 def stated_mount_doubts(frames: Sequence[ObjectFrame]) -> tuple[MountDoubt, ...]:
