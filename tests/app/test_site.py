@@ -198,6 +198,29 @@ def test_what_cannot_be_exported_is_refused_in_one_line(
     assert not list(tmp_path.glob("site"))
 
 
+def lose_a_calibration(tree):
+    (tree / "training/calib/000001.txt").unlink()
+
+
+def take_millimetres(tree):
+    sweep = tree / "training/velodyne/000001.bin"
+    points = np.fromfile(sweep, np.float32).reshape(-1, 4)
+    (points * np.float32([1000, 1000, 1000, 1])).tofile(sweep)
+
+
+@pytest.mark.parametrize("spoil", [lose_a_calibration, take_millimetres])
+def test_faults_of_other_frames_than_the_named_ones_matter_only_where_none_are_named(
+    tmp_path, spoil
+):
+    tree = tmp_path / "tree"
+    shutil.copytree(PACKAGED_FRAMES, tree)
+    spoil(tree)
+    content, _ = export(tmp_path / "site", tree)
+    assert content.frames == 1
+    with pytest.raises(ValueError, match="000001"):
+        export(tmp_path / "other", tree, frames=None)
+
+
 @pytest.mark.filterwarnings("ignore:.* is the same picture")
 @pytest.mark.filterwarnings("ignore:.* is the same cloud")
 def test_limits_of_health_are_those_of_all_frames_whatever_is_exported(tmp_path):

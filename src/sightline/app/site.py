@@ -79,7 +79,8 @@ def export_page(
     Args:
         data: Folder of the data set; None: the packaged frames.
         site: The folder; an older export there is replaced.
-        frames: Names of the frames; None: the first `FIRST_FRAMES`.
+        frames: Names of the frames; the limits of health are theirs alone if others cannot be
+            opened. None: the first `FIRST_FRAMES`.
         kinds: Kinds of fault.
         severities: Severities of the kinds; None: all.
         workers: Number of worker processes.
@@ -96,8 +97,9 @@ def export_page(
         raise ValueError("--severities are those of --kinds; name kinds, or leave them out")
     folder = data or PACKAGED_FRAMES
     check_outside_dataset(folder, [site])
-    whole = _opened(folder, velodyne)
-    dataset = _opened(folder, velodyne, frames or whole.sample_ids[:FIRST_FRAMES])
+    whole = _whole_data(folder, velodyne, frames)
+    named = frames if whole is None else frames or whole.sample_ids[:FIRST_FRAMES]
+    dataset = _opened(folder, velodyne, named)
     states = chosen_states(dataset.sample_ids, kinds, severities or SEVERITIES)
     maker = PartMaker(dataset, folder, engine, whole=whole)
     settings = {
@@ -144,6 +146,22 @@ def _opened(
     if not len(dataset):
         raise ValueError(f"{folder} has no frames; give a folder of a data set with some")
     return dataset
+
+
+def _whole_data(
+    folder: Path, velodyne: Velodyne | None, frames: Sequence[str] | None
+) -> SampleDataset | None:
+    """Open all frames; None: they cannot be opened, perhaps for others than the named ones.
+
+    Raises:
+        ValueError: None are named, and the data cannot be used.
+    """
+    try:
+        return _opened(folder, velodyne)
+    except ValueError:
+        if not frames:
+            raise
+        return None
 
 
 def _estimate(maker: PartMaker, states: Sequence[PageState]) -> float:
