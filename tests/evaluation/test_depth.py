@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data.map_png import write_depth_png
+from sightline.data.map_png import read_depth_png, write_depth_png
 from sightline.evaluation.depth import evaluate_depth
 from tests.reference import depth_metrics as reference
 
@@ -199,7 +199,11 @@ def test_disparities_that_fit_better_turned_are_told_as_such(tmp_path):
 def test_other_predictions_and_sparse_maps_are_doubted_too(tmp_path):
     found, truth = write_street(tmp_path, lambda depth_m, rng: depth_m * rng.uniform(0.9, 1.1))
     in_mm, _ = write_street(tmp_path / "mm", lambda depth_m, _: depth_m * 1000 / 256)
+    blank, _ = write_street(tmp_path / "blank", lambda depth_m, _: 0 * depth_m)
     nothing, _ = write_street(tmp_path / "nothing", lambda depth_m, _: 0 * depth_m)
+    for path in nothing.iterdir():
+        value_m = np.where(read_depth_png(truth / path.name) > 0, 0, 9)
+        write_depth_png(path, value_m.astype(np.float32))
     sparse, _ = write_street(
         tmp_path / "sparse", lambda depth_m, rng: depth_m * (rng.random(depth_m.shape) < 0.2)
     )
@@ -207,6 +211,7 @@ def test_other_predictions_and_sparse_maps_are_doubted_too(tmp_path):
     for options, doubt in (
         ({"against": in_mm}, f"{in_mm}: most depths are about 3.91 times"),
         ({"sparse": in_mm}, f"{in_mm}: most depths are about 3.91 times"),
+        ({"sparse": blank}, f"{blank}: every map is empty, as of a LiDAR without returns, so no"),
         ({"sparse": nothing}, f"{nothing}: no map has a value at a pixel with ground truth"),
     ):
         with pytest.warns(UserWarning, match=re.escape(doubt)):

@@ -105,8 +105,11 @@ def test_a_rig_is_written_as_the_simulator_reads_it(sample_of, tmp_path):
 
 def test_without_points_or_height_it_says_what_is_missing(sample_of):
     sample = sample_of("nuscenes")
-    with pytest.raises(ValueError, match="none of 1 frames has 1000 points"):
+    with pytest.raises(ValueError, match="none of 1 frames has a point cloud, by which the LiDAR"):
         measure_rig(Samples(replace(sample, points=None)), "own")
+    few = replace(sample, points=sample.points[:9])
+    with pytest.raises(ValueError, match="none of 2 frames has 1000 points, by which the LiDAR"):
+        measure_rig(Samples(replace(sample, points=None), few), "own")
     notes = measure_rig(Samples(replace(sample, lidar_height_m=None)), "own").notes
     assert any("1.73 m is assumed" in note for note in notes)
 

@@ -56,6 +56,8 @@ class ComparedDepths:
 
     pixels: int
     """Number of pixels with both ground truth and prediction."""
+    predicted: int
+    """Number of pixels with a prediction."""
     wrong_ratios: Int64[np.ndarray, " ratios"]
     """Number of these pixels with about each ratio of `_WRONG_RATIOS`."""
     far: int
@@ -91,6 +93,7 @@ def compare_depths(
     turned = (prediction_m[turn][rows, columns] for turn in _ORIENTATIONS.values())
     return ComparedDepths(
         pixels=len(ratios),
+        predicted=int((prediction_m > 0).sum()),
         wrong_ratios=np.array(
             [(abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
         ),
@@ -108,7 +111,12 @@ def doubts_about_sparse_maps(
 ) -> Iterator[str]:
     """Say why sparse depth maps are probably not the measured ones; see `doubts_about_depths`."""
     summed = reduce(add, images)
-    if not summed.pixels:
+    if not summed.predicted:
+        yield (
+            f"{sparse}: every map is empty, as of a LiDAR without returns, so no lost returns are "
+            "counted: if it had some, name the sparse maps of these images"
+        )
+    elif not summed.pixels:
         yield (
             f"{sparse}: no map has a value at a pixel with ground truth in {truth}, so no lost "
             "returns are counted: name the sparse maps of these images, unless the truth leaves "

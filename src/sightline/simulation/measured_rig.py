@@ -64,9 +64,11 @@ def measure_rig(dataset: SampleDataset, name: str) -> MeasuredRig:
     samples = spread_samples(dataset, _FRAMES)
     swept = swept_samples(samples)
     if not swept:
+        has_clouds = any(sample.points is not None for sample in samples)
+        lacking = f"{_MIN_POINTS} points" if has_clouds else "a point cloud"
         raise ValueError(
-            f"none of {len(samples)} frames has {_MIN_POINTS} points, by which the LiDAR is "
-            f"measured; {_REMEDY}"
+            f"none of {len(samples)} frames has {lacking}, by which the LiDAR is measured; "
+            f"{_REMEDY}"
         )
     sample = swept[len(swept) // 2]
     notes = [*_notes_on_other_cameras(swept, sample), *_notes_on_other_lidars(swept)]
