@@ -9,15 +9,25 @@ import pytest
 import torch
 
 from sightline.cli.main import main
+from sightline.data.image_file import write_rgb
 from sightline.data.kitti_conversion import kitti_from_detections
 from sightline.data.kitti_labels import read_results
+from sightline.data.open import open_dataset
 from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
 from sightline.detection3d.points.config import ProposalConfig, ProposalSamplingConfig
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.proposal_cache import first_stage_identity, read_record
 from sightline.detection3d.task import Detection3D
+from sightline.geometry.tilt import Tilt
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.data.recordings import (
+    IMAGE,
+    POINTS,
+    write_calibration,
+    write_cloud_file,
+    write_recording,
+)
 from tests.detection3d.frames import NAMES, SWEEP, TINY, simulated_frames, write_network
 
 LOSS = Detection3DLossConfig(sampling=ProposalSamplingConfig(num_samples=16, max_foreground=8))
@@ -55,13 +65,13 @@ def example(sample, cache, *, training):
 
 def test_a_frames_file_holds_what_the_first_stage_gives(weights, cache, frames):
     predictor = Detection3DPredictor.load(weights)
-    points, record = read_record(cache, frames[0], training=False)
+    points, record, _ = read_record(cache, frames[0], training=False)
     proposed = predictor._stages.propose(points)
     assert points.shape == (SWEEP.num_points, 4)
     torch.testing.assert_close(record.boxes, proposed.boxes)
     torch.testing.assert_close(record.scores, proposed.scores)
     torch.testing.assert_close(record.features.float(), proposed.features, rtol=1e-3, atol=1e-3)
-    _, more = read_record(cache, frames[0], training=True)
+    _, more, _ = read_record(cache, frames[0], training=True)
     assert len(record.boxes) <= TINY.proposals.num_proposals < len(more.boxes)
 
 
@@ -158,18 +168,79 @@ def test_a_cache_of_other_weights_settings_or_data_is_refused(
     assert (
         "was made of another sweep or calibration than the data's frame" in capsys.readouterr().err
     )
-    turned = frames[0].calibration.camera_from_lidar.clone()
-    turned[0, 3] += 0.1
+    moved = frames[0].calibration.camera_from_lidar.clone()
+    moved[0, 3] += 0.001
     for other in (
         replace(frames[0], points=frames[0].points + 1),
-        replace(frames[0], lidar_height_m=2.0),
-        replace(frames[0], calibration=replace(frames[0].calibration, camera_from_lidar=turned)),
+        replace(frames[0], calibration=replace(frames[0].calibration, camera_from_lidar=moved)),
+        replace(frames[0], image=None, image_size=(375, 1224)),
     ):
         with pytest.raises(ValueError, match="was made of another sweep or calibration than the"):
             example(other, cache, training=True)
     trained = Detection3D(TINY, stages="both", initial_weights=weights)
     with pytest.raises(ValueError, match="set stages to second, or leave the cache out"):
         trained.losses(batch)
+
+
+def rounded_otherwise(sample):
+    """A sample as another processor computes it."""
+    calibration = sample.calibration
+    other = replace(
+        calibration,
+        image_from_camera=calibration.image_from_camera * (1 + 1e-14),
+        camera_from_lidar=calibration.camera_from_lidar + 1e-15 * torch.eye(4)[[1, 2, 0, 0]].T,
+    )
+    return replace(sample, calibration=other)
+
+
+def test_rounding_is_no_other_sweep(cache, frames):
+    read_record(cache, rounded_otherwise(frames[0]), training=False)
+
+
+@pytest.mark.parametrize(
+    ("mount", "told"),
+    [
+        ({"lidar_height_m": 1.7}, "a LiDAR 1.90 m above the road, which the data give as 1.70 m;"),
+        (
+            {"lidar_tilt_deg": {"roll": 0, "pitch": 3.5}},
+            "a LiDAR whose tilt the data give as another one, by 3.5 degrees",
+        ),
+    ],
+)
+def test_a_corrected_mount_is_refused(weights, tmp_path, capsys, mount, told):
+    stated = {"lidar_height_m": 1.9, "lidar_tilt_deg": {"roll": 0, "pitch": 0}}
+    data = write_recording(tmp_path / "recording", cloud=".npy", **stated)
+    assert run(weights, tmp_path / "cache", data=data) == 0
+    write_calibration(data, **stated | mount)
+    assert run(weights, tmp_path / "cache", data=data) == 2
+    assert f"a.safetensors: was made of {told}" in capsys.readouterr().err
+
+
+def test_a_cache_goes_on_where_added_frames_change_the_estimated_mount(weights, tmp_path, capsys):
+    data = write_recording(tmp_path / "data", cloud=".npy")
+    assert run(weights, tmp_path / "cache", data=data) == 0
+    before = open_dataset(data)[0].lidar_height_m
+    for name in ("c", "d", "e"):
+        write_rgb(data / "images" / f"{name}.jpg", IMAGE[:, ::-1] // (ord(name) - 97))
+        lower = POINTS[: len(POINTS) - ord(name)] - np.float32([0, 0, 0.1, 0])
+        write_cloud_file(data / "points" / f"{name}.npy", lower)
+    sample = open_dataset(data)[0]
+    assert sample.lidar_height_m == pytest.approx(before + 0.1, abs=0.02)
+    assert run(weights, tmp_path / "cache", data=data) == 0
+    assert "frames: 3 written, 2 there already" in capsys.readouterr().out
+    assert read_record(tmp_path / "cache", sample, training=True)[2].lidar_height_m == before
+
+
+def test_truth_has_the_mount_of_the_cache(cache, frames):
+    tilt = torch.from_numpy(Tilt(roll_deg=0.0, pitch_deg=1.2).level_from_lidar)
+    estimated = replace(frames[0], lidar_height_m=1.8, level_from_lidar=tilt)
+    for training in (True, False):
+        one, other = (example(each, cache, training=training) for each in (frames[0], estimated))
+        assert torch.equal(one.truths[0].boxes, other.truths[0].boxes)
+    with pytest.raises(
+        ValueError, match=r"LiDAR 1\.73 m above the road, which the data give as 2\.00 m"
+    ):
+        example(replace(frames[0], lidar_height_m=2.0), cache, training=True)
 
 
 def test_missing_and_damaged_files_are_refused_in_one_line(cache, frames, tmp_path):
@@ -197,4 +268,4 @@ def test_the_identity_hangs_on_weights_and_on_settings_of_the_first_stage_alone(
 def test_the_manifest_says_what_made_it(cache):
     manifest = json.loads((cache / "sightline.json").read_text())
     assert manifest["output"] == "proposal cache"
-    assert manifest["format"] == 2
+    assert manifest["format"] == 3

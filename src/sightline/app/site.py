@@ -106,7 +106,7 @@ def export_page(
         "made_by": SiteFolder.made_by,
         "code": _code_digest(),
         "engine": choose_engine(engine),
-        "data": dataset_title(whole, folder),
+        "data": dataset_title(dataset, folder),
     }
     with SiteFolder(site, settings) as aside:
         writer = _Writer(aside, dataset, states, data, maker)

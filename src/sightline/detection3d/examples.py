@@ -234,6 +234,9 @@ class Detection3DExamples(SamplePreparation):
             )
         settings = self.settings
         seen = settings.input or SweepConfig()
+        record = None
+        if self.cache is not None:
+            points, record, sample = read_record(self.cache, sample, training=training)
         level = level_sample(sample)
         raised = to_kitti_frame(level)
         assert level.objects is not None, "checked above"
@@ -245,11 +248,8 @@ class Detection3DExamples(SamplePreparation):
                 calibration=raised.calibration,
                 image_size=sample.image_size,
             )
-        record = None
-        if self.cache is not None:
-            points, record = read_record(self.cache, sample, training=training)
-            objects = raised.objects
-        else:
+        objects = raised.objects
+        if record is None:
             visible = cut_to_view(replace(raised, image=None, depth=None), seen)
             if training and settings.changes is not None:
                 visible = change_scene(visible, settings.changes, rng, self._bank)

@@ -9,21 +9,25 @@ FRAME.safetensors. A file contains
 * training_boxes, training_classes, training_scores: the same for training the second stage,
 
 and in its metadata, as JSON under "sightline", the version of this format, the identity of the
-first stage with its settings, and the digest of the frame's sweep with its calibration and mount.
+first stage with its settings, the digest of the frame's sweep with its calibration, and the mount
+of the LiDAR, in whose level frame over the road points and boxes are.
 """
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
 import safetensors
+import torch
 from beartype import beartype
 from jaxtyping import Float, Float32, Int64, jaxtyped
 from safetensors.torch import save
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from sightline.data.kitti_trees import Part, Velodyne
@@ -39,16 +43,23 @@ from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 from sightline.files.settings import config_to_dict
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.inference.network import load_network
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, finished_names
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job, shard
-from sightline.structures.sample import CameraLidarSample, digest_sample
+from sightline.structures.sample import CameraLidarSample
 
 SUFFIX: Final = ".safetensors"
-FORMAT: Final = 2
+FORMAT: Final = 3
 _METADATA_KEY = "sightline"
 REMEDY: Final = "make the cache again by `sightline proposals`"
 _COLUMNS = ("boxes", "classes", "scores")
+_DECIMALS = 6  # of matrices that are compared: processors round differently
+_HEIGHTS_AGREE_M = 0.15
+"""Largest difference of a mount's height: estimates on KITTI's 90 frames change by 0.13 m as frames
+are added."""
+_TILTS_AGREE_DEG = 1.5
+"""The same of its tilt: 1.2 degrees there."""
 _SETTINGS = ("input", "proposals", "training_proposals", "centers")
 
 
@@ -86,24 +97,32 @@ def first_stage_identity(detector: Detector3D) -> str:
 
 
 def sweep_digest(sample: CameraLidarSample) -> str:
-    """Compute a digest of a sample's sweep, its calibration and its mount, the first stage's input.
+    """Compute a digest of a sample's sweep and calibration, the first stage's input but the mount.
 
     Raises:
         ValueError: The sample has no sweep.
     """
     if sample.points is None:
         raise ValueError(f"sample {sample.sample_id} has no sweep; give data with velodyne files")
-    used = replace(sample, image=None, objects=None, depth=None)
-    return digest_sample(replace(used, world_from_lidar=None, timestamp_s=None))
+    digest = hashlib.sha256(sample.points.contiguous().numpy().tobytes())
+    digest.update(f"{sample.image_size} {sample.all_around}".encode())
+    calibration = sample.calibration
+    for matrix in (calibration.image_from_camera, calibration.camera_from_lidar):
+        digest.update((matrix.numpy().round(_DECIMALS) + 0.0).tobytes())  # no negative zeros
+    return digest.hexdigest()
 
 
 def read_record(
     folder: Path, sample: CameraLidarSample, *, training: bool
-) -> tuple[Sweep, FirstStageRecord]:
+) -> tuple[Sweep, FirstStageRecord, CameraLidarSample]:
     """Read an original frame's points and its first-stage output, for training or for scoring.
 
+    Returns:
+        The points, the output, and the sample with the mount that both were computed with.
+
     Raises:
-        ValueError: The file is missing, damaged, in another version's format or of another sweep.
+        ValueError: The file is missing, damaged, in another version's format, or of another sweep,
+            calibration or mount.
     """
     path = folder / f"{sample.sample_id}{SUFFIX}"
     if not path.is_file():
@@ -115,6 +134,7 @@ def read_record(
             points, features = (file.get_tensor(name) for name in ("points", "features"))
             columns = {name: file.get_tensor(start + name) for name in _COLUMNS}
             found, made_by, sweep = (described[key] for key in ("format", "made_by", "sweep"))
+            mounted = _with_mount(sample, described["mount"]) if found == FORMAT else sample
         record = FirstStageRecord(made_by=made_by, features=features, **columns)
     except Exception as error:
         # Damaged bytes, and tensors of another format, raise nearly any exception.
@@ -128,7 +148,45 @@ def read_record(
             "was made of another sweep or calibration than the data's frame of this name",
             REMEDY,
         )
-    return points, record
+    difference = _describe_difference(mounted, sample)
+    if difference is not None:
+        raise FileError(path, f"was made of {difference}", REMEDY)
+    return points, record, mounted
+
+
+def _mount_of(sample: CameraLidarSample) -> dict[str, Any]:
+    """Entry of the metadata for a sample's mount."""
+    level = sample.level_from_lidar
+    return {
+        "lidar_height_m": sample.lidar_height_m,
+        "level_from_lidar": None if level is None else level.tolist(),
+    }
+
+
+def _with_mount(sample: CameraLidarSample, mount: Mapping[str, Any]) -> CameraLidarSample:
+    """Give a sample a mount of the metadata; a damaged one raises nearly any exception."""
+    level = mount["level_from_lidar"]
+    return replace(
+        sample,
+        lidar_height_m=mount["lidar_height_m"],
+        level_from_lidar=None if level is None else torch.tensor(level, dtype=torch.float64),
+    )
+
+
+def _describe_difference(before: CameraLidarSample, now: CameraLidarSample) -> str | None:
+    """Describe mounts that differ by more than estimates do as frames are added; None: equal."""
+    heights = [KITTI_LIDAR_HEIGHT_M + each.higher_than_kitti_m for each in (before, now)]
+    if abs(heights[0] - heights[1]) > _HEIGHTS_AGREE_M:
+        was, is_now = heights
+        return f"a LiDAR {was:.2f} m above the road, which the data give as {is_now:.2f} m"
+    levels = [
+        np.eye(3) if each.level_from_lidar is None else each.level_from_lidar[:3, :3].numpy()
+        for each in (before, now)
+    ]
+    angle_deg = np.degrees(Rotation.from_matrix(levels[0].T @ levels[1]).magnitude())
+    if angle_deg > _TILTS_AGREE_DEG:
+        return f"a LiDAR whose tilt the data give as another one, by {angle_deg:.1f} degrees"
+    return None
 
 
 def cache_proposals(
@@ -217,7 +275,12 @@ class _ProposalWork:
         columns = {"points": points, "features": features.half()}
         for start, given in (("", proposed), ("training_", training_proposed)):
             columns |= {start + name: getattr(given, name) for name in _COLUMNS}
-        described = {"format": FORMAT, "made_by": self.identity, "sweep": sweep_digest(sample)}
+        described = {
+            "format": FORMAT,
+            "made_by": self.identity,
+            "sweep": sweep_digest(sample),
+            "mount": _mount_of(sample),
+        }
         tensors = {
             name: column.detach().to("cpu", copy=True).contiguous()
             for name, column in columns.items()
