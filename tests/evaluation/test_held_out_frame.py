@@ -239,13 +239,23 @@ def test_sweeps_in_another_order_than_kittis_are_scored_as_those_in_it(num_laser
     expected, found = split_rings(in_order), split_rings(replace(in_order, points=points))
     check_rings(found)
     assert found.sensor_beams == num_lasers
-    if num_lasers != 64:  # whose rings in KITTI's order are numbered as the tables' are
-        assert torch.equal(found.truth_m, expected.truth_m)
-        pairs = [
-            sorted(zip(frame.rings.tolist(), map(tuple, frame.sample.points.tolist()), strict=True))
-            for frame in (found, expected)
-        ]
-        assert pairs[0] == pairs[1]
+    assert torch.equal(found.truth_m, expected.truth_m)
+    pairs = [
+        sorted(zip(frame.rings.tolist(), map(tuple, frame.sample.points.tolist()), strict=True))
+        for frame in (found, expected)
+    ]
+    assert pairs[0] == pairs[1]
+
+
+def test_in_a_view_too_narrow_for_kittis_order_rings_of_firings_keep_their_lasers_numbers():
+    in_order = turning_sample(64, step=0.008)
+    narrow = replace(in_order, calibration=camera(SMALL, focal_px=4.0 * SMALL[1]))
+    with pytest.raises(ValueError, match="as in zigzag scans"):
+        split_rings(narrow)
+    by_firing = in_order.points.reshape(64, -1, 4).transpose(0, 1).flip(1).reshape(-1, 4)
+    frame = split_rings(replace(narrow, points=by_firing))
+    lasers = (32 - frame.sample.points[:, 2].double() / (WALL_M * 0.008)).round().long()
+    assert torch.equal(frame.rings, lasers)
 
 
 def test_a_whole_sweep_of_64_beams_far_apart_is_scored_as_its_beams_are_counted():

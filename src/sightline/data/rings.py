@@ -229,6 +229,25 @@ def in_kitti_order(
     return np.concatenate((echo_points[order], points[~has_echo]))
 
 
+def cut_in_kitti_order(
+    points: Float32[np.ndarray, "num_points 4"], lasers: Int64[np.ndarray, " num_points"]
+) -> tuple[Int64[np.ndarray, " num_points"], Int64[np.ndarray, " num_points"]]:
+    """Sort a sweep cropped to the camera's view into KITTI's order, and number its rings as there.
+
+    Rings keep their lasers' numbers where that order shows none, as in a narrow view.
+
+    Args:
+        points: Points in view, in any order.
+        lasers: Number of each point's laser, from the top.
+
+    Returns:
+        Index of each point in `points`, and its number by `ring_numbers`.
+    """
+    order = np.lexsort((_azimuth_from_front_deg(points), lasers))
+    rings = _ring_numbers_or_none(points[order])
+    return order, lasers[order] if rings is None else rings
+
+
 def turned_in_order(
     points: Float32[np.ndarray, "num_points 4"], turned: Float32[np.ndarray, "num_points 4"]
 ) -> Float32[np.ndarray, "num_points 4"]:

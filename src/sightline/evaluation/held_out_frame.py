@@ -6,8 +6,8 @@ never an input. The input is, of the other rings, all ("64 beams"), every second
 fourth ("16") or every eighth ("8"); the truth is the same for all.
 
 For another sensor than KITTI's, whole sweeps give the number of beams. Its rings are numbered by
-laser, before the cut, and the densities are all of its beams, half of them and so on. For sweeps in
-another order than KITTI's, rings are numbered in the same way, by elevation.
+laser, before the cut, and the densities are all of its beams, half of them and so on. Sweeps in
+another order than KITTI's are sorted into it by their points' elevations, and numbered alike.
 """
 
 from dataclasses import dataclass, replace
@@ -27,6 +27,7 @@ from sightline.data.rings import (
     beams_of_sensor,
     check_spacing,
     count_rings,
+    cut_in_kitti_order,
     is_whole_turn,
     ring_numbers,
     rings_of_any_order,
@@ -193,15 +194,19 @@ def _rings_in_view(
     """Select points in view, ring by ring, their rings and the sweep's number; True if assumed."""
     is_in_view = points_in_view(sample)
     numbers, is_ring_by_ring = rings_of_any_order(sweep.numpy())
-    if not is_ring_by_ring:
-        rings, order = torch.sort(torch.from_numpy(numbers)[is_in_view], stable=True)
-        return sweep[is_in_view][order], rings, int(numbers.max()) + 1, False
-    points, num_rings = sweep[is_in_view], count_rings(sweep.numpy())
-    if beams_of_sensor(num_rings) == NUM_RINGS and not is_whole_turn(points.numpy()):
-        # numbered after the cut, like sweeps that are already cut
-        rings = torch.from_numpy(ring_numbers(points.numpy()))
-        return points, rings, num_rings, not is_whole_turn(sweep.numpy())
-    return points, torch.from_numpy(numbers)[is_in_view], num_rings, False
+    num_rings = count_rings(sweep.numpy()) if is_ring_by_ring else int(numbers.max()) + 1
+    points, rings = sweep[is_in_view], torch.from_numpy(numbers)[is_in_view]
+    # of 64 beams: numbered after the cut, like sweeps that are already cut
+    is_as_cut = beams_of_sensor(num_rings) == NUM_RINGS and not is_whole_turn(points.numpy())
+    if is_ring_by_ring:
+        is_assumed = is_as_cut and not is_whole_turn(sweep.numpy())
+        rings = torch.from_numpy(ring_numbers(points.numpy())) if is_as_cut else rings
+        return points, rings, num_rings, is_assumed
+    if is_as_cut:
+        by_ring, cut_numbers = cut_in_kitti_order(points.numpy(), rings.numpy())
+        return points[by_ring], torch.from_numpy(cut_numbers), num_rings, False
+    rings, order = torch.sort(rings, stable=True)
+    return points[order], rings, num_rings, False
 
 
 def check_for_sweeps(dataset: SampleDataset) -> None:
