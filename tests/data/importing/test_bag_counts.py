@@ -12,7 +12,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from sightline.data.importing.import_recording import import_recording
 from tests.data.recordings import BagMaker, Ros1BagMaker, usual_topics
 
-CHUNK_INDEX = 8
+SCHEMA, CHANNEL, CHUNK_INDEX, STATISTICS = 3, 4, 8, 11
 
 
 @pytest.fixture(scope="module")
@@ -28,34 +28,62 @@ def mcap_of(drive):
     return next(drive.glob("*.mcap"))
 
 
-def without_index_of_chunks(content, left_out):
-    """MCAP file whose summary lacks the index of the chunks with these numbers."""
+def without_records(content, kind, numbers=range(100)):
+    """MCAP file whose summary lacks the records of a kind with these numbers."""
     (at,) = struct.unpack_from("<Q", content, len(content) - 28)  # in the footer
     parts, number = [content[:at]], 0
     while at < len(content) - 8:
         end = at + 9 + struct.unpack_from("<Q", content, at + 1)[0]
-        is_index = content[at] == CHUNK_INDEX
-        if not is_index or number not in left_out:
+        if content[at] != kind or number not in numbers:
             parts.append(content[at:end])
-        number += is_index
+        number += content[at] == kind
         at = end
     return b"".join((*parts, content[at:]))
 
 
 def test_messages_that_the_index_of_a_file_lacks_are_told(tmp_path, drive):
     path = tmp_path / "drive.mcap"
-    path.write_bytes(without_index_of_chunks(mcap_of(drive).read_bytes(), {1}))
+    path.write_bytes(without_records(mcap_of(drive).read_bytes(), CHUNK_INDEX, {1}))
     report = import_recording(path, tmp_path / "out")
     assert report.written == 1  # the chunk holds a cloud and the next image
     assert re.search(
         r"warning: only 2 of the 3 messages of /points that the bag.s stat", str(report)
     )
     assert "messages of /tf_static" not in str(report)
-    path.write_bytes(without_index_of_chunks(mcap_of(drive).read_bytes(), {1, 2, 3}))
+    path.write_bytes(without_records(mcap_of(drive).read_bytes(), CHUNK_INDEX, {1, 2, 3}))
     with pytest.raises(
         ValueError, match=r"only 0 of the 3 messages of /points .*; write the bag an"
     ):
         import_recording(path, tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    "left_out",
+    [
+        [(CHANNEL, range(100))],
+        [(CHANNEL, {2})],
+        [(SCHEMA, range(100))],
+        [(SCHEMA, {1})],
+        [(CHANNEL, {1}), (STATISTICS, {0})],
+        [(SCHEMA, {2}), (STATISTICS, {0})],
+    ],
+)
+def test_channels_and_schemas_that_a_summary_leaves_out_are_read_from_the_file(
+    tmp_path, drive, left_out
+):
+    content = mcap_of(drive).read_bytes()
+    shorter = content
+    for kind, numbers in left_out:
+        shorter = without_records(shorter, kind, numbers)
+    assert len(shorter) < len(content)
+    for name, each in (("whole", content), ("shorter", shorter)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "drive.mcap").write_bytes(each)
+        report = import_recording(tmp_path / name / "drive.mcap", tmp_path / f"{name}-out")
+        assert report.written == 3
+    for path in sorted((tmp_path / "whole-out").glob("*/*")):
+        again = tmp_path / "shorter-out" / path.relative_to(tmp_path / "whole-out")
+        assert again.read_bytes() == path.read_bytes()
 
 
 def test_messages_that_only_the_metadata_count_are_told(tmp_path, drive):

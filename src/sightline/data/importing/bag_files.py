@@ -361,7 +361,8 @@ def _bounded_library() -> Iterator[None]:
 
     `rosbags` has no limit of its own: a chunk of 10 MB may decompress to any size, and a record may
     claim any length. Quality of service (YAML in each topic), definitions of messages and a missing
-    profile of an MCAP file would make the bag unreadable by any fault, or by any other encoding.
+    profile of an MCAP file would make the bag unreadable by any fault, or by any other encoding. A
+    summary of an MCAP file is taken for complete, although it may leave out channels and schemas.
     """
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
@@ -389,6 +390,7 @@ def _bounded_library() -> Iterator[None]:
         (ros1, "read_bytes", _bounded(ros1.read_bytes)),
         (storage_mcap, "read_string", _or_ros2(storage_mcap.read_string)),
         (storage_mcap, "get_msgdef", lambda _: undefined),
+        (storage_mcap.McapReader, "read_index", _completed(storage_mcap.McapReader.read_index)),
         (storage_mcap, "parse_qos", lambda _: []),
         (storage_sqlite3, "parse_qos", lambda _: []),
     ]
@@ -422,6 +424,32 @@ def _bounded(read: _Read) -> _Read:
 def _or_ros2(read: Callable[[BytesIO], str]) -> Callable[[BytesIO], str]:
     """Make a function that reads strings take an empty profile, the first of a record, as ROS 2."""
     return lambda record: read(record) or "ros2" if record.tell() == 0 else read(record)
+
+
+def _completed(read_index: Callable[["McapReader"], None]) -> Callable[["McapReader"], None]:
+    """Make a function that reads a file's summary scan the file for what the summary leaves out."""
+
+    def read_completed(reader: "McapReader") -> None:
+        read_index(reader)
+        if _lacks_channels(reader):
+            for each in (reader.schemas, reader.channels, reader.connections):
+                each.clear()
+            reader.meta_scan()
+
+    return read_completed
+
+
+def _lacks_channels(reader: "McapReader") -> bool:
+    """Test whether a file's summary repeats fewer channels or schemas than the file holds."""
+    counted = reader.statistics
+    if counted is not None:
+        return (
+            len(reader.schemas) < counted.schema_count
+            or len(reader.channels) < counted.channel_count
+        )
+    used = {channel for chunk in reader.chunks for channel in chunk.message_index_offsets}
+    has_unknown = any(each.schema == "__schemaless__" for each in reader.channels.values())
+    return has_unknown or not used <= reader.channels.keys()
 
 
 def _checked_chunk_size(size: int) -> int:
