@@ -32,7 +32,9 @@ def test_frames_given_in_parts_score_as_their_files_do(tmp_path):
         points = 0.0 if entry.all_points is None else entry.all_points.ap
         assert scores[f"{name}_all_points"].item() == pytest.approx(points)
     assert any("use that one" in note for note in metric.notes("validation/x"))
-    assert metric.notes("validation/x")[-1] == "best.ckpt is still selected by validation/x, R40."
+    assert (
+        metric.notes("validation/x")[-1] == "Checkpoints are still selected by validation/x, R40."
+    )
     metric.reset()
     assert metric.report().frames == 0
 

@@ -57,6 +57,21 @@ def test_labels_that_count_nowhere_are_told(tmp_path, labels, expected):
     assert "counts at any difficulty" not in counted
 
 
+def test_labels_without_truncation_and_occlusion_are_told_but_not_such_results(tmp_path):
+    unknown = {"truncation": -1.0, "occlusion": -1}
+    labels = [
+        CAR,
+        replace(CAR, **unknown),
+        replace(CAR, occlusion=-1),
+        replace(CAR, name="Van", **unknown),
+    ]
+    text = "1 of 3 labels of scored classes have no truncation and no occlusion (-1 -1): they"
+    assert text in notes_of(tmp_path, labels, [FOUND])
+    (tmp_path / "sound").mkdir()
+    sound = notes_of(tmp_path / "sound", [CAR], [replace(FOUND, **unknown)])
+    assert "-1" not in sound
+
+
 @pytest.mark.parametrize("angle", ["alpha", "ry"])
 def test_angles_in_degrees_are_told_of_results_and_of_labels(tmp_path, angle):
     turned = replace(CAR, **{angle: -88.0})

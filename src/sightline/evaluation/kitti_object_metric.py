@@ -111,7 +111,7 @@ class KittiObjectMetric(Metric):
             monitored: Name of the score that selects checkpoints.
         """
         notes = () if self.last_report is None else tuple(self.last_report.notes())
-        return (*notes, f"best.ckpt is still selected by {monitored}, R40.") if notes else ()
+        return (*notes, f"Checkpoints are still selected by {monitored}, R40.") if notes else ()
 
     def report(self) -> ObjectReport:
         """Compute all scores over the frames of all processes; each process has to call this."""

@@ -11,6 +11,7 @@ from sightline.data.kitti_labels import (
     MAX_OCCLUSION,
     MAX_TRUNCATION,
     NO_LOCATION,
+    UNKNOWN,
     KittiObjects,
 )
 from sightline.data.label_checks import in_degrees
@@ -64,6 +65,8 @@ class ObjectTally:
     """Number of labels of each scored class (code) that count at no difficulty."""
     hidden_labels: int = 0
     """Number of those by their occlusion or truncation; the others are too low in the image."""
+    labels_of_unknown_visibility: int = 0
+    """Number of labels of scored classes with neither truncation nor occlusion."""
     labels_without_box3d: int = 0
     """Number of labels of scored classes without a 3D part."""
     labels_in_degrees: int = 0
@@ -81,8 +84,13 @@ class ObjectTally:
         self.labels_without_box3d += _count_without_box3d(labels)
         levels = truth_levels(labels.truncation, labels.occlusion, labels.boxes2d)
         is_hidden = (labels.occlusion > MAX_OCCLUSION) | (labels.truncation > MAX_TRUNCATION)
-        for name, level, hidden in zip(labels.class_names, levels, is_hidden, strict=True):
-            if level == NEVER and class_code(name) >= 0:
+        is_unknown = (labels.occlusion == UNKNOWN) & (labels.truncation == UNKNOWN)
+        flags = zip(labels.class_names, levels, is_hidden, is_unknown, strict=True)
+        for name, level, hidden, unknown in flags:
+            if class_code(name) < 0:
+                continue
+            self.labels_of_unknown_visibility += int(unknown)
+            if level == NEVER:
                 self.uncounted_labels[class_code(name)] += 1
                 self.hidden_labels += int(hidden)
 
@@ -150,6 +158,7 @@ class ObjectTally:
         return (
             *self._remarks_on_labels(),
             *self._remarks_on_uncounted_labels(),
+            *self._remarks_on_visibility(),
             *self._remarks_on_angles(),
             *self.conventions.remarks(),
         )
@@ -187,6 +196,16 @@ class ObjectTally:
                 f"{self.labels_without_box3d:,} of {total:,} labels of scored classes have no 3D "
                 "part: nothing matches them in bird's eye and 3D, where they count as missed."
             )
+
+    def _remarks_on_visibility(self) -> tuple[str, ...]:
+        """List a remark on labels without truncation and occlusion; empty if there are none."""
+        if not self.labels_of_unknown_visibility:
+            return ()
+        return (
+            f"{self.labels_of_unknown_visibility:,} of {by_code(self.labels).total():,} labels of "
+            "scored classes have no truncation and no occlusion (-1 -1): they count as fully "
+            "visible, so for them easy, moderate and hard differ by height in the image alone.",
+        )
 
     def _remarks_on_angles(self) -> tuple[str, ...]:
         """List a remark on angles in degrees; empty if there are none."""
