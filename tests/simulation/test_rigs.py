@@ -162,6 +162,7 @@ def test_json_and_a_rosette_are_read_too(file):
         ("[-12, -20, 3]", "[12, 20, 3]", "elevations_deg must fall, from the top ring"),
         ("[-12, -20, 3]", "[-12, -20, 900]", "each of fans must have 1 to 256 rings, got 900"),
         ("height_m: 1.9", "roof_m: 1.7", "roof_m must be 0.1 m or more below the LiDAR at 1.73 m"),
+        ("height_m: 1.9", "height_m: -1", "height_m must be finite and from 0.3 to 5, got -1"),
         ("height_m: 1.9", "order: rows", "order is 'rows', expected one of rings, firings, none"),
         ("pitch_deg: 2.5", "dirt: 2", "dirt must be finite and from 0 to 1, got 2"),
         ("pitch_deg: 2.5", "readout_ms: -1", "readout_ms must be finite and from 0 to 100"),

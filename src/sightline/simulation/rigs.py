@@ -160,6 +160,7 @@ class LidarRig:
                 f"{sum(given)} of them"
             )
         check_choices(self)
+        check_ranges(self)
         rings = self.elevations_deg
         if len(rings) > _MAX_RINGS or any(not abs(ring) <= _MAX_ELEVATION_DEG for ring in rings):
             raise ValueError(
@@ -184,7 +185,6 @@ class LidarRig:
                     "blind_sectors must be start, end and elevation with 0 <= start < end <= 360, "
                     f"got {start:g}, {end:g}, {below:g}; divide one that lies across 0 in two"
                 )
-        check_ranges(self)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
