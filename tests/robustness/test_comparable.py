@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sightline.robustness.comparable import check_baseline
+from sightline.robustness.comparable import check_baseline, check_healthy, notes_on_files
 from tests.robustness.runs import RMSE, record_of
 
 
@@ -31,3 +31,23 @@ def test_a_run_of_another_list_of_frames_is_refused_in_words():
     other = replace(record.setting, frames_sha256="cd")
     with pytest.raises(ValueError, match="toy is of another list of frames, so scores cannot"):
         check_baseline(record, other, record.cases)
+
+
+def test_a_run_of_the_same_files_under_another_name_is_compared_with_a_note():
+    here = record_of(RMSE, 1.0, {"fog": {1: 2.0}}, files_digest="ab12")
+    there = record_of(RMSE, 1.5, {"fog": {1: 2.0}}, files_digest="ab12", data="m/copy")
+    check_baseline(there, here.setting, here.cases)
+    check_healthy("camera", there, here.setting)
+    (note,) = notes_on_files({"this run": here, "the baseline": there})
+    assert note.startswith("the baseline is of data m/copy, this run of kitti/toy: they are taken")
+    for digest in (None, "cd34"):
+        other = record_of(RMSE, 1.5, {"fog": {1: 2.0}}, files_digest=digest, data="m/copy")
+        for one, two in ((here, other), (other, here)):
+            with pytest.raises(ValueError, match=r"is of data .* instead of .*, so scores cannot"):
+                check_baseline(two, one.setting, one.cases)
+    unknown = record_of(RMSE, 1.0, {"fog": {1: 2.0}}, data="m/copy")
+    with pytest.raises(ValueError, match="is of data"):
+        check_baseline(unknown, record_of(RMSE, 1.0, {}).setting, unknown.cases)
+    names = replace(here.setting, frames_sha256="cd")
+    with pytest.raises(ValueError, match="another list of frames"):
+        check_baseline(there, names, here.cases)

@@ -17,6 +17,7 @@ is sound; above 0, as methods of others may draw random numbers."""
 _IN_WORDS: Final = {"figures": "other metrics", "frames_sha256": "another list of frames"}
 """Descriptions of differing settings whose values tell users nothing."""
 _FILES: Final = "files_digest"
+_DATA: Final = "data"
 
 
 def check_baseline(
@@ -74,31 +75,43 @@ def check_healthy(sensor: str, healthy: Record, setting: Setting) -> None:
                 )
 
 
-def warn_of_files(records: Mapping[str, Record]) -> tuple[str, ...]:
-    """Warn if frames of equal names are different files: not refused, as files may be rewritten.
+def notes_on_files(records: Mapping[str, Record]) -> tuple[str, ...]:
+    """List notes on frames of equal names: other files, or the same ones under another data name.
+
+    Other files are not refused, as files may be rewritten.
 
     Args:
-        records: Records by their name in the warning. Records without a file digest are left out.
+        records: Records by their name in the notes. Records without a file digest are left out.
     """
-    digests = {
-        name: record.setting.files_digest
+    settings = {
+        name: record.setting
         for name, record in records.items()
         if record.setting.files_digest is not None
     }
-    first, *rest = digests or ("",)
-    others = [name for name in rest if digests[name] != digests[first]]
-    if not others:
+    if not settings:
         return ()
-    return (
-        f"WARNING: data {records[first].setting.data} hold other files, by names or sizes, for "
-        f"{', '.join(others)} than for {first}: unless the same frames were written anew, scores "
-        "do not compare.",
-    )
+    (first, of_first), *rest = settings.items()
+    others = [name for name, each in rest if each.files_digest != of_first.files_digest]
+    notes = [
+        f"{name} is of data {each.data}, {first} of {of_first.data}: they are taken for the same, "
+        "as names and sizes of their files agree."
+        for name, each in rest
+        if each.data != of_first.data
+    ]
+    if others:
+        notes.append(
+            f"WARNING: data {of_first.data} hold other files, by names or sizes, for "
+            f"{', '.join(others)} than for {first}: unless the same frames were written anew, "
+            "scores do not compare."
+        )
+    return tuple(notes)
 
 
 def _check(title: str, actual: Mapping[str, object], required: Mapping[str, object]) -> None:
+    has_same_files = actual[_FILES] is not None and actual[_FILES] == required[_FILES]
+    ignored = (_FILES, _DATA) if has_same_files else (_FILES,)
     for name, value in required.items():
-        if name != _FILES and actual[name] != value:
+        if name not in ignored and actual[name] != value:
             there, wanted = shortened_pair(str(actual[name]), str(value), _MAX_VALUE)
             found = _IN_WORDS.get(name, f"{name} {there} instead of {wanted}")
             raise ValueError(

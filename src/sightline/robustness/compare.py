@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sightline.corruptions.suites import CLEAN
 from sightline.files.atomic import atomic_write_text
-from sightline.robustness.comparable import check_baseline, warn_of_files
+from sightline.robustness.comparable import check_baseline, notes_on_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import compare_page
 from sightline.robustness.record import Record, read_record
@@ -52,7 +52,7 @@ class Comparison:
         """List notes on the interpretation of the scores."""
         notes = tuple(self._notes_of_records())
         notes = (*self._notes_on_equals(), *notes)
-        notes = (*warn_of_files(dict(zip(self._names(), self.records, strict=True))), *notes)
+        notes = (*notes_on_files(dict(zip(self._names(), self.records, strict=True))), *notes)
         if self.left_out:
             names = ", ".join(self.left_out)
             notes = (f"Left out, as not all runs have these cases: {names}.", *notes)

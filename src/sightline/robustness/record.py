@@ -62,7 +62,7 @@ class Setting:
     scoring: str
     """Protocol of the scoring."""
     data: str
-    """Name of the data; see `dataset_title`."""
+    """Name of the data; see `dataset_title`. It may differ where `files_digest` is equal."""
     velodyne: str
     """The sweeps' folder."""
     frames: int

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import markdown_text
-from sightline.robustness.comparable import warn_of_files
+from sightline.robustness.comparable import notes_on_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page
 from sightline.robustness.record import (
@@ -99,7 +99,7 @@ class RobustnessReport:
         others = {f"the healthy {sensor}": each for sensor, each in self.healthy.items()}
         if self.baseline is not None:
             others["the baseline"] = self.baseline
-        notes = (*warn_of_files({"this run": self.record, **others}), *self.record.notes)
+        notes = (*notes_on_files({"this run": self.record, **others}), *self.record.notes)
         if self.baseline == self.record:
             notes = ("WARNING: the baseline is this run itself: name another run.", *notes)
         if self.no_cases:
