@@ -206,6 +206,19 @@ def test_some_files_that_nobody_reads_are_counted_beside_those_that_are(tree):
     assert "holds 1 files that are not read (1 .bmp), beside 2 that are" in doubt
 
 
+@pytest.mark.parametrize("name", ["calibration.yaml", "calibration.json"])
+def test_a_recordings_calibration_in_an_object_tree_is_told_as_not_read(tree, name):
+    shutil.copytree(tree, tree.parent / "testing")
+    for path in (tree / name, tree.parent / name):
+        path.write_text("lidar_height_m: 2.5\n")
+        for root in (tree, tree.parent):
+            (doubt,) = (each for each in doubts(root) if name in each)
+            assert doubt.startswith(f"{path}: is not read: in KITTI's object trees each frame has")
+            (problem,) = (each for each in check_tree(root) if each.path == path)
+            assert str(problem) == doubt
+        path.unlink()
+
+
 def test_files_in_folders_below_are_told(tree):
     (tree / "image_2" / "left").mkdir()
     for path in list((tree / "image_2").glob("*.png")):

@@ -55,8 +55,10 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     trees = find_trees(root)
     if not trees:
         yield no_data_set(root)
+    told: set[Problem] = set()  # splits of one root share faults
     for tree in trees:
-        yield from tree.gaps
+        yield from (gap for gap in tree.gaps if gap not in told)
+        told.update(tree.gaps)
         run = partial(_run, folder=tree.summary.folder)
         results = map_ahead(run, tree.checks, workers=workers)
         description = f"checking {tree.summary.folder.name}"

@@ -37,7 +37,7 @@ from sightline.data.recording_files import (
 )
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
-from sightline.jobs.output_dirs import MANIFEST_NAME
+from sightline.jobs.output_dirs import MANIFEST_NAME, is_split
 
 _NOTE_SUFFIXES = frozenset(
     (".txt", ".json", ".csv", ".md", ".yaml", ".yml", ".xml", ".ini", ".db", ".html", ".log", "")
@@ -85,6 +85,8 @@ class PartFolder:
     """Other folders where the part may be, read if `folder` holds no files of it."""
     replacements: tuple[Path, ...] = ()
     """Folders of other sensors of this kind, which are never read."""
+    unused: tuple[Path, ...] = ()
+    """Files for all frames, as another layout has them, which are never read here."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -99,8 +101,15 @@ class UnreadFiles:
 
 def object_folders(folder: Path, velodyne: Velodyne = "velodyne") -> list[PartFolder]:
     """Folders of an object split's parts."""
+    places = (folder, folder.parent) if is_split(folder) else (folder,)
+    shared = [place / f"{CALIBRATIONS}{end}" for place in places for end in CALIBRATION_SUFFIXES]
     return [
-        PartFolder(part=part, folder=folder / part_folder(part, velodyne), suffixes=suffixes)
+        PartFolder(
+            part=part,
+            folder=folder / part_folder(part, velodyne),
+            suffixes=suffixes,
+            unused=tuple(shared) if part == "calibration" else (),
+        )
         for part, suffixes in PART_SUFFIXES.items()
     ]
 
@@ -185,6 +194,7 @@ def find_unread(folders: Sequence[PartFolder]) -> list[UnreadFiles]:
             _find_hidden_in(each),
             _find_misnamed(each) or _find_other_sensor(each, folders),
             *_find_elsewhere(each),
+            *_find_unused(each),
             _find_replacement(each),
         )
     ]
@@ -346,6 +356,22 @@ def _find_elsewhere(place: PartFolder) -> list[UnreadFiles]:
         )
         for folder, number in num_files.items()
         if number
+    ]
+    return [UnreadFiles(problem=each, part=place.part, all_unread=False) for each in problems]
+
+
+def _find_unused(place: PartFolder) -> list[UnreadFiles]:
+    """Find files for all frames, such as a recording's calibration in an object tree."""
+    problems = [
+        Problem(
+            path=path,
+            problem=f"is not read: in KITTI's object trees each frame has a file in "
+            f"{place.folder.name}",
+            remedy="make the data a recording (docs/recordings.md) if its entries are needed, or "
+            "remove it",
+        )
+        for path in place.unused
+        if path.is_file()
     ]
     return [UnreadFiles(problem=each, part=place.part, all_unread=False) for each in problems]
 
