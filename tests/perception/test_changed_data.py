@@ -14,11 +14,16 @@ from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.tasks import find_task
 from tests.data.recordings import write_recording
 from tests.data.trees import write_depth_drive, write_drive, write_object_tree, write_selection
+from tests.inference.trees import contents_of
 from tests.perception.predictors import FunctionPredictor, one_box, perceiver
 from tests.perception.test_alignment import perceiver as perceiver_of_any_frame
 
 TASK = find_task("detection2d")
 BOXES = perceiver().predictors["detection2d"]
+
+
+def title(path):
+    return dataset_title(open_dataset(path), path)
 
 
 def lines_of(out):
@@ -65,10 +70,14 @@ def test_times_that_are_added_or_corrected_come_into_the_lines(tmp_path, out):
     perceiver = perceiver_of_any_frame()
     perceive(recording, out, perceiver=perceiver)
     assert [line["timestamp_s"] for line in lines_of(out)] == [None, None]
-    for second, changed in ((0.1, 2), (0.5, 1), (0.5, 0)):
+    changed_ns = (out / "lines" / "b.json").stat().st_mtime_ns
+    for second in (0.1, 0.5):
         (recording / "times.txt").write_text(f"a 7.25\nb {7.25 + second}\n")
-        assert perceive(recording, out, perceiver=perceiver).written == changed
+        assert perceive(recording, out, perceiver=perceiver).written == 0
         assert [line["timestamp_s"] for line in lines_of(out)] == [0, second]
+    assert (out / "lines" / "b.json").stat().st_mtime_ns == changed_ns  # newer frames are told
+    perceive(recording, tmp_path / "new", perceiver=perceiver)
+    assert contents_of(out / "lines") == contents_of(tmp_path / "new" / "lines")
 
 
 def test_times_of_a_drive_come_into_the_lines(tmp_path, out):
@@ -76,17 +85,17 @@ def test_times_of_a_drive_come_into_the_lines(tmp_path, out):
     times = drive / "velodyne_points" / "timestamps.txt"
     perceiver = perceiver_of_any_frame()
     perceive(drive, out, perceiver=perceiver)
-    assert perceive(drive, out, perceiver=perceiver).written == 0
     times.write_text(times.read_text().replace("13:02:25.2", "13:02:25.3"))
-    assert perceive(drive, out, perceiver=perceiver).written == 1
+    assert perceive(drive, out, perceiver=perceiver, sample_list=["0000000002"]).written == 0
     assert lines_of(out)[2]["timestamp_s"] == pytest.approx(0.3)
 
 
 def test_results_of_removed_and_renamed_frames_are_told(data, out):
     perceive(data, out, perceiver=perceiver())
     predict(TASK, BOXES, data, out.with_name("boxes"), workers=1)
-    (out.with_name("boxes") / "readme.txt").write_text("of a run in May\n")
-    told = r"results of 1 of \d frames, 000003, are of no frame of these data and stay; if the"
+    for name in ("readme.txt", "._000002.txt"):
+        (out.with_name("boxes") / name).write_text("of a run in May\n")
+    told = r"results of 1 of 4 frames, 000003, are of no frame of these data and stay; if the"
     for path in data.glob("*/*/000003.*"):
         path.rename(path.with_stem("000007"))
     with pytest.warns(UserWarning, match=f"out/lines: {told}"):
@@ -101,14 +110,19 @@ def test_a_tree_and_its_split_are_the_same_data(data, out):
     for number, path in enumerate((data, data / "training", data / "training" / ".")):
         done = predict(TASK, BOXES, path, out, workers=1)
         assert done.written == (0 if number else 4)
-    shards = data.with_name("shards")
+    shards = data.parent / "shards" / "training"
     write_shards(data, shards, frames_per_shard=2)
     for path, written in ((shards, 4), (shards / "training", 0)):
         done = predict(TASK, BOXES, path, out.with_name("of shards"), workers=1)
         assert done.written == written
-    assert dataset_title(open_dataset(shards / "training"), shards / "training") == dataset_title(
-        open_dataset(data), data
-    )
+        assert title(path) == title(data) == f"{data.parent.name}/data"
+
+
+def test_a_tree_or_its_shards_may_be_named_like_a_split(tmp_path):
+    tree = write_object_tree(tmp_path / "training", "000001")
+    (tmp_path / "link").symlink_to(tree / "training")
+    for path in (tree, tree / "training", tmp_path / "link"):
+        assert title(path) == f"{tmp_path.name}/training"
 
 
 def test_equal_splits_of_two_trees_are_not_the_same_data(tmp_path, out):
@@ -122,17 +136,23 @@ def test_equal_splits_of_two_trees_are_not_the_same_data(tmp_path, out):
 
 
 @pytest.mark.filterwarnings("ignore:.*only the frames in")
-def test_depth_data_are_named_by_tree_and_split(tmp_path):
-    tree, raw = tmp_path / "data" / "depth", tmp_path / "data" / "depth"
+def test_depth_data_are_named_by_the_folder_of_the_frames(tmp_path):
+    tree = tmp_path / "data" / "depth"
     write_selection(tree)
-    write_depth_drive(tree, raw)
-    selection = tree / "depth_selection" / "val_selection_cropped"
-    drives = tree / "val"
+    write_depth_drive(tree, tree)
+    selections, drives = tree / "depth_selection", tree / "val"
     shutil.copytree(tree / "data_depth_velodyne" / "val", drives)
     shutil.copytree(tree / "data_depth_annotated" / "val", drives, dirs_exist_ok=True)
-    names = {
-        path: dataset_title(open_dataset(path), path)
-        for path in (tree, selection.parent, selection, drives)
-    }
-    assert names.pop(drives) == "data/depth/val"
-    assert set(names.values()) == {"data/depth/val_selection_cropped"}
+    selection = selections / "val_selection_cropped"
+    for number, path in enumerate((tree, selections, selection)):
+        write_shards(path, tmp_path / f"shards{number}", frames_per_shard=9)
+        for each in (path, tmp_path / f"shards{number}"):
+            assert title(each) == "depth_selection/val_selection_cropped"
+    assert title(drives) == title(tmp_path / "shards0" / "val") == "depth/val"
+    (tmp_path / "val").symlink_to(tmp_path / "shards0")
+    assert title(tmp_path / "val" / "val") == "depth/val"
+    own = tmp_path / "own" / "mine"
+    shutil.copytree(selection, own)
+    assert title(own) == "own/mine"
+    shutil.rmtree(own / "groundtruth_depth")  # which decides what the split is called
+    assert title(own) == "own/mine"

@@ -20,12 +20,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
 from sightline.files.weights_header import find_weights
-from sightline.jobs.output_dirs import (
-    acquire_output_dir,
-    check_outside_dataset,
-    data_name,
-    is_split,
-)
+from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.joining.fit_pair import fit_pair
 from sightline.joining.models import JOINED, read_models
 from sightline.robustness.bench import BenchSettings, run_bench
@@ -229,7 +224,7 @@ def adapt(
     config = SimulationConfig(seed=settings.seed, rig=rig)
     check_simulation(config, frames, validation_frames=settings.validation_frames)
     claim = {
-        "adapt": data_name(data.parent if is_split(data) else data),
+        "adapt": data_name(data),
         "rig": rig_text(rig),
         "frames": settings.frames,
         "validation_frames": settings.validation_frames,

@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
-from itertools import filterfalse
 from pathlib import Path
 
 from sightline.data.frame_lists import is_note
@@ -58,22 +57,20 @@ def warn_of_newer_frames(
         )
 
 
-def warn_of_gone_frames(
-    dataset: SampleDataset, folder: Path, names: Collection[str], *, fate: str = "stay"
-) -> None:
+def warn_of_gone_frames(dataset: SampleDataset, folder: Path, names: Collection[str]) -> None:
     """Warn of results of frames that the whole data set does not have.
 
     Args:
         dataset: Data set of `open_dataset`.
         folder: Folder of the results.
-        names: Names of the frames with results; notes among them are left out.
-        fate: End of the sentence on these results.
+        names: Names of the frames with results; notes and hidden files among them are left out.
     """
-    gone = sorted(set(filterfalse(is_note, names)) - set(all_sample_ids(dataset)))
+    kept = {name for name in names if not (is_note(name) or name.startswith("."))}
+    gone = sorted(kept - set(all_sample_ids(dataset)))
     if gone:
         warnings.warn(
-            f"{folder}: results of {len(gone):,} of {len(names):,} frames, "
-            f"{describe_absent(gone)}, are of no frame of these data and {fate}; if the frames "
+            f"{folder}: results of {len(gone):,} of {len(kept):,} frames, "
+            f"{describe_absent(gone)}, are of no frame of these data and stay; if the frames "
             "were removed or renamed, remove their results, too, or name another folder",
             stacklevel=3,
         )

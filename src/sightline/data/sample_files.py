@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
+from sightline.data.depth_trees import DRIVE_SPLITS
 from sightline.data.entry_checks import is_corrupted
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
@@ -26,12 +27,12 @@ from sightline.data.sample_dataset import (
     SampleDataset,
     TimedDataset,
 )
+from sightline.files.shard_index import read_manifest
 from sightline.files.shard_path import data_path
 from sightline.jobs.output_dirs import data_name
 
 SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
 """Nouns for the data of sensors."""
-_NANOSECOND_S: Final = 1.0e-9
 _IN_DEPTH_FRAMES: Final[Mapping[Part, str]] = {"points": "sparse", "depth": "truth"}
 
 
@@ -40,16 +41,14 @@ def has_file(dataset: SampleDataset, index: int, part: Part) -> bool:
     return _listed_file(dataset, index, part) is not None
 
 
-def has_time(dataset: SampleDataset, index: int, time_s: float | None) -> bool:
-    """Test if a sample has this time [s], to a nanosecond; so has any whose layout keeps none."""
+def sample_times(dataset: SampleDataset) -> Sequence[float | None] | None:
+    """Times of all samples [s], without reading them; None: the layout keeps no times."""
     if isinstance(dataset, NamedSubset):
-        return has_time(dataset.dataset, dataset.positions[index], time_s)
+        times = sample_times(dataset.dataset)
+        return None if times is None else [times[place] for place in dataset.positions]
     if not isinstance(dataset, TimedDataset):
-        return True
-    now_s = dataset.time_s(index)
-    if now_s is None or time_s is None:
-        return now_s == time_s
-    return abs(now_s - time_s) <= _NANOSECOND_S
+        return None
+    return [dataset.time_s(index) for index in range(len(dataset))]
 
 
 def all_sample_ids(dataset: SampleDataset) -> tuple[str, ...]:
@@ -170,16 +169,35 @@ def list_sample_files(dataset: SampleDataset) -> list[dict[str, Path]]:
 def dataset_title(dataset: SampleDataset, data: Path) -> str:
     """Name a data set at `data` in records and claims.
 
-    It is the same whether the tree or its opened split is given. A split other than `training` is
-    part of the name, as frames of two splits may have equal names.
+    It is the same whether the tree or its opened split is given, and for shards of either. A split
+    other than `training` is part of the name, as frames of two splits may have equal names.
     """
     whole = dataset.dataset if isinstance(dataset, NamedSubset) else dataset
-    if not isinstance(whole, KittiObjectDataset | KittiDepthDataset):
-        return data_name(data)
-    root = next((each.parent for each in (data, data.resolve()) if each.name == whole.split), data)
-    root = root.parent if root.name == SELECTIONS_FOLDER else root
-    name = data_name(root)
-    return name if whole.split == "training" else f"{name}/{whole.split}"
+    if isinstance(whole, KittiObjectDataset):
+        name = data_name(_tree_of(data, whole.split))
+        return name if whole.split == "training" else f"{name}/{whole.split}"
+    if isinstance(whole, KittiDepthDataset):
+        is_by_drives = whole.split in DRIVE_SPLITS
+        parts = data_name(_tree_of(data, whole.split) if is_by_drives else data).split("/")
+        return "/".join([*parts, *_split_folder(whole)][-2:])
+    return data_name(data)
+
+
+def _tree_of(data: Path, split: str) -> Path:
+    """Folder of the tree, or of its shards, of which `data` is the whole or a split."""
+    if read_manifest(Path(str(data))) is not None or (data / split).is_dir():
+        return data
+    named = data if data.name == split else data.resolve()
+    return named.parent if named.name == split else data
+
+
+def _split_folder(dataset: KittiDepthDataset) -> tuple[str, ...]:
+    """Folders between a depth completion tree and the frames; none if it is a single selection."""
+    root, split = dataset.root, dataset.split
+    if split not in DRIVE_SPLITS and (root / "velodyne_raw").is_dir():
+        return ()
+    is_below = (root / SELECTIONS_FOLDER / split).is_dir()
+    return (SELECTIONS_FOLDER, split) if is_below else (split,)
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import dataset_title, has_file, has_time, sweeps_folder
+from sightline.data.sample_files import dataset_title, has_file, sample_times, sweeps_folder
 from sightline.files.atomic import atomic_write_text
 from sightline.inference.predict import (
     Places,
@@ -28,7 +28,7 @@ from sightline.perception.kept_lines import (
     TIMINGS_FOLDER,
     read_lines,
 )
-from sightline.perception.lines import frame_line, timing_line
+from sightline.perception.lines import frame_line, retime_line, timing_line
 from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.perception.results import ALIGNMENT, JOB_NAME
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
@@ -156,11 +156,12 @@ def done_frames(
 ) -> set[str]:
     """Frames with a line of these tasks and all files of the tasks that predicted.
 
-    A missing sensor in a line is accepted only if the data still has no file of the sensor, a time
-    only if it is the data's.
+    A missing sensor in a line is accepted only if the data still has no file of the sensor. Times
+    that were added or changed since are written into the lines.
     """
     present = {task: predicted_samples(task_places) for task, task_places in places.items()}
     lines = read_lines(folder)
+    times = sample_times(dataset)
     done = set()
     for index, name in enumerate(dataset.sample_ids):
         if name not in lines:
@@ -172,13 +173,15 @@ def done_frames(
             has_files &= all(path.is_file() for path in paths)
         if has_files and _is_current(line, dataset, index, perceiver):
             done.add(name)
+            if times is not None:
+                retime_line(folder / f"{name}.json", line, times[index])
     return done
 
 
 def _is_current(
     line: Mapping[str, Any], dataset: SampleDataset, index: int, perceiver: MultiTaskPredictor
 ) -> bool:
-    """Whether a line is of these predictors, with the sensors and the time that the data have."""
+    """Whether a line is of these predictors, with the sensors that the data have."""
     tasks = line["tasks"]
     has_same_predictors = all(
         task in tasks and tasks[task]["by"] == predictor.name
@@ -188,7 +191,7 @@ def _is_current(
     missing = {field for sensor, field in SENSOR_FIELDS.items() if not line["sensors"][sensor]}
     lacking |= missing & set(perceiver.parts)
     still_lacks = not any(has_file(dataset, index, part) for part in lacking)
-    return has_same_predictors and still_lacks and has_time(dataset, index, line["timestamp_s"])
+    return has_same_predictors and still_lacks
 
 
 def predicting_tasks(line: Mapping[str, Any]) -> Collection[str]:

@@ -4,9 +4,12 @@ docs/perception.md describes their contents.
 """
 
 import json
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from sightline.files.atomic import atomic_write_text
 from sightline.perception.perceiver import FramePredictions
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
@@ -26,7 +29,6 @@ def frame_line(
         predictions: Predictions of the tasks.
         made_by: Weights or method of each task.
     """
-    timestamp_s = sample.timestamp_s
     tasks: dict[str, dict[str, Any]] = {}
     for name, maker in made_by.items():
         tasks[name] = {"by": maker}
@@ -34,7 +36,7 @@ def frame_line(
             tasks[name]["lacks"] = list(predictions.lacks[name])
     line = {
         "frame": sample.sample_id,
-        "timestamp_s": None if timestamp_s is None else round(timestamp_s, _TIME_DIGITS),
+        "timestamp_s": _rounded(sample.timestamp_s),
         "image_size_px": list(sample.image_size),
         "sensors": {sensor: sensor not in sample.missing_sensors for sensor in SENSOR_FIELDS},
         "num_points": None if sample.points is None else len(sample.points),
@@ -44,6 +46,30 @@ def frame_line(
         **predictions.perception.to_json(),
     }
     return json.dumps(line, allow_nan=False)
+
+
+def retime_line(path: Path, line: Mapping[str, Any], timestamp_s: float | None) -> None:
+    """Write a line anew if its time is another one; the file keeps its time of change.
+
+    Predictions do not depend on the time, and whether the frame is newer than they are goes by the
+    file's.
+
+    Args:
+        path: File of the line.
+        line: Its content.
+        timestamp_s: Time of the frame in the data [s]; None: unknown.
+    """
+    time_s = _rounded(timestamp_s)
+    if line["timestamp_s"] == time_s:
+        return
+    changed_ns = path.stat().st_mtime_ns
+    text = json.dumps({**line, "timestamp_s": time_s}, allow_nan=False)
+    atomic_write_text(path, f"{text}\n")
+    os.utime(path, ns=(changed_ns, changed_ns))
+
+
+def _rounded(time_s: float | None) -> float | None:
+    return None if time_s is None else round(time_s, _TIME_DIGITS)
 
 
 def timing_line(sample: CameraLidarSample, predictions: FramePredictions) -> str:

@@ -12,7 +12,7 @@ from sightline.data.kitti_trees import Velodyne, describe_absent
 from sightline.data.newer_frames import warn_of_gone_frames, warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import all_sample_ids, warn_of_missing_sensors
+from sightline.data.sample_files import warn_of_missing_sensors
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments
@@ -48,8 +48,8 @@ _NOT_JOINED: Final = (
     "`sightline fit-joined`, and give --joined (MultiTaskPredictor.load(joined=..))"
 )
 _AS_HELD: Final = (
-    "; it was measured when this output was begun: to measure it anew, overwrite all frames in "
-    "one run"
+    "; it was measured when this output was begun: to measure it anew, overwrite all its frames in "
+    "one run, or name another output"
 )
 _ON_ALIGNMENT: Final = "; --align no (align=False) takes the frames as they are"
 
@@ -165,7 +165,7 @@ def perceive(
     names = [dataset.sample_ids[index] for index in indices]
     folder = out / LINES_FOLDER
     finished = finished_names(folder, ".json")
-    is_all_anew = overwrite and finished & set(all_sample_ids(dataset)) <= set(names)
+    is_all_anew = overwrite and len(dataset) >= MIN_FRAMES and finished <= set(names)
     held = None
     if align and perceiver.alignment is None:
         held = None if is_all_anew else _held_alignment(out)
@@ -179,10 +179,10 @@ def perceive(
         warnings.warn(f"{perceiver.alignment}{origin}{_ON_ALIGNMENT}", stacklevel=2)
     places = result_places(perceiver, out, all_outputs=all_outputs)
     claims = result_claims(perceiver, places, data, dataset, out, around=around)
-    is_dropped = is_all_anew and _drop_other_alignment(claims, folder)
+    if is_all_anew:
+        _drop_other_alignment(claims, folder)
     _claim_folders(claims)
-    fate = "were dropped, as the LiDAR's rotation in them was another" if is_dropped else "stay"
-    warn_of_gone_frames(dataset, folder, finished, fate=fate)
+    warn_of_gone_frames(dataset, folder, finished)
     done = set() if overwrite else done_frames(dataset, perceiver, places, folder)
     kept = (
         (index, [folder / f"{name}.json"])  # written after the frame's other files
@@ -235,25 +235,21 @@ def _claim_folders(claims: Sequence[Claim]) -> None:
         ) from error
 
 
-def _drop_other_alignment(claims: Sequence[Claim], lines: Path) -> bool:
+def _drop_other_alignment(claims: Sequence[Claim], lines: Path) -> None:
     """Drop the lines of all frames if their LiDAR was turned otherwise, and renew the claims.
 
     The claim on the whole folder is renewed last: until then another run is refused, or overwrites
     all frames, too.
-
-    Returns:
-        Whether the lines were dropped.
     """
     is_other = any(
         (read_claim(each.folder) or each.settings).get(ALIGNMENT) != each.settings.get(ALIGNMENT)
         for each in claims
     )
     if not is_other or not all(differs_only_in(each, ALIGNMENT) for each in claims):
-        return False  # nothing else is refused here
+        return  # nothing else is refused here
     for path in lines.glob("*.json"):
         path.unlink()
     renew_claims(claims[::-1], ALIGNMENT)
-    return True
 
 
 def _check_all_there(out: Path, names: Sequence[str], lines: Collection[str]) -> None:
