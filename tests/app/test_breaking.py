@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from sightline.app.breaking import break_sample, reproducing_commands
+from sightline.app.parts import PartMaker, Task
 from sightline.app.state import Breakage, FaultChoice, parse_state
 from sightline.augmentation.faults import fault_rng
 from sightline.cli.main import main
@@ -111,6 +112,34 @@ def test_a_script_prints_the_line_that_perceive_writes(tmp_path, monkeypatch, ca
     line = (tmp_path / "found" / "perception.jsonl").read_text()
     assert json.loads(printed).keys() == json.loads(line).keys()
     assert json.loads(printed)["tasks"] == {"depth-completion": {"by": "nearest"}}
+
+
+def page_objects(maker, state):
+    found = tuple(
+        maker.make(Task(part=p, state=state)).found for p in ("detection2d", "detection3d")
+    )
+    return maker.make(Task(part="joined", state=state, found=found)).content["objects"]
+
+
+@pytest.mark.filterwarnings("ignore:.*there are no point clouds for 1 of 1 frames")
+@pytest.mark.parametrize(
+    "query",
+    ["", "frame=000001", "detection3d=none", "frame=000001&detection2d=none"],
+    ids=["both", "without_sweep", "without_3d", "without_2d_and_sweep"],
+)
+def test_the_page_s_objects_are_those_of_the_command_that_it_shows(tmp_path, monkeypatch, query):
+    monkeypatch.chdir(tmp_path)
+    folder = shutil.copytree(PACKAGED_FRAMES, tmp_path / "frames")
+    (folder / "training" / "velodyne" / "000001.bin").unlink()
+    data = dataset(folder)
+    state = parse_state(f"depth-completion=nearest&{query}", data.sample_ids)
+    (tmp_path / "frame.txt").write_text(f"{state.broken.frame}\n")
+    command = reproducing_commands(state, folder, data, "torch").splitlines()[-1]
+    assert main(shlex.split(command)[1:]) == 0
+    line = json.loads((tmp_path / "found" / "perception.jsonl").read_text())
+    objects = page_objects(PartMaker(data, folder, "torch"), state)
+    assert objects == line["objects"]
+    assert bool(objects) == ("none" not in query)
 
 
 @pytest.fixture

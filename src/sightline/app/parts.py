@@ -24,9 +24,8 @@ from sightline.files.problem import FileError
 from sightline.health.monitor import HealthMonitor, rgb_of
 from sightline.health.shipped import ChosenLimits, choose_for_dataset
 from sightline.inference.predictor import Predictor, lacking_parts
-from sightline.joining.config import JoinConfig
 from sightline.joining.join import join_detections
-from sightline.joining.models import JOINED, fitted_models, read_models
+from sightline.joining.models import JOINED, fitted_models
 from sightline.joining.refining import refiner_of
 from sightline.perception.perceiver import LEFT_OUT
 from sightline.structures.health import SampleHealth
@@ -57,7 +56,7 @@ class Answer:
     files: Mapping[str, bytes] = field(default_factory=dict)
     """Pictures and points by name."""
     found: bytes = b""
-    """Pickled detections, from which objects are joined."""
+    """Pickled detections and their network's digest, from which objects are joined."""
 
     @property
     def num_bytes(self) -> int:
@@ -179,8 +178,10 @@ class PartMaker:
         predictor = self._predictor(task.part, weights)
         lacks = lacking_parts(predictor, sample)
         content: dict[str, Any] = {"by": predictor.name}
+        digest = predictor.made_by.get("weights_sha256", "")
         if lacks:
-            return Answer(content={**content, "lacks": list(lacks)})
+            nothing = pickle.dumps((None, digest))
+            return Answer(content={**content, "lacks": list(lacks)}, found=nothing)
         prediction = predictor(sample)
         perception = find_task(task.part).perception(prediction)
         key = {"depth-completion": "depth"}.get(task.part, f"{task.part[:9]}s{task.part[9:]}")
@@ -192,20 +193,18 @@ class PartMaker:
             if values is not None:
                 content[gate] = np.rint(100 * values.numpy()).astype(int).tolist()
         kept = perception.detections2d or perception.detections3d
-        digest = predictor.made_by.get("weights_sha256", "")
         return Answer(content=content, found=pickle.dumps((kept, digest)))
 
     def _joined(self, sample: CameraLidarSample, task: Task) -> Answer:
         given = [pickle.loads(each) if each else (None, "") for each in task.found]  # noqa: S301 - own
         (found2d, digest2d), (found3d, digest3d) = given
-        if found2d is None and found3d is None:
-            return Answer(content={"objects": None})
         models = fitted_models(digest2d, digest3d)
-        config = JoinConfig(rescore=models is not None)
+        if models is None or (found2d is None and found3d is None):
+            return Answer(content={"objects": None})
         weights = task.state.weights_for("detection3d")
         refine = refiner_of(None if found3d is None else self._predictor("detection3d", weights))
-        objects = join_detections(sample, found2d, found3d, models or read_models(), config, refine)
-        return Answer(content={"objects": objects.to_json(), "rescored": config.rescore})
+        objects = join_detections(sample, found2d, found3d, models, refine=refine)
+        return Answer(content={"objects": objects.to_json()})
 
 
 def check_inside(paths: Iterable[Path], data: Path) -> None:
