@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from sightline.inference.demo import DemoPart, Headline, run_demo
+from sightline.simulation.packaged import PACKAGED_FRAMES
+from sightline.tasks import find_task, task_names
 
 
 class Page(HTMLParser):
@@ -60,6 +62,18 @@ def test_headline_and_picture_stand_above_all_parts(tmp_path):
     assert picture == {"src": "top.png", "alt": "All & everything"}
     assert {"a", "table", "pre"} & set(names) == {"a"}
     assert "3 < 4" in page.words["div"]
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_results_of_a_demo_that_are_older_than_their_frames_are_to_be_removed(
+    name, tmp_path, monkeypatch
+):
+    def stop(*_, remedy, **__):
+        raise ValueError(remedy)
+
+    monkeypatch.setattr(f"sightline.{name.replace('-', '_')}.demo.predict", stop)
+    with pytest.raises(ValueError, match=f"^to make them anew, remove {tmp_path}/[a-z0-9]+$"):
+        find_task(name).demo(PACKAGED_FRAMES, tmp_path)
 
 
 def test_files_that_no_demo_wrote_are_not_replaced_and_its_own_are(tmp_path):

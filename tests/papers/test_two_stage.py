@@ -1,6 +1,9 @@
 """The table and figures of the course on two-stage detection, by tiny networks and by results."""
 
 import json
+import os
+import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -118,6 +121,16 @@ def test_a_damaged_file_of_its_own_is_to_be_removed_which_mends_the_run(weights,
         run(out / "first")
     path.unlink()
     assert text(run(weights)) == before
+
+
+def test_results_of_its_own_that_are_older_than_their_frames_are_to_be_removed(weights, tmp_path):
+    data, out = shutil.copytree(PACKAGED_FRAMES, tmp_path / "data"), tmp_path / "out"
+    reproduce_two_stage(data, {"first": weights}, out, workers=1)
+    later_ns = time.time_ns() + 10**10
+    os.utime(data / "training" / "velodyne" / "000001.bin", ns=(later_ns, later_ns))
+    told = f"1 changed after the result, .*; to make them anew, remove {out / 'first'}$"
+    with pytest.warns(UserWarning, match=told):
+        reproduce_two_stage(data, {"first": weights}, out, workers=1)
 
 
 def test_rows_of_the_course_are_filled_by_its_own_networks_alone(weights, tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
 from sightline.data.frame_lists import is_note
 from sightline.data.kitti_raw import KittiRawDrive
@@ -13,6 +14,9 @@ from sightline.data.sample_files import all_sample_ids, list_sample_files
 from sightline.files.shard_index import index_path
 from sightline.files.shard_path import ShardPath, stored_file
 
+ADD_OVERWRITE: Final = "to make them anew, add --overwrite"
+"""Remedy of a command that has this option."""
+
 _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}
 
 
@@ -21,7 +25,7 @@ def warn_of_newer_frames(
     results: Iterable[tuple[int, Sequence[Path]]],
     *,
     parts: Collection[Part],
-    remedy: str = "to make them anew, add --overwrite",
+    remedy: str = ADD_OVERWRITE,
 ) -> None:
     """Warn if files of frames are newer than the kept results of the frames.
 

@@ -44,7 +44,8 @@ def run_depth_demo(task: PredictingTask, frames: Path, out: Path) -> DemoPart:
     """
     depth = out / "depth"
     completer = choose_completer()
-    predict(task, completer, frames, depth, workers=1)
+    remedy = f"to make them anew, remove {depth}"
+    predict(task, completer, frames, depth, workers=1, remedy=remedy)
     against_truth = evaluate_depth(depth, frames / "training" / "depth")
     dataset = open_dataset(frames, parts=completer.parts)
     completers: list[Completer] = [DepthCompleter(method) for method in get_args(Method)]

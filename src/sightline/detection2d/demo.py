@@ -43,7 +43,8 @@ def run_detection_demo(
         ValueError: `out` cannot be written to.
     """
     detections, picture = out / "detections", out / "detections.png"
-    predict(task, predictor, frames, detections, workers=1)
+    remedy = f"to make them anew, remove {detections}"
+    predict(task, predictor, frames, detections, workers=1, remedy=remedy)
     sample = open_dataset(frames)[0]
     rows, counts = [], {}
     for case in find_suite("dgfn7").select(_CASE_NAMES):

@@ -40,7 +40,8 @@ def run_detection3d_demo(
         ValueError: `out` cannot be written to.
     """
     detections, picture = out / "detections3d", out / "detections3d.png"
-    predict(task, predictor, frames, detections, workers=1)
+    remedy = f"to make them anew, remove {detections}"
+    predict(task, predictor, frames, detections, workers=1, remedy=remedy)
     dataset = open_dataset(frames)
     pages, counts = [], []
     for sample in (dataset[index] for index in range(len(dataset))):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from sightline.data.kitti_trees import Velodyne
-from sightline.data.newer_frames import warn_of_gone_frames, warn_of_newer_frames
+from sightline.data.newer_frames import ADD_OVERWRITE, warn_of_gone_frames, warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.pixels import is_in_view
 from sightline.data.sample_dataset import SampleDataset
@@ -57,6 +57,7 @@ def predict(
     shard_index: int = 0,
     num_shards: int = 1,
     around: bool | None = None,
+    remedy: str = ADD_OVERWRITE,
 ) -> JobResult:
     """Predict every sample of a recording or of one of KITTI's trees, and write files.
 
@@ -79,6 +80,7 @@ def predict(
         shard_index: Index of the shard to process, from 0.
         num_shards: Number of shards; shards can run on different machines at the same time.
         around: Whether 3D detection searches whole turns of the LiDAR. None: as the samples say.
+        remedy: What to do about kept files that are older than their samples.
 
     Raises:
         ValueError: The data cannot be read, a folder lies in them, contains other results or cannot
@@ -115,7 +117,7 @@ def predict(
         for index in indices
         if not overwrite and names[index] in present
     )
-    warn_of_newer_frames(dataset, kept, parts=predictor.parts)
+    warn_of_newer_frames(dataset, kept, parts=predictor.parts, remedy=remedy)
     warn_of_gone_frames(dataset, out, finished)
     works = [
         _SampleWork(

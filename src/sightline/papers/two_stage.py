@@ -213,6 +213,7 @@ def reproduce_two_stage(
                 sample_list=dataset.sample_ids,
                 velodyne=velodyne,
                 workers=workers,
+                remedy=f"to make them anew, remove {folder}",
             )
         with remaking(None if row in folders else folder):
             rows[row] = _score(network, folder, dataset)
