@@ -31,6 +31,7 @@ from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.detection3d.registration import TASK as DETECTION_3D
 from sightline.export.kept_files import onnx_file_of
 from sightline.files.weights import write_weights
+from sightline.geometry.mount import turn_ahead
 from sightline.geometry.projection import sparse_depth_map
 from sightline.inference.network import load_network
 from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -321,6 +322,37 @@ def test_a_sweep_in_another_form_is_refused_by_the_scripts(tmp_path, rows):
     rows.tofile(tmp_path / "odd.bin")
     with pytest.raises(SystemExit, match=r"expected points \[m\], reflectances up to 1, and P2"):
         read_frame(picture, str(tmp_path / "odd.bin"), calibration)
+
+
+@pytest.mark.parametrize("turn_deg", [-90, -5.1, -4.9, 4.9, 5.1, 20, 180])
+def test_a_lidar_that_sightline_turns_ahead_is_refused_by_the_scripts_until_it_is_turned(
+    tmp_path, turn_deg
+):
+    from kitti_frame import read_frame
+
+    picture, sweep, calibration = files_of(PACKAGED_FRAMES, "000000")
+    frame = read_frame(picture, sweep, calibration)
+    odd, text = tmp_path / "calib.txt", Path(calibration).read_text()
+
+    def read(mounting):
+        numbers = " ".join(map(str, mounting[:3].ravel()))  # R0_rect of the frame is the identity
+        line = f"Tr_velo_to_cam: {numbers}"
+        odd.write_text(re.sub(r"^Tr_velo_to_cam:.*", line, text, flags=re.MULTILINE))
+        return read_frame(picture, sweep, str(odd)).mounting
+
+    def turn(deg):
+        cos, sin = np.cos(np.radians(deg)), np.sin(np.radians(deg))
+        return np.array([[cos, -sin, 0, 0], [sin, cos, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+    turned = frame.mounting @ np.linalg.inv(turn(turn_deg))
+    if turn_ahead(turned)[1] == 0:
+        np.testing.assert_allclose(read(turned), turned, atol=1e-12)
+        return
+    with pytest.raises(SystemExit, match=r"^[^\n]*, expected up to 5; turn [^\n]*$") as told:
+        read(turned)
+    advised_deg = float(re.search(r"by (\S+) degrees about z", str(told.value))[1])
+    mended = turned @ np.linalg.inv(turn(advised_deg))
+    np.testing.assert_allclose(read(mended), frame.mounting, atol=0.01)
 
 
 def test_a_camera_without_focal_length_is_refused_by_the_scripts_and_blank_lines_are_not(tmp_path):

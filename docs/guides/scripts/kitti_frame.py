@@ -9,6 +9,8 @@ import cv2  # only to decode the image
 import numpy as np
 import onnxruntime
 
+from kitti_calibration import read_calibration
+
 Array = np.ndarray
 Steps = dict[str, Any]
 """Metadata of an exported file: inputs, outputs and the steps around the network."""
@@ -36,17 +38,13 @@ def read_frame(image: str, sweep: str, calibration: str) -> Frame:
     if bgr is None:
         sys.exit(f"{image} cannot be read as an image; give a .png file of image_2")
     try:
-        lines = [line.partition(":") for line in Path(calibration).read_text().splitlines()]
-        values = {name: np.array(text.split(), np.float64) for name, _, text in lines}
-        camera, rectification, mounting = values["P2"].reshape(3, 4), np.eye(4), np.eye(4)
-        rectification[:3, :3] = values["R0_rect"].reshape(3, 3)
-        mounting[:3] = values["Tr_velo_to_cam"].reshape(3, 4)
+        camera, mounting = read_calibration(calibration)
         points = np.frombuffer(Path(sweep).read_bytes(), np.float32).reshape(-1, 4)
         scale = 2 * camera[:2, 2] / bgr.shape[1::-1]  # 1: its centre is that of the image
         is_of_image = (np.diag(camera) > 0)[:2].all() and scale.max() > 0.74 and scale.min() < 1.35
         if not ((np.abs(points) <= [1e3, 1e3, 1e3, 1]).all() and is_of_image):
             raise ValueError("expected points [m], reflectances up to 1, and P2 of such an image")
-        return Frame(bgr[..., ::-1], points, camera, rectification @ mounting)
+        return Frame(bgr[..., ::-1], points, camera, mounting)
     except (OSError, KeyError, ValueError) as error:
         sys.exit(f"{sweep}, {calibration}: {error}; give IMAGE.png VELODYNE.bin CALIB.txt of KITTI")
 
