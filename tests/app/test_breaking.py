@@ -124,8 +124,8 @@ def page_objects(maker, state):
 @pytest.mark.filterwarnings("ignore:.*there are no point clouds for 1 of 1 frames")
 @pytest.mark.parametrize(
     "query",
-    ["", "frame=000001", "detection3d=none", "frame=000001&detection2d=none"],
-    ids=["both", "without_sweep", "without_3d", "without_2d_and_sweep"],
+    ["", "frame=000001", "detection3d=none", "frame=000001&detection2d=none", "frame=000001&yaw=3"],
+    ids=["both", "without_sweep", "without_3d", "without_2d_and_sweep", "turned_without_sweep"],
 )
 def test_the_page_s_objects_are_those_of_the_command_that_it_shows(tmp_path, monkeypatch, query):
     monkeypatch.chdir(tmp_path)

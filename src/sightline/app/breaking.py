@@ -1,6 +1,7 @@
 """Samples with the faults of a page's state, and commands that make the same."""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -43,6 +44,9 @@ def reproducing_commands(
     not the default.
     """
     sweeps = _chosen_sweeps(dataset)
+    position = list(dataset.sample_ids).index(state.broken.frame)
+    if not has_file(dataset, position, "points"):  # nothing is turned, as in `break_sample`
+        state = replace(state, broken=state.broken._replace(yaw_deg=0.0))
     if state.broken.yaw_deg or not _can_be_corrupted(state.broken, dataset):
         return _script(state, data, sweeps, engine)
     from_sweeps = f" --velodyne {sweeps}" if sweeps else ""
