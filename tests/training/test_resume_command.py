@@ -9,9 +9,12 @@ import torch
 import yaml
 from lightning.pytorch.callbacks import Callback
 
+from sightline.data.open import open_dataset
 from sightline.files.weights import read_weights
 from sightline.training.command import run_training
 from sightline.training.interruption import Interruption
+from sightline.training.trained_frames import validation_change, validation_state
+from tests.training import toy
 
 
 class PressCtrlC(Callback):
@@ -97,6 +100,41 @@ def test_resuming_with_other_training_frames_is_told(recipes, capfd, names, told
     printed = capfd.readouterr().err
     assert printed.count("warning: the run had 5 training frames when") == bool(told)
     assert (told or "") in printed
+
+
+@pytest.mark.parametrize(
+    ("names", "told"), [("2 1 0", None), ("0 1", "now has 2:"), ("0 1 5", "now has 3 others:")]
+)
+def test_resuming_with_other_validation_frames_is_told(recipes, capfd, names, told):
+    validation = "--data.validation=[{path: ., sample_list: frames.txt}]"
+    toy_run = ["--config", "toy", validation, "--model.optimizer.schedule=constant"]
+    Path("frames.txt").write_text("000000\n000001\n000002\n")
+    run_training("fit", toy_run, recipes)
+    Path("frames.txt").write_text("".join(f"00000{name}\n" for name in names.split()))
+    capfd.readouterr()
+    run_training("fit", [*toy_run, "--ckpt_path=last", "--trainer.max_epochs=3"], recipes)
+    printed = capfd.readouterr().err
+    assert printed.count("warning: the run had 3 validation frames when") == bool(told)
+    assert (told or "") in printed
+    run_training("fit", [*toy_run, "--ckpt_path=last", "--trainer.max_epochs=4"], recipes)
+    assert "validation frames when" not in capfd.readouterr().err
+    run_training("validate", toy_run, recipes)
+    assert "validation frames when" not in capfd.readouterr().err
+
+
+def test_other_labels_of_the_validation_frames_are_told(tmp_path):
+    tree = toy.write_frames(tmp_path, count=2)
+    before = validation_state([open_dataset(tree)])
+    assert validation_change(before, validation_state([open_dataset(tree)])) is None
+    label = tree / "training" / "label_2" / "000001.txt"
+    label.write_text(label.read_text().replace("Car ", "Van "))
+    now = validation_state([open_dataset(tree)])
+    told = validation_change(before, now)
+    assert told is not None
+    assert "the labels of the run's validation frames changed" in told
+    on_a_server = {"validation_labels": ""}
+    assert validation_change(before | on_a_server, now) is None
+    assert validation_change({}, now) is None  # a checkpoint of before
 
 
 def test_a_run_that_started_from_weights_goes_on_when_they_are_gone(recipes):

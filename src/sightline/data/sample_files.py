@@ -1,5 +1,6 @@
 """Files of an open data set's samples, in any layout."""
 
+import hashlib
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
@@ -9,6 +10,7 @@ from typing import Any, Final
 from sightline.data.depth_trees import DRIVE_SPLITS
 from sightline.data.entry_checks import is_corrupted
 from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.kitti_labels import MAX_LABEL_BYTES
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import (
@@ -27,12 +29,16 @@ from sightline.data.sample_dataset import (
     SampleDataset,
     TimedDataset,
 )
+from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import REMEDY
 from sightline.files.shard_index import read_manifest
-from sightline.files.shard_path import data_path
+from sightline.files.shard_path import data_path, stored_file
 from sightline.jobs.output_dirs import data_name
 
 SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
 """Nouns for the data of sensors."""
+LABEL_DIGEST_DIGITS: Final = 16
+"""Length of the digests of labels."""
 _IN_DEPTH_FRAMES: Final[Mapping[Part, str]] = {"points": "sparse", "depth": "truth"}
 
 
@@ -132,6 +138,27 @@ def label_file(dataset: SampleDataset, index: int) -> Path | None:
     if isinstance(dataset, KittiObjectDataset | RecordingDataset):
         return dataset.label_file(index)
     return dataset.frames[index].objects if isinstance(dataset, ExaminedDataset) else None
+
+
+def digest_labels(dataset: SampleDataset) -> dict[str, str]:
+    """Compute a digest of each frame's label file, by the frame's name; "" for no labels.
+
+    Frames in shards on a server are left out, as each would be a request.
+
+    Raises:
+        FileError: A label file cannot be read.
+    """
+    files = {name: label_file(dataset, index) for index, name in enumerate(dataset.sample_ids)}
+    return {
+        name: "" if path is None else _digest_file(path)
+        for name, path in files.items()
+        if path is None or stored_file(path) is not None
+    }
+
+
+def _digest_file(path: Path) -> str:
+    content = read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=REMEDY)
+    return hashlib.sha256(content).hexdigest()[:LABEL_DIGEST_DIGITS]
 
 
 def refuses_gaps(dataset: SampleDataset) -> bool:

@@ -8,39 +8,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from sightline.data.kitti_labels import MAX_LABEL_BYTES
 from sightline.data.kitti_trees import describe_absent
 from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import label_file
+from sightline.data.sample_files import LABEL_DIGEST_DIGITS, digest_labels
 from sightline.files.atomic import atomic_write_text
-from sightline.files.plain_file import read_bytes
-from sightline.files.plain_text import REMEDY, read_text
-from sightline.files.shard_path import stored_file
+from sightline.files.plain_text import read_text
 
 PLACED_BY: Final = "labels.json"
 """File in a case's folder of predictions: digests of the labels that occlusions were placed by."""
-_DIGITS: Final = 16
-
-
-def digest_labels(dataset: SampleDataset) -> dict[str, str]:
-    """Compute a digest of each frame's label file, by the frame's name; "" for no labels.
-
-    Frames in shards on a server are left out, as each would be a request.
-
-    Raises:
-        FileError: A label file cannot be read.
-    """
-    files = {name: label_file(dataset, index) for index, name in enumerate(dataset.sample_ids)}
-    return {
-        name: "" if path is None else _digest(_content(path))
-        for name, path in files.items()
-        if path is None or stored_file(path) is not None
-    }
 
 
 def digest_all_labels(dataset: SampleDataset) -> str:
     """Compute a digest of the labels of all frames; see `digest_labels`."""
-    return _digest(json.dumps(digest_labels(dataset)).encode())
+    content = json.dumps(digest_labels(dataset)).encode()
+    return hashlib.sha256(content).hexdigest()[:LABEL_DIGEST_DIGITS]
 
 
 def check_placing_labels(dataset: SampleDataset, kept: Mapping[Path, frozenset[str]]) -> None:
@@ -86,11 +67,3 @@ def _recorded(path: Path) -> dict[str, str]:
         stacklevel=4,
     )
     return {}
-
-
-def _content(path: Path) -> bytes:
-    return read_bytes(path, max_bytes=MAX_LABEL_BYTES, remedy=REMEDY)
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:_DIGITS]

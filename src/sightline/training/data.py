@@ -41,7 +41,14 @@ from sightline.training.sources import (
     labelled_classes,
     open_source,
 )
-from sightline.training.trained_frames import FramesByTree, frames_of_checkpoint, frames_state
+from sightline.training.trained_frames import (
+    FramesByTree,
+    frames_of_checkpoint,
+    frames_state,
+    training_change,
+    validation_change,
+    validation_state,
+)
 
 _UPDATE_STREAM = 1  # distinguishes a batch's seed from the seed of its first sample
 _TRAINING_STREAM = 2  # marks the seed of data shared by the whole training
@@ -264,6 +271,7 @@ class CameraLidarData(lightning.LightningDataModule):
         self._training: tuple[PreparedSamples, TrainingBatches] | None = None
         self._training_frames: FramesByTree = {}
         self._checkpoint_frames: FramesByTree = {}  # those of a scored checkpoint
+        self._validated: dict[str, Any] = {}  # state of the validation frames in checkpoints
         self._printed: set[str] = set()
         self._warned: set[tuple[str, str]] = set()
 
@@ -298,25 +306,20 @@ class CameraLidarData(lightning.LightningDataModule):
         return self._scoring_loader("test")
 
     def state_dict(self) -> dict[str, Any]:
-        """Number and digest of the training frames, for checkpoints."""
-        return frames_state(self._training_frames)
+        """Numbers and digests of the training and validation frames, for checkpoints."""
+        return frames_state(self._training_frames) | self._validated
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Compare the training frames with a checkpoint's; resuming with others prints a warning.
+        """Compare the frames with a checkpoint's; resuming with others prints a warning.
 
-        Where the checkpoint is only scored, keep them: they must not be among the scored frames.
+        Validation frames are compared once they are opened. Where the checkpoint is only scored,
+        keep its training frames: they must not be among the scored ones.
         """
         if not self._training_frames:
             self._checkpoint_frames = self._frames_of_checkpoint(state_dict)
             return
-        now = self.state_dict()
-        if state_dict["training_frames"] != now["training_frames"]:
-            had, has = state_dict["num_training_frames"], now["num_training_frames"]
-            numbers = f"{has} others" if had == has else f"{has}"
-            self._print_once(
-                f"warning: the run had {had} training frames when its checkpoint was written, and "
-                f"now has {numbers}: check the lists, or begin a new run"
-            )
+        self._print_once(training_change(state_dict, self.state_dict()))
+        self._validated = {name: state_dict[name] for name in state_dict if "validation" in name}
 
     def _frames_of_checkpoint(self, state: dict[str, Any]) -> FramesByTree:
         """List the training frames of a checkpoint by folder, of sources that can be opened.
@@ -414,6 +417,10 @@ class CameraLidarData(lightning.LightningDataModule):
                 self._training_frames.setdefault(tree, set()).update(dataset.sample_ids)
             else:
                 self._print_num_trained(name, dataset.sample_ids, tree)
+        if name == "validation" and self._training_frames:
+            now = validation_state([dataset for dataset, _ in opened])
+            self._print_once(validation_change(self._validated, now))
+            self._validated = now
         datasets = [(dataset, source.repeat if training else 1) for dataset, source in opened]
         preparation = self.preparation
         self._print_labelled_classes(name, [dataset for dataset, _ in datasets])
@@ -480,9 +487,9 @@ class CameraLidarData(lightning.LightningDataModule):
             "of the lists"
         )
 
-    def _print_once(self, line: str) -> None:
-        """Print a line, once for any number of sources."""
-        if line not in self._printed:
+    def _print_once(self, line: str | None) -> None:
+        """Print a line, if there is one, once for any number of sources."""
+        if line is not None and line not in self._printed:
             self._printed.add(line)
             rank_zero_only(print)(line, file=sys.stderr)
 

@@ -1,4 +1,4 @@
-"""Training frames of a run, which checkpoints record by number and names."""
+"""Frames of a run, which checkpoints record by number and names."""
 
 import hashlib
 import warnings
@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from sightline.data.kitti_trees import Part
+from sightline.data.sample_dataset import SampleDataset
+from sightline.data.sample_files import digest_labels
 from sightline.training.sources import SourceConfig, data_tree, open_source
 
 FramesByTree = dict[Path, set[str]]
@@ -23,8 +25,65 @@ _MAX_TRIED_TREES: Final = 6
 def frames_state(frames_by_tree: FramesByTree) -> dict[str, Any]:
     """Compute the number of frames and the digest of their names, without their folders."""
     names = [name for ids in frames_by_tree.values() for name in sorted(ids)]
-    digest = hashlib.sha256("\n".join(names).encode()).hexdigest()
-    return {"num_training_frames": len(names), "training_frames": digest}
+    return {"num_training_frames": len(names), "training_frames": _digest(names)}
+
+
+def validation_state(datasets: Sequence[SampleDataset]) -> dict[str, Any]:
+    """Compute the number of validation frames, and digests of their names and labels.
+
+    The latter is "" if some labels are on a server.
+    """
+    names = sorted(name for dataset in datasets for name in dataset.sample_ids)
+    labels = sorted(
+        f"{name} {digest}"
+        for dataset in datasets
+        for name, digest in digest_labels(dataset).items()
+    )
+    return {
+        "num_validation_frames": len(names),
+        "validation_frames": _digest(names),
+        "validation_labels": _digest(labels) if len(labels) == len(names) else "",
+    }
+
+
+def training_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
+    """Describe how a resumed run's training frames differ from its checkpoint's; None: not."""
+    change = _other_frames("training", before, now)
+    return change and f"{change}: check the lists, or begin a new run"
+
+
+def validation_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
+    """Describe how a resumed run's validation frames differ from its checkpoint's; None: not.
+
+    Nothing is known of checkpoints that were written before the first validation, or by versions
+    that recorded no validation frames.
+    """
+    if "validation_frames" not in before:
+        return None
+    change = _other_frames("validation", before, now)
+    labels = [state["validation_labels"] for state in (before, now)]
+    if change is None and all(labels) and labels[0] != labels[1]:
+        change = "warning: the labels of the run's validation frames changed since its checkpoint"
+    return change and (
+        f"{change}: scores of before do not compare, so best.ckpt may stay though later weights "
+        "are better; restore them, or begin a new run with --model.init_args.initial_weights "
+        "RUN_FOLDER/last.ckpt"
+    )
+
+
+def _other_frames(use: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
+    if before[f"{use}_frames"] == now[f"{use}_frames"]:
+        return None
+    had, has = before[f"num_{use}_frames"], now[f"num_{use}_frames"]
+    numbers = f"{has} others" if had == has else f"{has}"
+    return (
+        f"warning: the run had {had} {use} frames when its checkpoint was written, and now has "
+        f"{numbers}"
+    )
+
+
+def _digest(lines: Sequence[str]) -> str:
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def frames_of_checkpoint(
@@ -71,7 +130,7 @@ def frames_of_checkpoint(
                 if each is not None:
                     frames.setdefault(tree, set()).update(each)
             found = frames_state(frames)
-            if found == state:
+            if found.items() <= state.items():
                 return frames, True
             is_part = found["num_training_frames"] < state["num_training_frames"]
             first = first or (frames, None in listed and is_part)
