@@ -7,7 +7,8 @@ from sightline.training.averaging import average_weights
 
 
 def write(path, tensors, *, task="depth-completion", **provenance):
-    write_weights(path, tensors, task=task, config={"depth": path.stem}, provenance=provenance)
+    config = {"flip_test": path.stem == "first"}  # of postprocessing, so that it may differ
+    write_weights(path, tensors, task=task, config=config, provenance=provenance)
     return path
 
 
@@ -32,7 +33,7 @@ def test_the_average_lies_between_both_by_its_share(tmp_path, pair, share, expec
     assert found.tensors["a"].dtype == torch.float32
     assert found.tensors["a"].tolist() == expected
     assert found.tensors["steps"].tolist() == 7
-    assert (found.task, found.config) == ("depth-completion", {"depth": "first"})
+    assert (found.task, found.config) == ("depth-completion", {"flip_test": True})
     assert found.provenance["seed"] == "2"
     assert f"{share:g} of second (" in found.provenance["average"]
 
@@ -61,6 +62,23 @@ def test_networks_of_other_designs_are_refused(tmp_path, pair, tensors, task, na
     with pytest.raises(ValueError, match=named):
         average_weights(pair[0], other, tmp_path / "mean.safetensors")
     assert not (tmp_path / "mean.safetensors").exists()
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_networks_of_other_settings_are_refused_though_their_shapes_are_equal(
+    tmp_path, pair, capsys, order
+):
+    other = tmp_path / "other.safetensors"
+    tensors = read_weights(pair[0]).tensors
+    config = {"depth_scale_m": 50.0}
+    write_weights(other, tensors, task="depth-completion", config=config, provenance={})
+    out = tmp_path / "mean.safetensors"
+    assert main(["average", *map(str, (pair[0], other)[::order]), str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "other.safetensors" in told
+    assert "of other settings than" in told
+    assert "depth_scale_m" in told
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("share", [-0.1, 1.5, float("nan")])

@@ -85,9 +85,13 @@ def average(first: str, second: str, out: Path, *, share: float = 0.5, half: boo
         half: Store half precision, in half of the bytes.
     """
     check_places({"OUT": out}, data=[named_file(first), named_file(second)])
+    from sightline.files.weights import read_weights
+    from sightline.tasks import REGISTRY, find_task
     from sightline.training.averaging import average_weights
 
-    left_out = average_weights(first, second, out, share=share, half=half)
+    task = read_weights(first).task
+    config_type = find_task(task).config_type() if task in REGISTRY else None
+    left_out = average_weights(first, second, out, share=share, half=half, config_type=config_type)
     if left_out:
         names = f"{len(left_out)} tensors ({left_out[0]}, ..)"
         warn(f"{second}: left out, as {first} lacks them: {names}")

@@ -6,16 +6,25 @@ gain in both (Wortsman et al. 2022, Robust fine-tuning of zero-shot models, equa
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from sightline.files.weights import read_weights, write_weights
+from sightline.files.settings import differing_settings
+from sightline.files.weights import Weights, read_weights, write_weights
 from sightline.files.weights_header import find_weights
+from sightline.training.initial_weights import choose_settings
 
 
 def average_weights(
-    first: Path | str, second: Path | str, out: Path, *, share: float = 0.5, half: bool = False
+    first: Path | str,
+    second: Path | str,
+    out: Path,
+    *,
+    share: float = 0.5,
+    half: bool = False,
+    config_type: type[Any] | None = None,
 ) -> tuple[str, ...]:
     """Write (1 - share) times the first weights plus share times the second ones.
 
@@ -28,13 +37,15 @@ def average_weights(
         out: File to write (.safetensors).
         share: Share of the second, in [0, 1].
         half: Store half precision, in half of the bytes.
+        config_type: Class of the network's settings, which must not differ except in fields for
+            postprocessing or training alone. None: settings are not compared.
 
     Returns:
         Names of the second's tensors that are left out.
 
     Raises:
         ValueError: `out` does not end in .safetensors, the share is no share, weights cannot be
-            read, the designs differ, or a weight is too large for the precision.
+            read, the designs or settings differ, or a weight is too large for the precision.
     """
     if out.suffix != ".safetensors":  # by which weights are known
         raise ValueError(f"{out}: weights are written to a file .safetensors; rename it")
@@ -46,6 +57,8 @@ def average_weights(
             f"{first} is of task {before.task}, {second} of {after.task}; average weights of one "
             "design"
         )
+    if config_type is not None:
+        _check_settings(first, second, after, config_type)
     for name in sorted(before.tensors):
         shapes = [
             _form(each.tensors[name]) if name in each.tensors else "missing"
@@ -79,6 +92,18 @@ def average_weights(
         provenance={**after.provenance, "average": origin},
     )
     return tuple(sorted(after.tensors.keys() - before.tensors.keys()))
+
+
+def _check_settings(
+    first: Path | str, second: Path | str, after: Weights, config_type: type[Any]
+) -> None:
+    settings = choose_settings(None, config_type, Path(first), task_name=after.task)
+    differing = differing_settings(after.config, settings, in_training=False)
+    if differing:
+        raise ValueError(
+            f"{second} holds a network of other settings than {first} ({differing}), for which its "
+            "weights were trained; average weights of one design"
+        )
 
 
 def _form(tensor: Tensor) -> str:
