@@ -160,6 +160,42 @@ def test_scoring_does_not_need_the_training_sources(recipes, capsys, frames):
     assert again == shown
 
 
+def reordered_sources(frames):
+    """Training sources of two folders with different frames, in two orders."""
+    there = Path(shutil.copytree(frames, "there")).resolve()
+    Path("three.txt").write_text("000006\n000007\n000008\n")
+    sources = [SIX, f"{{path: {there}, sample_list: three.txt}}"]
+    return (f"[{', '.join(each)}]" for each in (sources, sources[::-1]))
+
+
+@pytest.mark.parametrize("is_older", [False, True])
+def test_training_sources_in_another_order_are_those_of_the_checkpoint(
+    recipes, capsys, frames, is_older
+):
+    in_order, reversed_order = reordered_sources(frames)
+    shown = scored_after_training(recipes, capsys, in_order, REST)
+    if is_older:  # its checkpoints know one order alone
+        for path in Path("runs/toy").glob("*.ckpt"):
+            checkpoint = torch.load(path, weights_only=True)
+            del checkpoint["CameraLidarData"]["training_frames_in_any_order"]
+            torch.save(checkpoint, path)
+    config = ["--config", "runs/toy/config.yaml", "--run_folder", "runs/toy"]
+    lines = []
+    for training in (in_order, reversed_order):
+        changes = [f"--data.training={training}", f"--data.test={REST}"]
+        run_training("test", [*config, *changes], recipes)
+        run_training("fit", [*config, *changes, "--ckpt_path=last"], recipes)
+        printed = capsys.readouterr().err.splitlines()
+        lines.append([line for line in printed if "training frames" in line])
+    assert shown[0].startswith("1 of 4 test frames of")
+    assert lines[0] == shown
+    if is_older:
+        assert "are not the 9" in lines[1][0]
+        assert "now has 9 others" in lines[1][1]
+    else:
+        assert lines[1] == shown
+
+
 def test_other_data_at_the_place_of_the_training_data_are_not_taken_for_them(
     recipes, capsys, tmp_path
 ):

@@ -4,7 +4,7 @@ import hashlib
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +16,8 @@ from sightline.training.sources import SourceConfig, data_tree, open_source
 FramesByTree = dict[Path, set[str]]
 """Names of frames by folder."""
 
+_ANY_ORDER: Final = "training_frames_in_any_order"
+"""Key of the digest that does not depend on the order of the folders; older states lack it."""
 _DIVIDED_LISTS: Final = ("train", "val")
 """Lists that depend on the uses of a folder, where it has none."""
 _MAX_TRIED_TREES: Final = 6
@@ -23,9 +25,17 @@ _MAX_TRIED_TREES: Final = 6
 
 
 def frames_state(frames_by_tree: FramesByTree) -> dict[str, Any]:
-    """Compute the number of frames and the digest of their names, without their folders."""
-    names = [name for ids in frames_by_tree.values() for name in sorted(ids)]
-    return {"num_training_frames": len(names), "training_frames": _digest(names)}
+    """Compute the number of frames and digests of their names, without their folders.
+
+    One digest is for the folders in order, which tells equal names of two folders apart, one for
+    any order.
+    """
+    names = [sorted(ids) for ids in frames_by_tree.values()]
+    return {
+        "num_training_frames": sum(map(len, names)),
+        "training_frames": _digest([*chain(*names)]),
+        _ANY_ORDER: _digest([*chain(*sorted(names))]),
+    }
 
 
 def validation_state(datasets: Sequence[SampleDataset]) -> dict[str, Any]:
@@ -48,7 +58,7 @@ def validation_state(datasets: Sequence[SampleDataset]) -> dict[str, Any]:
 
 def training_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
     """Describe how a resumed run's training frames differ from its checkpoint's; None: not."""
-    change = _other_frames("training", before, now)
+    change = None if _is_reordered(before, now) else _other_frames("training", before, now)
     return change and f"{change}: check the lists, or begin a new run"
 
 
@@ -69,6 +79,10 @@ def validation_change(before: Mapping[str, Any], now: Mapping[str, Any]) -> str 
         "are better; restore them, or begin a new run with --model.init_args.initial_weights "
         "RUN_FOLDER/last.ckpt"
     )
+
+
+def _is_reordered(before: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    return bool(before.get(_ANY_ORDER) == now[_ANY_ORDER])
 
 
 def _other_frames(use: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
@@ -99,7 +113,7 @@ def frames_of_checkpoint(
     So frames are held out from each folder or not, whichever gives the names of the checkpoint.
 
     Args:
-        state: Number and digest of the checkpoint's training frames.
+        state: Number and digests of the checkpoint's training frames.
         sources: Training sources; those that cannot be opened are left out.
         root: Base folder of their relative paths.
         parts: Parts of the samples.
@@ -122,6 +136,7 @@ def frames_of_checkpoint(
 
     trees = [data_tree(source, root) for source in sources]
     first: tuple[FramesByTree, bool] | None = None
+    reordered: FramesByTree | None = None
     with warnings.catch_warnings(action="ignore"):  # these data are only listed
         for held_out in _divisions(sources, trees, is_held_out):
             frames: FramesByTree = {}
@@ -130,12 +145,14 @@ def frames_of_checkpoint(
                 if each is not None:
                     frames.setdefault(tree, set()).update(each)
             found = frames_state(frames)
-            if found.items() <= state.items():
+            if found["training_frames"] == state["training_frames"]:
                 return frames, True
+            if reordered is None and _is_reordered(state, found):
+                reordered = frames
             is_part = found["num_training_frames"] < state["num_training_frames"]
             first = first or (frames, None in listed and is_part)
     assert first is not None, "there is one division at least"
-    return first
+    return first if reordered is None else (reordered, True)
 
 
 def _divisions(
