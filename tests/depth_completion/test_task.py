@@ -117,3 +117,7 @@ def test_a_picture_shows_every_map_that_there_is(task, example):
 def test_examples_without_the_completion_that_the_network_needs_are_refused(task, example):
     with pytest.raises(ValueError, match="set filled to true"):
         task(replace(example, filled_depth_m=None))
+
+
+def test_predictors_complete_more_than_the_scored_crop_and_this_is_told(task):
+    assert "predictors complete whole images, with keep_measured" in task.difference_in_use()

@@ -10,7 +10,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from torch.utils.data import DataLoader
 
 from sightline.data.open import open_dataset
-from sightline.detection2d.config import PAPER, DgfnConfig
+from sightline.detection2d.config import PAPER, Detection2DConfig, DgfnConfig
 from sightline.detection2d.examples import DetectionExamples
 from sightline.detection2d.loss import detection_loss
 from sightline.detection2d.task import Detection2D
@@ -212,3 +212,9 @@ def test_weights_of_another_task_are_refused(tmp_path):
     write_weights(path, {"a": torch.zeros(1)}, task="tarot", config={}, provenance={})
     with pytest.raises(ValueError, match="is of task tarot, expected detection2d"):
         Detection2D(TINY, initial_weights=path)
+
+
+def test_frames_that_predictors_search_in_bands_are_named_but_for_networks_of_one_size():
+    told = Detection2D(Detection2DConfig()).difference_in_use()
+    assert "from 975 px of focal length, or of more than 440 rows once shrunk to 750 px" in told
+    assert Detection2D(TINY).difference_in_use() is None

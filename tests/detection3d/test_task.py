@@ -278,3 +278,9 @@ def test_settings_that_do_not_fit_together_are_refused():
         replace(PUBLISHED, proposals=ProposalConfig(num_proposals=1000))
     with pytest.raises(ValueError, match="must be up to 4294967296, got 4194304 times 4096"):
         replace(PUBLISHED, input=SweepConfig(num_points=2**22))
+
+
+def test_what_predictors_do_otherwise_is_told_and_that_networks_of_points_search_no_whole_turn():
+    told = [Detection3D(each).difference_in_use() for each in (COMPACT, TINY)]
+    assert all("flip_test, axes and alignment" in each for each in told)
+    assert ["whole turns" in each for each in told] == [True, False]

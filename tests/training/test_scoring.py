@@ -24,6 +24,19 @@ def test_scores_of_the_best_weights_are_written(recipes, subcommand, capsys):
     assert (recipes.parent / "work/runs/toy/config.yaml").read_text() == configured
 
 
+@pytest.mark.parametrize("subcommand", ["validate", "test"])
+def test_what_predictors_do_otherwise_is_told_after_the_scores(
+    recipes, subcommand, capsys, monkeypatch
+):
+    run_training("fit", ["--config", "toy"], recipes)
+    advice = "for figures of use: sightline predict, then sightline evaluate"
+    run_training(subcommand, ["--config", "toy"], recipes)
+    assert advice not in capsys.readouterr().out
+    monkeypatch.setattr(toy.ToyModule, "difference_in_use", lambda _: "only a half is scored")
+    run_training(subcommand, ["--config", "toy"], recipes)
+    assert f"only a half is scored; {advice}\n" in capsys.readouterr().out
+
+
 def test_weights_files_can_be_tested_without_a_run(recipes):
     run_training("fit", ["--config", "toy"], recipes)
     weights = "runs/toy/weights.safetensors"

@@ -138,6 +138,14 @@ class DepthCompletion(TrainingModule):
         means = super().scores()
         return {name: means[name] for name in _LOGGED_SCORES}
 
+    def difference_in_use(self) -> str | None:
+        """Name the crop and the truth, and what predictors use beside the network."""
+        return (
+            "scored are the crop and the truth of the preparation's settings; predictors complete "
+            "whole images, with keep_measured, flip_test and smoothing where the network's "
+            "settings have them"
+        )
+
     def picture(
         self, batch: DepthBatch, prediction: DepthCompletionOutput
     ) -> UInt8[np.ndarray, "height width 3"]:

@@ -18,6 +18,7 @@ from sightline.detection2d.model import Detector
 from sightline.detection2d.placement import to_detections
 from sightline.detection2d.results import training_picture
 from sightline.detection2d.targets import DetectionBatch
+from sightline.detection2d.views import LEAST_STEP
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.files.weights import Weights, fill_network, read_weights
 from sightline.training.initial_weights import choose_settings
@@ -182,6 +183,19 @@ class Detection2D(TrainingModule):
         """Notes on classes with too few objects for R40."""
         assert isinstance(self.metric, KittiObjectMetric), "as the constructor made it"
         return self.metric.notes(self.monitored[0])
+
+    def difference_in_use(self) -> str | None:
+        """Name the frames of which predictors search bands; networks of one input size do not."""
+        settings = self.network.config.input
+        if settings.size is not None:
+            return None
+        longest_px = settings.longest_focal_px
+        rows = settings.rows_above_horizon + settings.rows_below_horizon
+        return (
+            f"frames are scored whole; those from {LEAST_STEP * longest_px:g} px of focal length, "
+            f"or of more than {rows} rows once shrunk to {longest_px:g} px, predictors search in "
+            "bands along the horizon"
+        )
 
     def picture(
         self, batch: DetectionBatch, output: DetectorOutput

@@ -197,6 +197,14 @@ class Detection3D(TrainingModule):
         assert isinstance(self.metric, KittiObjectMetric), "as the constructor made it"
         return self.metric.notes(self.monitored[0])
 
+    def difference_in_use(self) -> str | None:
+        """Name what predictors use beside the network in one view."""
+        around = "search whole turns of the LiDAR and " if self.network.config.pillars else ""
+        return (
+            f"only the camera's view is scored; predictors {around}use flip_test, axes and "
+            "alignment where the network's settings have them"
+        )
+
     def picture(
         self, batch: Detection3DBatch, output: list[Detections3D]
     ) -> UInt8[np.ndarray, "height width 3"]:

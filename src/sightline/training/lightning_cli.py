@@ -435,6 +435,9 @@ class _TrainingCLI(LightningCLI):
         print(f"{self._run.folder}: {summary}")
         for note in self.model.notes:
             print(note)
+        difference = self.model.difference_in_use()
+        if difference is not None:
+            print(f"{difference}; for figures of use: sightline predict, then sightline evaluate")
         scores = {
             name: float(value)
             for name, value in self.trainer.callback_metrics.items()

@@ -143,6 +143,10 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Notes on the last scores of `scores`, as sentences."""
         return ()
 
+    def difference_in_use(self) -> str | None:
+        """Describe how predictors may work otherwise than `score`, as a sentence; None: not."""
+        return None
+
     def picture(
         self,
         batch: Any,  # noqa: ANN401 - the task's own batch
