@@ -190,6 +190,13 @@ def test_where_frames_are_gone_the_rotation_is_held_and_told_as_such(
     with pytest.warns(UserWarning, match=told), pytest.warns(UserWarning, match="000005, are of"):
         perceive("data", tmp_path / "out", perceiver=perceiver(), overwrite=True)
     assert len(lines_of(tmp_path / "out")) == 6
+    with pytest.raises(ValueError, match="once lines of frames that the data do not have are rem"):
+        perceive("data", tmp_path / "out", perceiver=perceiver(), align=False, overwrite=True)
+    for frame in range(number, 6):
+        (tmp_path / "out" / "lines" / f"{frame:06d}.json").unlink()
+    (tmp_path / "out" / "lines" / "._000000.json").write_text("of another system")
+    perceive("data", tmp_path / "out", perceiver=perceiver(), align=False, overwrite=True)
+    assert not any("undone_turn" in line for line in lines_of(tmp_path / "out"))
 
 
 def test_workers_and_a_resumed_job_undo_the_same_rotation(packaged, opened, tmp_path, monkeypatch):

@@ -136,7 +136,7 @@ def test_equal_splits_of_two_trees_are_not_the_same_data(tmp_path, out):
 
 
 @pytest.mark.filterwarnings("ignore:.*only the frames in")
-def test_depth_data_are_named_by_the_folder_of_the_frames(tmp_path):
+def test_depth_data_are_named_by_tree_and_split(tmp_path):
     tree = tmp_path / "data" / "depth"
     write_selection(tree)
     write_depth_drive(tree, tree)
@@ -147,10 +147,12 @@ def test_depth_data_are_named_by_the_folder_of_the_frames(tmp_path):
     for number, path in enumerate((tree, selections, selection)):
         write_shards(path, tmp_path / f"shards{number}", frames_per_shard=9)
         for each in (path, tmp_path / f"shards{number}"):
-            assert title(each) == "depth_selection/val_selection_cropped"
-    assert title(drives) == title(tmp_path / "shards0" / "val") == "depth/val"
+            assert title(each) == "data/depth/val_selection_cropped"
+    assert title(drives) == title(tmp_path / "shards0" / "val") == "data/depth/val"
     (tmp_path / "val").symlink_to(tmp_path / "shards0")
-    assert title(tmp_path / "val" / "val") == "depth/val"
+    assert title(tmp_path / "val" / "val") == "data/depth/val"
+    shutil.copytree(tree, tmp_path / "other" / "depth")
+    assert title(tmp_path / "other" / "depth") == "other/depth/val_selection_cropped"
     own = tmp_path / "own" / "mine"
     shutil.copytree(selection, own)
     assert title(own) == "own/mine"

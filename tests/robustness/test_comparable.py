@@ -39,7 +39,9 @@ def test_a_run_of_the_same_files_under_another_name_is_compared_with_a_note():
     check_baseline(there, here.setting, here.cases)
     check_healthy("camera", there, here.setting)
     (note,) = notes_on_files({"this run": here, "the baseline": there})
-    assert note.startswith("the baseline is of data m/copy, this run of kitti/toy: they are taken")
+    assert note.startswith(
+        "WARNING: the baseline is of data m/copy, this run of kitti/toy: they are taken"
+    )
     for digest in (None, "cd34"):
         other = record_of(RMSE, 1.5, {"fog": {1: 2.0}}, files_digest=digest, data="m/copy")
         for one, two in ((here, other), (other, here)):

@@ -9,6 +9,7 @@ from typing import Final, Literal
 from sightline.data.frame_lists import doubt_about_names, is_note
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.files.plain_text import shortened
+from sightline.jobs.output_dirs import SELECTIONS_FOLDER
 
 CORRUPTED: Final = "corruption"
 """Folder of a split with a record of each frame's corruption; clean trees have none."""
@@ -37,9 +38,6 @@ RAW_CALIBRATION: Final = tuple(
 """Calibration files of a raw drive; the folder with the first is that of all."""
 
 _DATE_LENGTH = len("2011_09_26")
-SELECTIONS_FOLDER: Final = "depth_selection"
-"""Folder of the selections in a depth completion tree."""
-
 DRIVE_FOLDERS: Final[dict[Part, tuple[str, ...]]] = {
     "image": ("image_02/data", "image_02"),
     "points": ("velodyne_points/data", "velodyne_points", "velodyne"),

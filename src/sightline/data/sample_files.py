@@ -14,7 +14,6 @@ from sightline.data.kitti_labels import MAX_LABEL_BYTES
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
 from sightline.data.kitti_trees import (
-    SELECTIONS_FOLDER,
     DepthFrame,
     Part,
     Velodyne,
@@ -203,11 +202,12 @@ def dataset_title(dataset: SampleDataset, data: Path) -> str:
     if isinstance(whole, KittiObjectDataset):
         name = data_name(_tree_of(data, whole.split))
         return name if whole.split == "training" else f"{name}/{whole.split}"
-    if isinstance(whole, KittiDepthDataset):
-        is_by_drives = whole.split in DRIVE_SPLITS
-        parts = data_name(_tree_of(data, whole.split) if is_by_drives else data).split("/")
-        return "/".join([*parts, *_split_folder(whole)][-2:])
-    return data_name(data)
+    if not isinstance(whole, KittiDepthDataset):
+        return data_name(data)
+    if whole.split in DRIVE_SPLITS:
+        return f"{data_name(_tree_of(data, whole.split))}/{whole.split}"
+    is_single = (whole.root / "velodyne_raw").is_dir()  # a selection in a folder of any name
+    return data_name(data) if is_single else f"{data_name(data)}/{whole.split}"
 
 
 def _tree_of(data: Path, split: str) -> Path:
@@ -216,15 +216,6 @@ def _tree_of(data: Path, split: str) -> Path:
         return data
     named = data if data.name == split else data.resolve()
     return named.parent if named.name == split else data
-
-
-def _split_folder(dataset: KittiDepthDataset) -> tuple[str, ...]:
-    """Folders between a depth completion tree and the frames; none if it is a single selection."""
-    root, split = dataset.root, dataset.split
-    if split not in DRIVE_SPLITS and (root / "velodyne_raw").is_dir():
-        return ()
-    is_below = (root / SELECTIONS_FOLDER / split).is_dir()
-    return (SELECTIONS_FOLDER, split) if is_below else (split,)
 
 
 def sweeps_folder(dataset: SampleDataset) -> Velodyne:

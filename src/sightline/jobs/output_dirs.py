@@ -17,6 +17,9 @@ from sightline.files.shard_index import MANIFEST, read_manifest
 
 KITTI_SPLITS: Final = ("training", "testing")
 """Folders of KITTI's object data set; an output in one lies inside the data set, too."""
+SELECTIONS_FOLDER: Final = "depth_selection"
+"""Folder of the selections in a KITTI depth completion tree."""
+_SELECTIONS: Final = ("val_selection_cropped", "test_depth_completion_anonymous")
 _DRIVE_SPLITS: Final = ("train", "val")
 """Folders of drives in a KITTI depth completion tree."""
 _DRIVE_DEPTH: Final = "proj_depth"
@@ -331,12 +334,19 @@ def data_name(data: Path) -> str:
 
     This distinguishes trees with equal names, such as a case of two corrupted data sets, and allows
     the same data at different paths on other machines. Shards have the name of the data that were
-    packed into them.
+    packed into them, a selection of a depth completion tree that of the tree before its own.
     """
     manifest = read_manifest(Path(str(data)))  # also of a path in shards, which hold none
     if manifest is not None:
         return escaped(str(manifest["data"]))
-    return escaped("/".join(data.resolve().parts[-2:]))
+    return escaped(_folder_name(data.resolve()))
+
+
+def _folder_name(folder: Path) -> str:
+    if folder.name in _SELECTIONS:
+        return f"{_folder_name(folder.parent)}/{folder.name}"
+    tree = folder.parent if folder.name == SELECTIONS_FOLDER else folder
+    return "/".join(tree.parts[-2:])
 
 
 def _refusal(folder: Path, held: str, manifest_name: str) -> str:

@@ -164,8 +164,9 @@ def perceive(
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
     folder = out / LINES_FOLDER
-    finished = finished_names(folder, ".json")
-    is_all_anew = overwrite and len(dataset) >= MIN_FRAMES and finished <= set(names)
+    finished = {name for name in finished_names(folder, ".json") if not name.startswith(".")}
+    is_measurable = not align or len(dataset) >= MIN_FRAMES
+    is_all_anew = overwrite and is_measurable and finished <= set(names)
     held = None
     if align and perceiver.alignment is None:
         held = None if is_all_anew else _held_alignment(out)
@@ -230,8 +231,9 @@ def _claim_folders(claims: Sequence[Claim]) -> None:
         elif ALIGNMENT not in now:
             go_on = "leave --align no out, or "
         raise ValueError(
-            f"{error}; or {go_on}overwrite all frames in one run (--overwrite), which measures the "
-            "rotation of the LiDAR anew"
+            f"{error}; or {go_on}overwrite all its frames in one run (--overwrite), which measures "
+            "the rotation of the LiDAR anew, once lines of frames that the data do not have are "
+            "removed"
         ) from error
 
 

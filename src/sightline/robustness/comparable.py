@@ -93,8 +93,8 @@ def notes_on_files(records: Mapping[str, Record]) -> tuple[str, ...]:
     (first, of_first), *rest = settings.items()
     others = [name for name, each in rest if each.files_digest != of_first.files_digest]
     notes = [
-        f"{name} is of data {each.data}, {first} of {of_first.data}: they are taken for the same, "
-        "as names and sizes of their files agree."
+        f"WARNING: {name} is of data {each.data}, {first} of {of_first.data}: they are taken for "
+        "the same, as names and sizes of their files agree; if one is noisy, scores do not compare."
         for name, each in rest
         if each.data != of_first.data
     ]
