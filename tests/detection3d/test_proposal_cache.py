@@ -200,7 +200,7 @@ def test_rounding_is_no_other_sweep(cache, frames):
 @pytest.mark.parametrize(
     ("mount", "told"),
     [
-        ({"lidar_height_m": 1.7}, "a LiDAR 1.90 m above the road, which the data give as 1.70 m;"),
+        ({"lidar_height_m": 1.65}, "a LiDAR 1.90 m above the road, which the data give as 1.65 m;"),
         (
             {"lidar_tilt_deg": {"roll": 0, "pitch": 3.5}},
             "a LiDAR whose tilt the data give as another one, by 3.5 degrees",

@@ -181,7 +181,7 @@ def done_frames(
 def _is_current(
     line: Mapping[str, Any], dataset: SampleDataset, index: int, perceiver: MultiTaskPredictor
 ) -> bool:
-    """Whether a line is of these predictors, with the sensors that the data have."""
+    """Test if the line of a frame is of the given predictors and of all sensors in the data."""
     tasks = line["tasks"]
     has_same_predictors = all(
         task in tasks and tasks[task]["by"] == predictor.name
