@@ -1,3 +1,5 @@
+import subprocess
+import sys
 import time
 
 import pytest
@@ -24,13 +26,16 @@ def test_the_median_and_the_percentile_are_those_of_the_calls_after_the_warm_up(
 
 
 def test_peak_memory_holds_what_a_call_takes_and_gives_back():
-    def run():
-        assert bytearray(64 * 2**20).count(0)
-
-    peak = measure_latency(run, warm_up=1, repeats=2).peak_memory_mib
-    if peak is None:
+    program = """if True:
+        from benchmarks.latency import measure_latency
+        run = lambda: bytearray(64 * 2**20).count(0)
+        print(measure_latency(run, warm_up=1, repeats=2).peak_memory_mib)
+    """
+    # in a process of its own: memory that other tests left may be given back meanwhile
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    if done.stdout.strip() == b"None":
         pytest.skip("the system does not tell the peak of a process")
-    assert 50 < peak < 150
+    assert 50 < float(done.stdout) < 150
 
 
 def test_where_the_system_does_not_tell_memory_there_is_no_figure(monkeypatch, tmp_path):
