@@ -20,7 +20,7 @@ from sightline.data.sharding import unpack_shards, write_shards
 from sightline.files.byte_source import read_range, read_small
 from sightline.files.problem import FileError
 from sightline.files.shard_path import ShardPath, data_path
-from tests.data.recordings import write_recording
+from tests.data.recordings import write_nuscenes, write_recording
 from tests.data.trees import (
     write_depth_drive,
     write_drive,
@@ -480,6 +480,10 @@ def test_other_data_in_the_folder_are_refused(tree, shards):
         write_shards(tree, shards, frames_per_shard=3)
     with pytest.raises(ValueError, match="holds no frames"):
         write_shards(tree / "ImageSets", shards.with_name("new"), frames_per_shard=3)
+    (tree / "v1.0-mini").mkdir()  # beside a data set
+    assert write_shards(tree, shards.with_name("beside"), frames_per_shard=3).written
+    with pytest.raises(ValueError, match="nuScenes data set; convert it to a recording"):
+        write_shards(write_nuscenes(shards.with_name("tables")), tree, frames_per_shard=3)
     with pytest.raises(ValueError, match="holds shards already; use them as they are"):
         write_shards(shards, shards.with_name("new"), frames_per_shard=3)
     with pytest.raises(ValueError, match="frames_per_shard must be at least 1, got 0"):

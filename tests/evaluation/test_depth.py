@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from sightline.data.map_png import read_depth_png, write_depth_png
 from sightline.evaluation.depth import evaluate_depth
+from sightline.files.problem import FileError
 from tests.reference import depth_metrics as reference
 
 
@@ -442,6 +443,14 @@ def test_a_data_set_in_place_of_its_depth_maps_is_told(tmp_path, place):
     cv2.imwrite(str(tmp_path / "data" / "a.png"), np.ones((3, 4, 3), np.uint8))
     with pytest.raises(ValueError, match=f"or score against {tmp_path / 'data' / place}$"):
         evaluate_depth(predictions, tmp_path / "data")
+
+
+def test_pictures_of_a_data_set_are_no_ground_truth(tmp_path):
+    predictions, _, _ = write_set(tmp_path, names=["a"])
+    (tmp_path / "drive" / "images").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "drive" / "images" / "a.png"), np.ones((3, 4, 3), np.uint8))
+    with pytest.raises(FileError, match=r"images/a\.png.*expected a depth map"):
+        evaluate_depth(predictions, tmp_path / "drive")
 
 
 def test_results_in_place_of_the_ground_truth_are_told(tmp_path):

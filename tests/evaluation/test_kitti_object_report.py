@@ -21,6 +21,7 @@ from sightline.evaluation.kitti_object_rules import (
 )
 from sightline.evaluation.kitti_object_scores import score_objects
 from sightline.evaluation.object_report import write_object_rows
+from sightline.files.problem import FileError
 from tests.evaluation.kitti_scenes import Line, random_crowd, random_street, text_of, write_frames
 from tests.reference import kitti_object as reference
 
@@ -214,8 +215,14 @@ def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(stree
     results, labels = street
     with pytest.raises(ValueError, match="nothing is no folder; give the folder of the res"):
         evaluate_objects(tmp_path / "nothing", labels)
-    with pytest.raises(ValueError, match="has no label files"):
+    with pytest.raises(ValueError, match="nothing is no folder; give the folder of the labels"):
         evaluate_objects(results, tmp_path / "nothing")
+    (tmp_path / "drive").mkdir()
+    with pytest.raises(ValueError, match="has no label files"):
+        evaluate_objects(results, tmp_path / "drive")
+    (tmp_path / "drive" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
+    with pytest.raises(FileError, match=r"drive/poses\.txt: line 1 has 12 fields"):
+        evaluate_objects(results, tmp_path / "drive")
 
 
 @pytest.mark.parametrize("below", ["training/label_2", "labels"])

@@ -54,7 +54,15 @@ def refuse_other_layouts(path: Path) -> None:
 
 def no_data_set(path: Path) -> Problem:
     """Problem of a path that is no data set: its actual type, or the expected one."""
-    layouts = (_odometry, _tracking, _uncalibrated, _source, _unread, _apart, _in_depth_tree)
+    layouts = (
+        _odometry,
+        _tracking,
+        _uncalibrated,
+        source_to_import,
+        _unread,
+        _apart,
+        _in_depth_tree,
+    )
     for cause in (_no_folder, *layouts, _below):
         problem = cause(path)
         if problem is not None:
@@ -165,8 +173,8 @@ def _uncalibrated(path: Path) -> Problem | None:
     )
 
 
-def _source(path: Path) -> Problem | None:
-    """Problem of data that must be imported as a recording."""
+def source_to_import(path: Path) -> Problem | None:
+    """Problem of data that must be imported as a recording; None: it is not such data."""
     if any(each.is_dir() for each in path.glob("v1.0-*")):
         return _to_import(path, "is a nuScenes data set")
     bags = [each for each in _entries(path) if each.suffix.lower() in _BAGS]

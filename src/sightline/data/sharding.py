@@ -16,7 +16,9 @@ from urllib.parse import quote
 from sightline.data.depth_trees import split_by_drives
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.kitti_trees import day_folder, list_drive
+from sightline.data.other_layouts import source_to_import
 from sightline.data.point_files import CLOUD_SUFFIXES
+from sightline.data.tree_checks import find_trees
 from sightline.files.atomic import (
     atomic_path,
     atomic_write_bytes,
@@ -216,7 +218,10 @@ def _attempt(job: Callable[[], bool | None]) -> bool | str | None:
 
 
 def _check_is_whole(data: Path) -> None:
-    """Refuse a drive or a depth tree's split by drives if files above it would stay behind."""
+    """Refuse data to import, and a drive or depth tree's split that needs files above it."""
+    source = source_to_import(data)
+    if source is not None and not find_trees(data):
+        raise FileError(source.path, source.problem, source.remedy)
     by_drives = split_by_drives(data)
     if by_drives is not None:
         root, split = by_drives

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from sightline.data.kitti_trees import describe_absent
+from sightline.data.map_png import read_depth_png
 
 _TRUTH_FOLDER: Final = "groundtruth_depth"  # of the depth benchmark's selection
 _DEPTH_PLACES: Final = ("training/depth", "depth")  # of simulated trees and recordings
@@ -38,6 +39,7 @@ def match_depth_files(
     Raises:
         ValueError: A folder is missing or empty, two of its maps are of one frame, or it lacks a
             frame with ground truth.
+        FileError: It lacks one whose ground truth is no depth map.
     """
     true = _list_maps(truth, "groundtruth")
     predicted = _as_named(_list_maps(predictions), true)
@@ -46,6 +48,8 @@ def match_depth_files(
         missing = sorted(true.files.keys() - files.keys())
         if folder is not None and missing:
             other = _find_maps(truth) or _folder_of_camera(true)
+            if other is None:
+                read_depth_png(true.files[missing[0]])  # refuses pictures of a data set
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true.files)} images with "
                 f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "

@@ -29,7 +29,7 @@ from sightline.evaluation.kitti_object_scores import check_edges, score_by_dista
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.byte_source import url_of
-from sightline.files.problem import FileError
+from sightline.files.problem import FileError, shown_place
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import is_split
@@ -307,20 +307,22 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
     """List the frames to score: those of a list, or all with labels.
 
     Raises:
-        ValueError: There are none, or the list is invalid.
+        ValueError: There are none, the first is not of labels, or the list is invalid.
     """
     if sample_list is not None:
         return read_sample_list(sample_list, _data_root(labels_dir))
+    if not labels_dir.is_dir():
+        raise ValueError(f"{shown_place(labels_dir)} is no folder; give the folder of the labels")
     files = list_files(labels_dir, (".txt",)).values()
     named = [path for path in files if path.suffix == ".txt" and path.name.lower() != TIMES_NAME]
     names = [path.stem for path in named if not is_note(path.stem)]
     if not names:
         below = next(filter(Path.is_dir, (labels_dir / each for each in LABEL_PLACES)), None)
-        elsewhere = locate_frame_files(labels_dir, ()) if labels_dir.is_dir() else None
-        remedy = elsewhere or "give KITTI's folder label_2"
+        remedy = locate_frame_files(labels_dir, ()) or "give KITTI's folder label_2"
         if below is not None:
             remedy = f"it is a data set, whose labels are in {below}; name that folder"
         raise ValueError(f"{labels_dir} has no label files (*.txt); {remedy}")
+    read_labels(labels_dir / f"{names[0]}.txt")  # other texts are no frames that lack results
     return names
 
 
