@@ -109,7 +109,8 @@ _CASES = {
         "camera_blank+lidar_blank breaks the camera, which has no image here; give image",
     'sightline.write_rgb("a.png", np.zeros((4, 4, 3)))': "(255 * image).round().clip(0, 255)",
     'write_image("a.png", given.image.permute(1, 2, 0))': "give image.permute(2, 0, 1)",
-    'sightline.undistort(given.image, np.eye(3), [0] * 5)': "give image.transpose(1, 2, 0)",
+    'sightline.undistort(given.image, np.eye(3), [0] * 5)':
+        "give np.asarray(image).transpose(1, 2, 0)",
     'sightline.perceive(PACKAGED_FRAMES, "out", align="no")': "align is of type str, expected True",
     'sightline.perceive(PACKAGED_FRAMES, "out", around="auto")':
         "perceive: around is of type str, expected True or False or None",

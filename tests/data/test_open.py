@@ -191,8 +191,13 @@ def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
 def test_an_object_split_under_another_name_is_refused_with_the_remedy(tmp_path):
     write_object_tree(tmp_path, 1)
     (tmp_path / "training").rename(tmp_path / "mine")
-    with pytest.raises(ValueError, match="rename it to training or testing"):
+    told = "mine: holds the parts of an object split; rename it to training or testing"
+    with pytest.raises(ValueError, match=told):
         open_dataset(tmp_path / "mine")
+    assert [told in str(each) for each in check_tree(tmp_path / "mine")] == [True]
+    shutil.rmtree(tmp_path / "mine" / "image_2")
+    with pytest.raises(ValueError, match=told):
+        open_dataset(tmp_path / "mine", parts=("points",))
 
 
 def test_a_raw_drive_whose_images_are_in_image_2_is_called_so(tmp_path):

@@ -347,6 +347,7 @@ def test_a_file_that_cannot_be_read_fails_its_shard_alone(tree, tmp_path, capsys
         (lambda row: row.__setitem__(2, 10**9), "is no index of a shard"),
         (lambda row: row.__setitem__(3, -1), "is no index of a shard"),
         (lambda row: row.__setitem__(4, "many"), "is no index of a shard"),
+        (lambda row: row.__setitem__(4, 2**63), "is no index of a shard"),
         (lambda row: row.__setitem__(2, float("inf")), "is no index of a shard"),
         (lambda row: row.pop(), "is no index of a shard"),
     ],
@@ -388,8 +389,12 @@ def test_a_damaged_manifest_is_refused(field, shards):
     manifest = json.loads((shards / "shards.json").read_text())
     manifest[field] = 0
     (shards / "shards.json").write_text(json.dumps(manifest))
-    with pytest.raises(ValueError, match=r"shards\.json: is no manifest of shards; copy it again"):
+    told = r"shards\.json: is no manifest of shards; copy it again"
+    with pytest.raises(ValueError, match=told):
         open_dataset(shards)
+    (shards / "shards.json").write_text("damaged")
+    with pytest.raises(ValueError, match=told):
+        unpack_shards(shards, shards.with_name("back"))
 
 
 @pytest.mark.parametrize(

@@ -445,6 +445,15 @@ def test_a_data_set_in_place_of_its_depth_maps_is_told(tmp_path, place):
         evaluate_depth(predictions, tmp_path / "data")
 
 
+def test_predictions_with_other_names_are_told(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a", "b"])
+    for number, name in enumerate("ab"):
+        (predictions / f"{name}.png").rename(predictions / f"{number:010d}.png")
+    told = r"\(a, b\), as none of its 2 maps, such as 0000000000\.png, has the name of one: predict"
+    with pytest.raises(ValueError, match=told):
+        evaluate_depth(predictions, truth)
+
+
 def test_pictures_of_a_data_set_are_no_ground_truth(tmp_path):
     predictions, _, _ = write_set(tmp_path, names=["a"])
     (tmp_path / "drive" / "images").mkdir(parents=True)

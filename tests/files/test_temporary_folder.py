@@ -31,15 +31,23 @@ def test_what_a_killed_process_left_goes_and_what_a_living_one_writes_stays(tmp_
     command = [sys.executable, "-c", _HANG, str(tmp_path / "other.txt")]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
         assert writer.stdout.readline() == b"ready\n"
-        (tmp_path / ".sightline-old").mkdir()
-        (tmp_path / ".sightline-old" / "0.png").write_text("half")
+        (tmp_path / ".sightline-a1_old23").mkdir()
+        (tmp_path / ".sightline-a1_old23" / "0.png").write_text("half")
+        (tmp_path / ".sightline-backups-of-mine").mkdir()
         (tmp_path / ".sightline-note").write_text("a file of somebody's")
         (tmp_path / "elsewhere").mkdir()
         (tmp_path / ".sightline-link").symlink_to(tmp_path / "elsewhere")
         (alive,) = tmp_path.glob(".sightline-*/other.txt")
         atomic_write_text(tmp_path / "0.txt", "whole")
         assert names(tmp_path) == sorted(
-            [".sightline-link", ".sightline-note", alive.parent.name, "0.txt", "elsewhere"]
+            [
+                ".sightline-backups-of-mine",
+                ".sightline-link",
+                ".sightline-note",
+                alive.parent.name,
+                "0.txt",
+                "elsewhere",
+            ]
         )
         writer.kill()
     _remove_leftovers.cache_clear()

@@ -151,10 +151,10 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
     (other / "sightline.json").write_text(json.dumps(manifest))
     task = OracleTask()
     for given, message in (
-        ((task, cases, mine, SETTINGS), "no result for 1 of 2 frames, the first of them 000001"),
+        ((task, cases, mine, SETTINGS), "no result file for 1 of 2 frames, the first is 000001"),
         ((task, PACKAGED_FRAMES, found, SETTINGS), "is no output of `sightline corrupt`"),
         ((task, other, found, SETTINGS), "written with another case camera_dead_pixels-1"),
-        ((task, cases, cases, SETTINGS), "has no result for 2 of 2 frames"),
+        ((task, cases, cases, SETTINGS), "has no result file for 2 of 2 frames"),
         ((task, cases, found, replace(SETTINGS, suite="dgfn7")), "with suite levels, not dgfn7"),
         ((task, cases, found, replace(SETTINGS, seed=4)), "with seed 3, not 4"),
         (
@@ -170,6 +170,11 @@ def test_what_cannot_be_scored_is_refused_before_anything_is_done(written, tmp_p
     ):
         with pytest.raises(ValueError, match=re.escape(message)):
             score_results(given[0], given[1], given[2], out, given[3])
+    (mine / "lidar_blank").rename(mine / "data")
+    (mine / "lidar_blank").mkdir()
+    (mine / "data").rename(mine / "lidar_blank" / "data")
+    with pytest.raises(ValueError, match=r"they are in .*/lidar_blank/data, as KITTI's own prog"):
+        score_results(task, cases, mine, out, replace(SETTINGS, cases=("lidar_blank",)))
     shutil.rmtree(mine / "lidar_blank")
     with pytest.raises(ValueError, match="has no folder lidar_blank"):
         score_results(task, cases, mine, out, replace(SETTINGS, cases=("lidar_blank",)))

@@ -101,14 +101,17 @@ def doubt_about_names(missing: Iterable[str]) -> str | None:
     return None
 
 
-def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: str) -> None:
+def require_frame_files(
+    folder: Path, names: Sequence[str], kind: str, remedy: str, suffix: str = _SUFFIX
+) -> None:
     """Check that every frame has its file, before any is read.
 
     Args:
-        folder: Folder with NAME.txt for each frame.
+        folder: Folder with a file for each frame.
         names: Names of the frames.
         kind: Kind of the files, for errors.
         remedy: Remedy for a missing file, for errors.
+        suffix: Suffix of the files, with its dot, in lower case.
 
     Raises:
         ValueError: There is no such folder, or frames have no file in it; contains their number.
@@ -116,28 +119,32 @@ def require_frame_files(folder: Path, names: Sequence[str], kind: str, remedy: s
     if not folder.is_dir():
         raise ValueError(f"{shown_place(folder)} is no folder; give the folder of the {kind} files")
     present = {path.name for path in folder.iterdir()}
-    missing = [name for name in names if f"{name}{_SUFFIX}" not in present]
+    missing = [name for name in names if f"{name}{suffix}" not in present]
     if missing:
-        elsewhere = locate_frame_files(folder, names) if len(missing) == len(names) else None
-        elsewhere = doubt_about_names(missing) or capital_suffixes(present, missing) or elsewhere
+        none = len(missing) == len(names)
+        elsewhere = locate_frame_files(folder, names, suffix) if none else None
+        capitals = capital_suffixes(present, missing, suffix)
+        elsewhere = doubt_about_names(missing) or capitals or elsewhere
         raise ValueError(
             f"{folder} has no {kind} file for {len(missing):,} of {len(names):,} frames, the first "
-            f"is {shortened(missing[0])}{_SUFFIX}: {elsewhere or remedy}"
+            f"is {shortened(missing[0])}{suffix}: {elsewhere or remedy}"
         )
 
 
-def capital_suffixes(present: Iterable[str], missing: Collection[str]) -> str | None:
+def capital_suffixes(
+    present: Iterable[str], missing: Collection[str], suffix: str = _SUFFIX
+) -> str | None:
     """Remedy where missing files are there with another case of the suffix; None: they are not."""
     by_name = {
         path.stem: path.name
         for path in map(Path, present)
-        if path.suffix != _SUFFIX and path.suffix.lower() == _SUFFIX
+        if path.suffix != suffix and path.suffix.lower() == suffix
     }
     found = [by_name[name] for name in sorted(by_name.keys() & set(missing))]
     if not found:
         return None
     number = f"{len(found):,} files end" if len(found) > 1 else "1 file ends"
-    return f"{number} in capitals, such as {found[0]}; rename them to NAME{_SUFFIX}"
+    return f"{number} in capitals, such as {found[0]}; rename them to NAME{suffix}"
 
 
 def have_equal_files(first: Path, second: Path, names: Sequence[str]) -> bool:
@@ -210,16 +217,16 @@ LABEL_PLACES: Final = ("training/label_2", "label_2", "labels")
 """Folders of labels in data sets, whose calibrations have the same names."""
 
 
-def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
+def locate_frame_files(folder: Path, names: Sequence[str], suffix: str = _SUFFIX) -> str | None:
     """Remedy for a folder without files of the frames: their folder, or the names found."""
     entries = sorted(folder.iterdir())
     for below in (folder / place for place in LABEL_PLACES):
-        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED]):
+        if any((below / f"{name}{suffix}").is_file() for name in names[:_MAX_SEARCHED]):
             return f"they are probably in {below}; name that folder"
     found = [
         below
         for below in _folders_below(entries)
-        if any((below / f"{name}{_SUFFIX}").is_file() for name in names[:_MAX_SEARCHED])
+        if any((below / f"{name}{suffix}").is_file() for name in names[:_MAX_SEARCHED])
     ]
     if len(found) > 1:
         listed = ", ".join(
@@ -232,12 +239,12 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
         return f"they are in {found[0]}{writer}; name that folder"
     shown = [each for each in entries if each.is_file() and not each.name.startswith(".")]
     files = [each for each in shown if each.name.lower() != TIMES_NAME and not is_note(each.stem)]
-    others = [each for each in files if each.suffix == _SUFFIX]
+    others = [each for each in files if each.suffix == suffix]
     renamed = _same_frame(others, names)
     if renamed is not None:
         return (
             f"it holds {len(others):,} files with other names, such as "
-            f"{shortened(others[0].name)}; rename them as {renamed}{_SUFFIX}"
+            f"{shortened(others[0].name)}; rename them as {renamed}{suffix}"
         )
     if others:
         return (
@@ -245,12 +252,12 @@ def locate_frame_files(folder: Path, names: Sequence[str]) -> str | None:
             "name a list of those frames, or another folder"
         )
     stems = [each.stem for each in files]
-    if capitals := capital_suffixes((each.name for each in files), names or stems):
+    if capitals := capital_suffixes((each.name for each in files), names or stems, suffix):
         return capitals
     if files:
         return (
             f"it holds {len(files):,} files of another format, such as {shortened(files[0].name)}; "
-            f"write one NAME{_SUFFIX} for each frame"
+            f"write one NAME{suffix} for each frame"
         )
     return None
 

@@ -36,7 +36,7 @@ from sightline.data.kitti_trees import (
     list_drive,
     list_object_frames,
 )
-from sightline.data.other_layouts import no_data_set, refuse_other_layouts
+from sightline.data.other_layouts import misnamed_split, no_data_set, refuse_other_layouts
 from sightline.data.recording import RecordingDataset
 from sightline.data.recording_files import is_recording
 from sightline.data.sample_dataset import ExaminedDataset, NamedSubset, SampleDataset
@@ -110,14 +110,9 @@ def open_dataset(
         dataset = _open_object_tree(path, sample_list, velodyne, requested, needs)
     if dataset is None:
         refuse_other_layouts(path)
-        is_drive = list_drive(path).calibration is not None  # one with a folder image_2, perhaps
-        has_parts = bool(list_object_frames(path, ("image", "points")))
-        if has_parts and (path / "image_2").is_dir() and not is_drive:
-            raise FileError(
-                path,
-                "holds the parts of an object split",
-                "rename it to training or testing, as in KITTI's tree",
-            )
+        misnamed = misnamed_split(path)
+        if misnamed is not None:
+            raise FileError(misnamed.path, misnamed.problem, misnamed.remedy)
         may_have_gaps = allow_gaps or sample_list is not None  # in frames that the list leaves out
         dataset = _open_depth_tree(
             path, load_images="image" in requested, allow_gaps=may_have_gaps

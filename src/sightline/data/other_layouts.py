@@ -7,6 +7,7 @@ from typing import Final
 
 from sightline.data.depth_trees import split_by_drives
 from sightline.data.frame_lists import TIMES_NAME
+from sightline.data.kitti_trees import find_velodyne, list_drive, list_object_frames
 from sightline.data.recording_files import is_recording, lacks_calibration, misnamed_files
 from sightline.data.unread_files import (
     drive_folders,
@@ -50,6 +51,24 @@ def refuse_other_layouts(path: Path) -> None:
     problem = _odometry(path) or _tracking(path)
     if problem is not None:
         raise FileError(problem.path, problem.problem, problem.remedy)
+
+
+def misnamed_split(path: Path) -> Problem | None:
+    """Problem of an object split whose folder has another name than in KITTI's tree.
+
+    None: it has KITTI's name, or is no object split.
+    """
+    if path.resolve().name in KITTI_SPLITS or list_drive(path).calibration is not None:
+        return None  # a raw drive may have a folder image_2
+    if not any((path / name).is_dir() for name in ("image_2", "calib")):
+        return None
+    if not list_object_frames(path, ("image", "points"), find_velodyne(path)):
+        return None
+    return Problem(
+        path=path,
+        problem="holds the parts of an object split",
+        remedy="rename it to training or testing, as in KITTI's tree",
+    )
 
 
 def no_data_set(path: Path) -> Problem:

@@ -33,6 +33,7 @@ from sightline.files.shard_checks import check_whole, is_whole, tar_digest
 from sightline.files.shard_index import (
     FORMAT,
     MANIFEST,
+    MAX_MEMBER_BYTES,
     MAX_SHARDS,
     PACKED_SUFFIX,
     SHARD_REMEDY,
@@ -54,7 +55,6 @@ from sightline.jobs.output_dirs import (
 from sightline.jobs.progress import track
 from sightline.jobs.read_ahead import check_threads, map_ahead
 
-_MAX_FILE_BYTES: Final = 2**30
 _BLOCK: Final = tarfile.BLOCKSIZE
 _DRIVE: Final = re.compile(r"\d{4}_\d\d_\d\d_drive_\d{4}\w*")
 _KINDS_IN_NAMES: Final = ("_velodyne_raw_", "_groundtruth_depth_")  # of the depth benchmark
@@ -169,6 +169,8 @@ def unpack_shards(shards: Path, out: Path, *, workers: int = 2) -> ShardReport:
     check_no_shards(out)
     manifest = None if url_of(shards) is not None else read_manifest(shards)
     if manifest is None:
+        if (shards / MANIFEST).is_file():
+            raise FileError(shards / MANIFEST, "is no manifest of shards", SHARD_REMEDY)
         raise FileError(
             shards, f"holds no {MANIFEST}", "give a folder on this machine that shard wrote"
         )
@@ -392,7 +394,7 @@ def pack_files(
 
 
 def _add(archive: tarfile.TarFile, source: Path, tar: Path, name: str, *, compress: bool) -> Member:
-    content = read_bytes(source, max_bytes=_MAX_FILE_BYTES, remedy="leave the file out")
+    content = read_bytes(source, max_bytes=MAX_MEMBER_BYTES, remedy="leave the file out")
     stored = content
     if compress and source.suffix.lower() not in _UNPACKED_SUFFIXES:
         stored, name = gzip.compress(content, mtime=0), f"{name}{PACKED_SUFFIX}"

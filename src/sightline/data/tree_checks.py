@@ -60,7 +60,7 @@ from sightline.data.lidar_mount import (
     pose_of_tree,
     stated_mount_doubts,
 )
-from sightline.data.other_layouts import refuse_other_layouts
+from sightline.data.other_layouts import misnamed_split, refuse_other_layouts
 from sightline.data.recording_checks import (
     check_recording_calibration,
     describe_recording,
@@ -193,7 +193,8 @@ def _object_tree_of_one_split(root: Path, *, is_other: bool) -> Tree | None:
         return None
     if not (root / "calib").is_dir() and list_drive(root).calibration is not None:
         return None
-    return _object_tree(root)
+    tree, misnamed = _object_tree(root), misnamed_split(root)
+    return tree if tree is None or misnamed is None else replace(tree, gaps=(misnamed, *tree.gaps))
 
 
 def _object_tree(folder: Path) -> Tree | None:

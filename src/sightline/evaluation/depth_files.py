@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 from sightline.data.kitti_trees import describe_absent
 from sightline.data.map_png import read_depth_png
+from sightline.files.plain_text import shortened
 
 _TRUTH_FOLDER: Final = "groundtruth_depth"  # of the depth benchmark's selection
 _DEPTH_PLACES: Final = ("training/depth", "depth")  # of simulated trees and recordings
@@ -50,10 +51,11 @@ def match_depth_files(
             other = _find_maps(truth) or _folder_of_camera(true)
             if other is None:
                 read_depth_png(true.files[missing[0]])  # refuses pictures of a data set
+            scored = other or "a folder with the truth of fewer images"
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true.files)} images with "
-                f"ground truth in {truth} ({describe_absent(missing)}): predict them, or "
-                f"score against {other or 'a folder with the truth of fewer images'}"
+                f"ground truth in {truth} ({describe_absent(missing)}){_others(files, true)}: "
+                f"predict them, or score against {scored}"
             )
     frames = [
         DepthFiles(name, predicted[name], path, given.get(name))
@@ -94,6 +96,14 @@ def _as_named(maps: _Maps, true: _Maps) -> Mapping[str, Path]:
         if names and true_names and maps.tells_drives() != true.tells_drives():
             return {true_names.get(name, frame): maps.files[frame] for name, frame in names.items()}
     return maps.files
+
+
+def _others(files: Mapping[str, Path], true: _Maps) -> str:
+    """Describe maps of which none has the name of a frame with ground truth."""
+    if not files.keys().isdisjoint(true.files):
+        return ""
+    name = shortened(min(files.values()).name)
+    return f", as none of its {len(files):,} maps, such as {name}, has the name of one"
 
 
 def _folder_of_camera(true: _Maps) -> Path | None:

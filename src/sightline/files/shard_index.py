@@ -19,6 +19,8 @@ SHARED: Final = "shared"
 FORMAT: Final = "sightline shard 1"
 PACKED_SUFFIX: Final = ".gz"
 
+MAX_MEMBER_BYTES: Final = 2**30
+"""Largest length of a file in a shard, unpacked."""
 _MAX_INDEX_BYTES: Final = 2**28
 _MAX_MANIFEST_BYTES: Final = 2**26
 MAX_SHARDS: Final = 100_000
@@ -140,7 +142,7 @@ def read_index(tar: Path) -> ShardIndex | None:
 def _member(tar: Path, row: Any, num_bytes: int) -> Member:  # noqa: ANN401 - any JSON
     _, name, offset, stored, size, crc32 = row
     numbers = [int(each) for each in (offset, stored, size, crc32)]
-    if min(numbers) < 0 or numbers[0] + numbers[1] > num_bytes:
+    if min(numbers) < 0 or numbers[2] > MAX_MEMBER_BYTES or numbers[0] + numbers[1] > num_bytes:
         raise ValueError
     if not str(name).endswith(PACKED_SUFFIX) and numbers[1] != numbers[2]:
         raise ValueError

@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 
 _PREFIX = ".sightline-"
+_NAME = re.compile(rf"{re.escape(_PREFIX)}[a-z0-9_]{{8}}")  # as `tempfile` makes them
 
 
 @contextmanager
@@ -98,7 +100,7 @@ def _remove_leftovers(folder: Path) -> None:
         left = [
             entry.path
             for entry in entries
-            if entry.name.startswith(_PREFIX) and entry.is_dir(follow_symlinks=False)
+            if _NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)
         ]
     for path in left:
         with contextlib.suppress(OSError):  # in use, another user's, or gone meanwhile

@@ -11,7 +11,7 @@ from typing import Any, Final, get_args
 
 from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.frame_lists import list_unequal_files
+from sightline.data.frame_lists import list_unequal_files, require_frame_files
 from sightline.data.kitti_trees import Velodyne, describe_absent, part_folder
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
@@ -274,11 +274,10 @@ def _check_complete(
                 f"{results} has no folder {case.name} for the results of that case; add it, or "
                 "name the cases that there are (--cases)"
             )
-        present = {path.name for path in folder.iterdir()}
-        lacking = [name for name in dataset.sample_ids if f"{name}{scoring.suffix}" not in present]
-        if lacking:
-            raise ValueError(
-                f"{folder} has no result for {len(lacking):,} of {len(dataset):,} frames, the "
-                f"first of them {lacking[0]}{scoring.suffix}: write an empty one where nothing was "
-                "found, or name a list of the frames to score"
-            )
+        require_frame_files(
+            folder,
+            dataset.sample_ids,
+            "result",
+            "write an empty one where nothing was found, or name a list of the frames to score",
+            scoring.suffix,
+        )

@@ -113,7 +113,7 @@ def image_remedy(given: Shaped[np.ndarray, "..."], *, is_tensor: bool = False) -
     if given.dtype != np.uint8:
         return "convert it to RGB of 8 bits"
     if not is_tensor and height_first:
-        return "it has channels first: give image.transpose(1, 2, 0)"
+        return "it has channels first: give np.asarray(image).transpose(1, 2, 0)"
     if is_tensor and given.ndim == 3 and given.shape[2] in (1, 3, 4):
         return "it has channels last: give image.permute(2, 0, 1)"
     if given.shape[0 if is_tensor else -1] == 4:
