@@ -5,6 +5,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.table import Table
 
@@ -17,6 +18,7 @@ from sightline.cli.output import (
     say,
     show_table,
 )
+from sightline.data.map_png import write_depth_png
 
 FORGED = "000001\x1b[2J\x1b]0;owned\x07\nno problems\u202e\udce9"
 
@@ -138,8 +140,11 @@ def test_closed_streams_leave_no_descriptor_to_files(tmp_path):
     assert (tmp_path / "state").read_text() == f"True {[null] * 3}\n"
 
 
-def test_output_that_cannot_be_written_is_reported_with_its_reason(tmp_path):
-    done = shell("{} tasks > /dev/full", tmp_path)
+@pytest.mark.parametrize("command", ["tasks", "evaluate depth a.png b.png"])
+def test_output_that_cannot_be_written_is_reported_with_its_reason(tmp_path, command):
+    for name in "ab":
+        write_depth_png(tmp_path / f"{name}.png", np.full((3, 4), ord(name)))
+    done = shell(f"{{}} {command} > /dev/full", tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("sightline: standard output cannot be written: no space")
 

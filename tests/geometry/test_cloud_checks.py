@@ -85,6 +85,12 @@ def test_a_first_column_that_counts_the_rows_is_named(rows):
     assert remedy.startswith("leave it out: ")
 
 
+def test_a_first_column_of_absurd_values_is_told_without_overflow():
+    points = np.ones((30, 4), np.float32)
+    points[::2, 0], points[1::2, 0] = 3e38, -3e38
+    assert "farther away than" in cloud_fault(points, 1.0)[0]
+
+
 def test_points_spread_far_around_the_lidar_are_in_millimetres():
     points = np.random.default_rng(0).normal(0, 20_000, (500, 4))
     assert "millimetres" in cloud_fault(points, 1.0)[0]

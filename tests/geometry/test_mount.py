@@ -81,7 +81,7 @@ def test_radians_for_degrees_are_named(rigid, order):
         warnings.simplefilter("ignore")
         angles_rad = Rotation.from_matrix(rigid[:3, :3]).as_euler(order)
     doubt = mount_doubt(mounted(Rotation.from_euler(order, angles_rad, degrees=True).as_matrix()))
-    assert "its angles are probably in radians where degrees were expected" in doubt
+    assert "(ROS: camera_link), or angles in degrees if they are in radians" in doubt
 
 
 def test_an_offset_in_millimetres_is_named(rigid):

@@ -23,9 +23,16 @@ def say(*lines: object) -> None:
         BrokenPipeError: The reader has closed the pipe.
         ValueError: Standard output cannot be written to, such as a file on a full disk.
     """
-    try:
+    with _standard_output():
         for line in lines:
             print(escaped(str(line)))
+
+
+@contextmanager
+def _standard_output() -> Iterator[None]:
+    """Flush standard output at the end of the block, and say if it cannot be written to."""
+    try:
+        yield
         sys.stdout.flush()
     except BrokenPipeError:
         raise
@@ -41,13 +48,19 @@ def discard_output(stream: TextIO) -> None:
 
 
 def show_table(table: "RenderableType") -> None:
-    """Print a table in the colours and the width of the terminal, if there is one."""
+    """Print a table in the colours and the width of the terminal, if there is one.
+
+    Raises:
+        BrokenPipeError: The reader has closed the pipe.
+        ValueError: Standard output cannot be written to.
+    """
     from rich.console import Console
 
     console = Console()
     if not console.is_terminal:
         console = Console(width=_FILE_WIDTH)
-    console.print(_Plain(table))
+    with _standard_output():
+        console.print(_Plain(table))
 
 
 def warn(message: str) -> None:
