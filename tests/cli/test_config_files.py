@@ -92,6 +92,20 @@ def test_a_setting_that_the_command_lacks_is_named_with_its_file(tmp_path, line,
     assert main(["evaluate", "held-out", "--config", str(path)]) == 2
 
 
+@pytest.mark.parametrize("words", [["--json", "c.json"], ["--json=./c.json"], []])
+def test_an_output_that_would_replace_the_settings_is_refused(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.json").write_text('{"data": "drive"}' if words else '{"json": "c.json"}')
+    assert main(["check", "--config", "c.json", *words]) == 2
+    assert "--config c.json is also" in capsys.readouterr().err
+
+
+def test_a_pipe_without_a_writer_is_no_file_of_settings(tmp_path, capsys):
+    os.mkfifo(tmp_path / "c.yaml")
+    assert main(["check", "--config", str(tmp_path / "c.yaml")]) == 2
+    assert "is a pipe, which might never be written to; give a file" in capsys.readouterr().err
+
+
 def test_a_setting_of_a_pipe_that_the_command_lacks_is_told(capsys):
     source, sink = os.pipe()
     with os.fdopen(source, "rb"), os.fdopen(sink, "wb") as file:

@@ -51,6 +51,13 @@ def test_tracking_is_called_so(tmp_path):
     assert "is a split of KITTI tracking" in told(tmp_path / "training")
 
 
+def test_kitti_360_is_called_so_whatever_lies_in_its_calibration(tmp_path):
+    for name in ("calibration", "data_2d_raw", "data_3d_raw"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "calibration" / "perspective.txt").write_text("P_rect_00: 1\n")
+    assert "is a KITTI-360 data set" in told(tmp_path)
+
+
 def test_a_recording_with_folders_of_kittis_names_stays_one(tmp_path):
     write_recording(tmp_path / "one")
     (tmp_path / "one" / "label_2").mkdir()

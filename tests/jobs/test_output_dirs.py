@@ -157,6 +157,17 @@ def test_results_without_a_manifest_are_not_mixed_with(tmp_path):
     assert not (tmp_path / "sightline.json").exists()
 
 
+@pytest.mark.parametrize("parts", [("training/calib",), ("images", "calibration")])
+def test_a_data_set_is_no_output_folder(tmp_path, parts):
+    for part in parts:
+        (tmp_path / part).mkdir(parents=True)
+    with pytest.raises(
+        ValueError, match="holds a data set, with which the files of this job would"
+    ):
+        acquire_output_dir(tmp_path, SETTINGS, results=("*.png",))
+    assert not (tmp_path / MANIFEST_NAME).exists()
+
+
 @pytest.mark.parametrize("has_hard_links", [True, False])
 def test_a_file_is_created_once(tmp_path, monkeypatch, has_hard_links):
     def refuse(*_):

@@ -51,6 +51,13 @@ def test_nothing_is_written_into_a_data_set_however_it_is_named(tree, data, outp
         check_outputs({"--out": tree / output}, data=[tree / data])
 
 
+def test_nothing_is_written_among_the_shards_of_which_one_is_given(tmp_path):
+    for name in ("000000.tar", "000000.json"):
+        (tmp_path / name).write_text("shard")
+    with pytest.raises(ValueError, match="would change the data set"):
+        check_outputs({"--json": tmp_path / "000001.json"}, data=[tmp_path / "000000.tar"])
+
+
 @pytest.mark.parametrize("output", ["report.json", "KITTI-report", "found/report.json", "two.bin"])
 def test_what_lies_beside_a_data_set_may_be_written(tree, output):
     check_outputs({"--out": tree / output, "--json": None}, data=[tree / "KITTI", None])

@@ -86,6 +86,13 @@ def test_files_of_others_are_recognised_by_their_suffix(tmp_path):
     assert perception.depth is None
 
 
+def test_results_in_the_folder_data_are_told(tmp_path):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "000000.txt").touch()
+    with pytest.raises(ValueError, match=r"they are in .*/data, as KITTI's own program writes"):
+        open_results([tmp_path])
+
+
 @pytest.mark.parametrize("folder", ["nowhere", "empty"])
 def test_folders_without_results_are_refused(tmp_path, folder):
     (tmp_path / "empty").mkdir()

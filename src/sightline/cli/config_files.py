@@ -3,6 +3,7 @@
 import difflib
 import inspect
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ def with_config_first(arguments: Sequence[str], commands: Mapping[str, Any]) -> 
 
     Raises:
         FileError: A file has a setting that the command does not take.
-        ValueError: A file stands before the command.
+        ValueError: A file stands before the command, or is its output or another input, too.
     """
     command: Any = commands
     num_names = 0
@@ -38,6 +39,7 @@ def with_config_first(arguments: Sequence[str], commands: Mapping[str, Any]) -> 
     given, others = _split(arguments[num_names:])
     for path in given:
         _check_keys(Path(path), command)
+        _check_alone(Path(path), others)
     return [*arguments[:num_names], *(f"{_OPTION}={path}" for path in given), *others]
 
 
@@ -80,8 +82,29 @@ def check_settings_files(words: Sequence[str]) -> None:
 
 
 def _check_keys(path: Path, command: Any) -> None:  # noqa: ANN401 - any function
+    if path.is_fifo() and not str(path).startswith(("/dev/fd/", "/proc/")):
+        raise FileError(path, "is a pipe, which might never be written to", "give a file")
     if path.is_file():  # a pipe can be read once; a missing file is refused by the parser
         _check_names(path, _read(path), command)
+
+
+def _check_alone(path: Path, words: Sequence[str]) -> None:
+    """Refuse a file of settings that is also an output or another input."""
+    if not path.is_file():
+        return
+    settings = _read(path)
+    values = [str(each) for each in settings.values()] if isinstance(settings, dict) else []
+    values += [word.partition("=")[2] if word.startswith("--") else word for word in words]
+    for value in values:
+        with suppress(OSError, ValueError):  # no path, such as a text that is too long
+            if value and path.samefile(value):
+                break
+    else:
+        return
+    raise ValueError(
+        f"{_OPTION} {path} is also {shortened(value)} among the other arguments, so that it might "
+        "be replaced; give another path for one"
+    )
 
 
 def _read(path: Path) -> object:

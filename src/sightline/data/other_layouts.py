@@ -76,6 +76,7 @@ def no_data_set(path: Path) -> Problem:
     layouts = (
         _odometry,
         _tracking,
+        _kitti_360,
         _uncalibrated,
         source_to_import,
         _unread,
@@ -176,6 +177,21 @@ def _tracking(path: Path) -> Problem | None:
                 "camera_from_lidar, R_rect times Tr_velo_cam (both filled up to 4x4)",
             )
     return None
+
+
+def _kitti_360(path: Path) -> Problem | None:
+    if not any((path / name).is_dir() for name in ("data_2d_raw", "data_3d_raw")):
+        return None
+    return Problem(
+        path=path,
+        problem="is a KITTI-360 data set, with pictures, sweeps and calibrations of all drives "
+        "in folders of their own",
+        remedy="make each drive a recording (docs/recordings.md): its pictures, image_00/data_rect "
+        "below data_2d_raw, in images, its sweeps, velodyne_points/data below data_3d_raw, in "
+        "points, and calibration.yaml with camera_matrix, P_rect_00 of perspective.txt, and "
+        "camera_from_lidar, R_rect_00 times the inverse of calib_cam_to_velo.txt (both filled up "
+        "to 4x4)",
+    )
 
 
 def _uncalibrated(path: Path) -> Problem | None:

@@ -103,7 +103,7 @@ def sweep_digest(sample: CameraLidarSample) -> str:
         ValueError: The sample has no sweep.
     """
     if sample.points is None:
-        raise ValueError(f"sample {sample.sample_id} has no sweep; give data with velodyne files")
+        raise ValueError(f"sample {sample.sample_id} has no sweep; give data with point clouds")
     digest = hashlib.sha256(sample.points.contiguous().numpy().tobytes())
     digest.update(f"{sample.image_size} {sample.all_around}".encode())
     calibration = sample.calibration

@@ -76,7 +76,7 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
     if points is None:
         raise ValueError(
             f"sample {sample.sample_id} has no sweep, so nothing can be detected; give data with "
-            "velodyne files"
+            "point clouds"
         )
     check_finite_points(sample)
     return replace(sample, points=points[points_in_view(sample)]) if config.in_view else sample

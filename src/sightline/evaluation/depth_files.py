@@ -54,8 +54,8 @@ def match_depth_files(
             scored = other or "a folder with the truth of fewer images"
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true.files)} images with "
-                f"ground truth in {truth} ({describe_absent(missing)}){_others(files, true)}: "
-                f"predict them, or score against {scored}"
+                f"ground truth in {truth} ({describe_absent(missing)})"
+                f"{_others(folder, files, true)}: predict them, or score against {scored}"
             )
     frames = [
         DepthFiles(name, predicted[name], path, given.get(name))
@@ -98,11 +98,11 @@ def _as_named(maps: _Maps, true: _Maps) -> Mapping[str, Path]:
     return maps.files
 
 
-def _others(files: Mapping[str, Path], true: _Maps) -> str:
+def _others(folder: Path, files: Mapping[str, Path], true: _Maps) -> str:
     """Describe maps of which none has the name of a frame with ground truth."""
     if not files.keys().isdisjoint(true.files):
         return ""
-    name = shortened(min(files.values()).name)
+    name = shortened(min(files.values()).relative_to(folder).as_posix())
     return f", as none of its {len(files):,} maps, such as {name}, has the name of one"
 
 

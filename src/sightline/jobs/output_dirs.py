@@ -13,7 +13,7 @@ from sightline.files.byte_source import check_no_address
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened, shortened_pair
 from sightline.files.problem import escaped
-from sightline.files.shard_index import MANIFEST, read_manifest
+from sightline.files.shard_index import MANIFEST, index_path, read_manifest
 
 KITTI_SPLITS: Final = ("training", "testing")
 """Folders of KITTI's object data set; an output in one lies inside the data set, too."""
@@ -148,6 +148,11 @@ def _is_claimed(
     if not path.exists():
         if has_results:
             raise ValueError(_refusal(folder, f"data without a {manifest_name}", manifest_name))
+        if _holds_sensors(folder) or any(map(_has_part, (folder / s for s in KITTI_SPLITS))):
+            raise ValueError(
+                f"{folder} holds a data set, with which the files of this job would mix; name "
+                "another output folder"
+            )
         return False
     existing = _manifest_text(path)
     if existing != _manifest(settings):
@@ -265,21 +270,28 @@ def _data_root(data: Path) -> Path:
             drive = maps.parent
             return drive.parent if drive.parent.name in _DRIVE_SPLITS else drive
     is_part = data.name in _PARTS and _is_data_set(data.parent)
-    return data.parent if is_part else data
+    is_shard = data.suffix == ".tar" and index_path(data).is_file()
+    return data.parent if is_part or is_shard else data
 
 
 def is_split(folder: Path) -> bool:
     """Check if a folder is a split of an object tree, which may be packed into shards."""
     if folder.name not in KITTI_SPLITS:
         return False
-    has_part = any((folder / each).is_dir() for each in _SPLIT_PARTS)
-    return has_part or (folder.parent / MANIFEST).is_file()
+    return _has_part(folder) or (folder.parent / MANIFEST).is_file()
+
+
+def _has_part(split: Path) -> bool:
+    return any((split / each).is_dir() for each in _SPLIT_PARTS)
 
 
 def _is_data_set(folder: Path) -> bool:
     """Check if a folder is a data set: has shards, or images or clouds with a calibration."""
-    if (folder / MANIFEST).is_file():
-        return True
+    return (folder / MANIFEST).is_file() or _holds_sensors(folder)
+
+
+def _holds_sensors(folder: Path) -> bool:
+    """Check if a folder has images or clouds with a calibration."""
     has_sensor = any((folder / each).is_dir() for each in _SENSORS)
     return has_sensor and any((folder / each).exists() for each in _CALIBRATIONS)
 

@@ -78,6 +78,11 @@ def open_results(folders: Sequence[Path]) -> tuple[ResultFolder, ...]:
                 "is damaged, so that the results beside it are unknown",
                 "write them again, or give the folder of each task",
             )
+        if not found and any((folder / "data").glob("*.txt")):
+            raise ValueError(
+                f"{folder} holds no results that can be drawn: they are in {folder / 'data'}, as "
+                "KITTI's own program writes them; name that folder"
+            )
         if not found:
             raise ValueError(
                 f"{folder} holds no results that can be drawn; give a folder that perceive or "

@@ -43,6 +43,21 @@ def test_bag_files_that_are_not_read_are_told(tmp_path, drive, name, has_metadat
     assert (f"warning: 1 bag files in the folder are not read, e.g. {name}" in report) == is_told
 
 
+def test_the_other_files_of_a_split_bag_are_told_where_one_is_given(tmp_path, drive):
+    shutil.copytree(drive, tmp_path / "drive")
+    first = mcap_of(tmp_path / "drive")
+    import_recording(first, tmp_path / "alone")  # a warning would be an error
+    shutil.copy(first, tmp_path / "drive" / "second.mcap")
+    metadata = tmp_path / "drive" / "metadata.yaml"
+    listed = f"  - {first.name}\n"
+    assert listed in metadata.read_text()
+    metadata.write_text(metadata.read_text().replace(listed, f"{listed}  - second.mcap\n"))
+    with pytest.warns(
+        UserWarning, match=r"one of 2 files of a drive, .*; the others, e\.g\. second\.mcap, are"
+    ):
+        assert import_recording(first, tmp_path / "out").written == 2
+
+
 def test_bags_in_folders_below_one_are_told(tmp_path, drive):
     shutil.copytree(drive, tmp_path / "drive")
     assert "folders below" not in str(import_recording(tmp_path / "drive", tmp_path / "sound"))

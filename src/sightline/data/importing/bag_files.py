@@ -2,6 +2,7 @@
 
 import bz2
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -115,6 +116,21 @@ def unread_bag(path: Path) -> FileError | None:
             remedy = f"{_NOT_CLOSED_REMEDY}, and rename it without {_OPEN_SUFFIX}"
             return FileError(each, "is a recording that was not closed", remedy)
     return None
+
+
+def warn_of_other_parts(file: Path) -> None:
+    """Warn of further files of a split bag, of which one is read alone."""
+    try:
+        parts = [each.name for each in _listed_files(file.parent).paths]
+    except (OSError, ValueError):  # without metadata, or with another bag's
+        return
+    others = [name for name in parts if name != file.name]
+    if others and len(others) < len(parts):
+        warnings.warn(
+            f"{file} is one of {len(parts)} files of a drive, by {METADATA_NAME} beside it; the "
+            f"others, e.g. {shortened(others[0])}, are not read; give the folder {file.parent}",
+            stacklevel=3,
+        )
 
 
 def describe_unread_files(bag: Path) -> tuple[str, ...]:

@@ -19,7 +19,12 @@ from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import calibration_of_bag, with_plausible_tilt
 from sightline.data.importing.bag_clocks import Clock
-from sightline.data.importing.bag_files import bag_changed_at, describe_unread_files, size_of_bag
+from sightline.data.importing.bag_files import (
+    bag_changed_at,
+    describe_unread_files,
+    size_of_bag,
+    warn_of_other_parts,
+)
 from sightline.data.importing.bag_messages import (
     cloud_from_message,
     image_file_from_message,
@@ -99,6 +104,8 @@ def import_bag(
 ) -> ImportReport:
     """Import a drive; arguments and errors as in `import_recording`."""
     check_not_into_source(source, out)
+    if source.is_file():
+        warn_of_other_parts(source)
     notes = [*describe_unread_files(source)]
     with open_bag(source) as bag, collected_warnings(notes):
         topics = choose_topics(bag, camera_topic, lidar_topic, info_topic)

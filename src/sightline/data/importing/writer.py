@@ -78,7 +78,7 @@ class ImportReport:
         """Format the notes, then the numbers."""
         skipped = f"{self.skipped} were there already"
         return "\n".join(
-            (*map(plain_line, self.notes), f"{self.out}: {self.written} frames written, {skipped}")
+            map(plain_line, (*self.notes, f"{self.out}: {self.written} frames written, {skipped}"))
         )
 
 
