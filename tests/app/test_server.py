@@ -9,6 +9,7 @@ import threading
 import time
 import warnings
 from importlib.resources import files
+from urllib.request import urlopen
 
 import cv2
 import numpy as np
@@ -244,12 +245,15 @@ def test_a_server_that_is_told_to_end_does_not_wait_for_answers(path, capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_ctrl_c_ends_the_page_with_a_word_of_its_own():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_page_with_a_word_of_its_own(number):
     command = [sys.executable, "-m", "sightline", "serve", "--port", "0", "--no-browser"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as server:
-        assert server.stdout.readline().endswith("(Ctrl-C ends it)\n")
-        server.send_signal(signal.SIGINT)
+        address, _, hint = server.stdout.readline().partition(" ")
+        assert hint == "(Ctrl-C ends it)\n"
+        urlopen(address).close()  # the server's loop runs
+        server.send_signal(number)
         _, told = server.communicate()
-    assert (told, server.returncode) == ("sightline: the page has ended\n", 130)
+    assert (told, server.returncode) == ("sightline: the page has ended\n", 128 + number)

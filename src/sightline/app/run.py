@@ -3,10 +3,13 @@
 import errno
 import logging
 import secrets
+import signal
 import socket
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Final
 
 import uvicorn
@@ -98,7 +101,20 @@ def page_server(app: Starlette) -> uvicorn.Server:
 
 
 class _Server(uvicorn.Server):
-    """Server that drops the answers under way when it is told to end."""
+    """Server that drops the answers under way when it is told to end, also by SIGHUP."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """End by SIGHUP (a closed terminal) as by SIGTERM, unless it is ignored or in a thread."""
+        earlier = signal.getsignal(signal.SIGHUP)
+        with super().capture_signals():
+            if earlier != signal.SIG_IGN and current_thread() is main_thread():
+                signal.signal(signal.SIGHUP, self.handle_exit)
+            try:
+                yield
+            finally:  # before the signal is raised again
+                if current_thread() is main_thread():
+                    signal.signal(signal.SIGHUP, earlier)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # dropped ones are no faults
