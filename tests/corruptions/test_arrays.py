@@ -91,7 +91,10 @@ def test_points_of_half_precision_are_those_of_single_precision(kind):
         ({"points": np.ma.masked_array(POINTS, POINTS > 9)}, "points has .* values masked"),
         ({"image": np.ma.masked_array(IMAGE, IMAGE > 9)}, "image has .* values masked"),
         ({"image": torch.empty(3, 4, 3, device="meta")}, "image is a tensor on the device meta"),
-        ({"image": IMAGE.transpose(2, 0, 1)}, r"channels first: give image.transpose\(1, 2, 0\)"),
+        (
+            {"image": IMAGE.transpose(2, 0, 1)},
+            r"channels first: give np\.asarray\(image\)\.transpose\(1, 2, 0\)",
+        ),
         ({"depth": np.full((120, 400), np.inf)}, "depth must be finite"),
     ],
 )

@@ -280,7 +280,7 @@ def test_rows_that_a_masked_array_masks_are_no_echoes():
         (IMAGE / 255 * 1.2 - 0.1, r"round its levels: \(255 \* image\).round"),  # as by resizing
         (IMAGE * 1.2 - 25.0, r"round its levels: \(image\).round"),
         (IMAGE - 110.0, r"normalised: give \(image \* std \+ mean\).round\(\)"),
-        (IMAGE.transpose(2, 0, 1), "channels first: give image.transpose"),
+        (IMAGE.transpose(2, 0, 1), r"channels first: give np\.asarray\(image\)\.transpose"),
         (torch.from_numpy(IMAGE), "channels last: give image.permute"),
         (np.dstack((IMAGE, IMAGE[..., :1])), "leave its fourth channel out"),
         (IMAGE.astype(">u2"), "convert it to RGB of 8 bits"),

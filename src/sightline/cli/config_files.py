@@ -82,8 +82,6 @@ def check_settings_files(words: Sequence[str]) -> None:
 
 
 def _check_keys(path: Path, command: Any) -> None:  # noqa: ANN401 - any function
-    if path.is_fifo() and not str(path).startswith(("/dev/fd/", "/proc/")):
-        raise FileError(path, "is a pipe, which might never be written to", "give a file")
     if path.is_file():  # a pipe can be read once; a missing file is refused by the parser
         _check_names(path, _read(path), command)
 
