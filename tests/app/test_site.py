@@ -137,7 +137,7 @@ def test_a_frame_that_has_changed_is_computed_again(tmp_path, change):
     assert f"; {BUTTONS + 2} are to be computed" in before
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "sightline.json"])
+@pytest.mark.parametrize("name", ["notes.txt", "sightline.json", ".sightline-notes"])
 def test_a_folder_that_no_export_wrote_is_left_alone(tmp_path, name):
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / name).write_text('{"made_by": "somebody"}')

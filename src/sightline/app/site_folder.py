@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.files.atomic import atomic_link, atomic_write_bytes
+from sightline.files.temporary_folder import is_temporary
 from sightline.jobs.output_dirs import (
     MANIFEST_NAME,
     acquire_output_dir,
@@ -131,7 +132,7 @@ def _check_own(folder: Path) -> None:
     names = {each.name for each in folder.iterdir()}
     claim = read_claim(folder)
     is_own = claim is not None and claim.get("made_by") == SiteFolder.made_by
-    foreign = sorted(name for name in names if not name.startswith(".sightline-"))
+    foreign = sorted(name for name in names if not is_temporary(name))
     if is_own:
         foreign = [name for name in foreign if name not in _OWN_NAMES]
     if foreign:

@@ -66,8 +66,12 @@ def remove_locked(folder: Path, lock: int) -> None:
 
 def final_path(path: Path) -> Path:
     """Compute the final path of a file being written, for example in a `temporary_folder`."""
-    is_temporary = path.parent.name.startswith(_PREFIX)
-    return path.parent.parent / path.name if is_temporary else path
+    return path.parent.parent / path.name if is_temporary(path.parent.name) else path
+
+
+def is_temporary(name: str) -> bool:
+    """Test if a name is that of a temporary folder; users may have others with its prefix."""
+    return _NAME.fullmatch(name) is not None
 
 
 def _make_locked(folder: Path) -> tuple[Path, int]:
@@ -100,7 +104,7 @@ def _remove_leftovers(folder: Path) -> None:
         left = [
             entry.path
             for entry in entries
-            if _NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)
+            if is_temporary(entry.name) and entry.is_dir(follow_symlinks=False)
         ]
     for path in left:
         with contextlib.suppress(OSError):  # in use, another user's, or gone meanwhile

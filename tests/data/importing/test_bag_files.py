@@ -58,6 +58,11 @@ def test_the_other_files_of_a_split_bag_are_told_where_one_is_given(tmp_path, dr
         assert import_recording(first, tmp_path / "out").written == 2
 
 
+def test_a_line_break_in_the_name_of_the_output_forges_no_line(tmp_path, drive):
+    report = str(import_recording(drive, tmp_path / "out\nforged"))
+    assert not any(line.startswith("forged") for line in report.split("\n"))
+
+
 def test_bags_in_folders_below_one_are_told(tmp_path, drive):
     shutil.copytree(drive, tmp_path / "drive")
     assert "folders below" not in str(import_recording(tmp_path / "drive", tmp_path / "sound"))
