@@ -179,20 +179,15 @@ def test_settings_that_are_nested_deeply_or_multiply_are_refused_in_one_line(
 def test_settings_that_stand_twice_or_are_no_yaml_are_refused_with_their_line(
     tmp_path, capsys, settings, problem, is_pipe
 ):
-    path, place = tmp_path / "settings.yaml", "--config"
+    path = tmp_path / "settings.yaml"
     if is_pipe:
         os.mkfifo(path)
         threading.Thread(target=path.write_text, args=(settings,)).start()
     else:
         path.write_text(settings)
-        place = str(path)
-    try:
-        status = main(["predict", "depth-completion", "KITTI", "out", "--config", str(path)])
-    except SystemExit as end:
-        status = end.code
-    assert status == 2
+    assert main(["predict", "depth-completion", "KITTI", "out", "--config", str(path)]) == 2
     told = capsys.readouterr().err
-    assert told.startswith(f"sightline: {place}: {problem}")
+    assert told.startswith(f"sightline: {path}: {problem}")
     assert "; correct the settings" in told
 
 

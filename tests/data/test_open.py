@@ -188,6 +188,16 @@ def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
         open_dataset(tmp_path / "depth", sample_list=["x"], parts=("points",))
 
 
+def test_a_split_that_is_a_link_to_another_disk_is_a_split(tmp_path):
+    write_object_tree(tmp_path, 1)
+    split = tmp_path / "training"
+    split.rename(tmp_path / "elsewhere")
+    split.symlink_to("elsewhere")
+    assert not list(check_tree(split))
+    write_shards(split, tmp_path / "shards", frames_per_shard=1)
+    assert open_dataset(split).sample_ids == open_dataset(tmp_path / "shards").sample_ids
+
+
 def test_an_object_split_under_another_name_is_refused_with_the_remedy(tmp_path):
     write_object_tree(tmp_path, 1)
     (tmp_path / "training").rename(tmp_path / "mine")

@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 import torch
 
@@ -5,7 +7,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import Detections3D
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, check_points
 from tests.geometry.cameras import kitti_like_calibration
 
 
@@ -76,3 +78,24 @@ def test_shapes_are_checked_in_production_too():
             image_size=(375, 1242),
             points=torch.zeros(5, 3),
         )
+
+
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        ([1, 1, 1, 255], "intensities from 76.5 to 255, expected 0 to 1"),
+        ([1000, 1000, 1000, 1], "probably in millimetres"),
+    ],
+)
+def test_points_of_another_scale_are_refused_with_the_samples_name(scales, said):
+    points = torch.tensor([[10.0, 1, -1.5, 0.3], [20, -3, 0.5, 1]]).repeat(200, 1)
+    sample = CameraLidarSample(
+        sample_id="f7",
+        calibration=kitti_like_calibration(),
+        image_size=(4, 6),
+        points=points,
+    )
+    check_points(sample)
+    wrong = dataclasses.replace(sample, points=points * torch.tensor(scales).float())
+    with pytest.raises(ValueError, match=f"the sweep of sample f7 has .*{said}"):
+        check_points(wrong)

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from sightline.cli.parser import load_value
-from sightline.files.plain_text import read_text, shortened
+from sightline.files.plain_text import read_piped_text, read_text, shortened
 from sightline.files.problem import FileError
 
 _OPTION = "--config"
@@ -37,10 +37,8 @@ def with_config_first(arguments: Sequence[str], commands: Mapping[str, Any]) -> 
         _refuse_before_command(*arguments[: num_names + 1])
         return list(arguments)
     given, others = _split(arguments[num_names:])
-    for path in given:
-        _check_keys(Path(path), command)
-        _check_alone(Path(path), others)
-    return [*arguments[:num_names], *(f"{_OPTION}={path}" for path in given), *others]
+    settings = [_checked(path, others, command) for path in map(Path, given)]
+    return [*arguments[:num_names], *(f"{_OPTION}={each}" for each in settings), *others]
 
 
 def _refuse_before_command(*words: str) -> None:
@@ -81,16 +79,22 @@ def check_settings_files(words: Sequence[str]) -> None:
             _read(path)
 
 
-def _check_keys(path: Path, command: Any) -> None:  # noqa: ANN401 - any function
-    if path.is_file():  # a pipe can be read once; a missing file is refused by the parser
-        _check_names(path, _read(path), command)
+def _checked(path: Path, words: Sequence[str], command: Any) -> Path | str:  # noqa: ANN401
+    """Check a file of settings for the parser; a pipe's text, as that can be read once."""
+    if path.is_file():
+        settings = _read(path)
+        _check_names(path, settings, command)
+        _check_alone(path, settings, words)
+    elif path.is_fifo():
+        text = read_piped_text(path)
+        settings = _parsed(path, text)
+        _check_names(path, settings, command)
+        return text if isinstance(settings, dict) else ""
+    return path  # a missing one is refused by the parser
 
 
-def _check_alone(path: Path, words: Sequence[str]) -> None:
+def _check_alone(path: Path, settings: object, words: Sequence[str]) -> None:
     """Refuse a file of settings that is also an output or another input."""
-    if not path.is_file():
-        return
-    settings = _read(path)
     values = [str(each) for each in settings.values()] if isinstance(settings, dict) else []
     values += [word.partition("=")[2] if word.startswith("--") else word for word in words]
     for value in values:
@@ -106,8 +110,12 @@ def _check_alone(path: Path, words: Sequence[str]) -> None:
 
 
 def _read(path: Path) -> object:
+    return _parsed(path, read_text(path))
+
+
+def _parsed(path: Path, text: str) -> object:
     try:
-        return load_value(read_text(path))
+        return load_value(text)
     except yaml.YAMLError as error:
         raise FileError(path, str(error), "correct the settings") from error
 

@@ -249,12 +249,12 @@ def _path_in_files(name: str, files: Sequence[Any] | None) -> Path | None:
     Raises:
         argparse.ArgumentError: A file is a pipe, which can be read once.
     """
-    for file in map(Path, map(str, reversed(files or ()))):
-        if not file.is_file():
+    for file in reversed(files or ()):
+        if file is None:
             raise argparse.ArgumentError(
-                None, f"{file} is a pipe: give {name.upper()} on the command line, or a file"
+                None, f"--config is a pipe: give {name.upper()} on the command line, or a file"
             )
-        settings = load_value(read_text(file))
+        settings = load_value(read_text(Path(str(file))))
         if isinstance(settings, dict) and settings.get(name) is not None:
             return Path(str(settings[name]))
     return None

@@ -58,7 +58,8 @@ def misnamed_split(path: Path) -> Problem | None:
 
     None: it has KITTI's name, or is no object split.
     """
-    if path.resolve().name in KITTI_SPLITS or list_drive(path).calibration is not None:
+    names = (path.name, path.resolve().name)  # a split may be a link to another disk
+    if any(name in KITTI_SPLITS for name in names) or list_drive(path).calibration is not None:
         return None  # a raw drive may have a folder image_2
     if not any((path / name).is_dir() for name in ("image_2", "calib")):
         return None

@@ -245,8 +245,9 @@ def _check_is_whole(data: Path) -> None:
 
 def _find_sources(data: Path) -> _Sources:
     root, below = data, ""
-    if is_split(data.resolve()):  # readers know a split by its folder's name
-        root, below = data.resolve().parent, data.resolve().name
+    split = next(filter(is_split, (data, data.resolve())), None)  # either may be a link's name
+    if split is not None:  # readers know a split by its folder's name
+        root, below = split.parent, split.name
     frames: dict[tuple[str, str], list[str]] = {}
     others: list[str] = []
     for path in files_below(root, below):
@@ -281,9 +282,9 @@ def files_below(root: Path, folder: str = "", above: frozenset[str] = frozenset(
         if entry.name.startswith("."):
             continue
         path = f"{folder}/{entry.name}" if folder else entry.name
-        if entry.is_dir():
+        if entry.is_dir() and not _is_sensor(path):
             yield from files_below(root, path, above | {real})
-        else:  # a pipe or a link to nothing is named when it is read
+        else:  # a folder in a cloud's place, a pipe or a link to nothing is named when it is read
             yield path
 
 

@@ -16,7 +16,7 @@ from sightline.geometry.mount import MAX_RANGE_M
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map
 from sightline.structures.arrays import image_remedy, warn_of_levels
-from sightline.structures.sample import CameraLidarSample, check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_points
 
 COORDINATES: Final = 3
 """Number of a point's coordinates."""
@@ -36,7 +36,7 @@ def sparse_depth_of(
     """Project a sample's sweep into its image; without a sweep, an empty map if that will do.
 
     Raises:
-        ValueError: The sweep is missing, or has non-finite points.
+        ValueError: The sweep is missing, or has points that `check_points` refuses.
     """
     if sample.points is None:
         if sample.image is not None and not needs_sweep:
@@ -46,7 +46,7 @@ def sparse_depth_of(
             f"sample {sample.sample_id} has no sweep, so there is no depth to complete; give data "
             f"with {wanted}"
         )
-    check_finite_points(sample)
+    check_points(sample)
     return sparse_depth_map(sample.points, sample.calibration, sample.image_size)
 
 

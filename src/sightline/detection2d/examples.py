@@ -37,7 +37,7 @@ from sightline.geometry.projection import DHI_RANGE_M
 from sightline.geometry.ranges import check_range
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.level import level_sample
-from sightline.structures.sample import CameraLidarSample, check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_points
 from sightline.training.data import SamplePreparation, check_agrees
 
 _MIN_OVERLAPS = (0.1, 0.3, 0.5, 0.7, 0.9, 0.0)  # the last one: any patch
@@ -270,14 +270,14 @@ class DetectionExamples(SamplePreparation):
         """Prepare a `training_example` or a `scoring_example`.
 
         Raises:
-            ValueError: The sample has no labels, or points that are not finite.
+            ValueError: The sample has no labels, or points that `check_points` refuses.
         """
         if sample.objects is None:
             raise ValueError(
                 f"sample {sample.sample_id} has no labels to train on or to score against; give "
                 "data with label_2"
             )
-        check_finite_points(sample)
+        check_points(sample)
         if training:
             return training_example(sample, self.settings, self.faults, rng)
         return scoring_example(sample, self.settings)

@@ -21,7 +21,7 @@ from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
 from sightline.structures.predictions import Detections2D
-from sightline.structures.sample import CameraLidarSample, check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_points
 
 
 @checked()
@@ -106,8 +106,8 @@ class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
         """Detect in a sample.
 
         Raises:
-            ValueError: The sample lacks all parts that the network takes, or has points that are
-                not finite.
+            ValueError: The sample lacks all parts that the network takes, or has points that
+                `check_points` refuses.
         """
         if all(getattr(sample, part) is None for part in self.parts):
             needed = " nor ".join(
@@ -117,7 +117,7 @@ class DetectionPredictor(NetworkPredictor[Detector, DetectionResult]):
                 f"sample {sample.sample_id} has no {needed}, so nothing can be detected; give "
                 "data with a sensor that the network takes"
             )
-        check_finite_points(sample)
+        check_points(sample)
         views = views_of(
             sample, self._config.input, stride=self._stride, smallest_px=self._smallest_px
         )

@@ -141,7 +141,7 @@ class Detection3DPredictor(NetworkPredictor[Detector3D, Detections3D]):
         """Detect in a sample's sweep; warn if its axes seem wrong for the LiDAR frame.
 
         Raises:
-            ValueError: The sample has no sweep, or points that are not finite.
+            ValueError: The sample has no sweep, or points that `check_points` refuses.
         """
         if sample.all_around and self._config.pillars is not None:
             return self._align(self._detect_around(sample), sample)

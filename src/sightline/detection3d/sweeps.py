@@ -18,7 +18,7 @@ from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.structures.labels import LOOK_ALIKES, ObjectLabels, check_look_alikes
 from sightline.structures.level import level_detections, level_sample, mounted_detections
 from sightline.structures.predictions import Detections3D
-from sightline.structures.sample import CameraLidarSample, check_finite_points
+from sightline.structures.sample import CameraLidarSample, check_points
 
 Sweep = Float32[Tensor, "_ 4"]
 """LiDAR frame, raised by the settings' height offset: x, y, z [m], reflectance."""
@@ -70,7 +70,7 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
     """Keep the points inside the camera image, if the settings require it.
 
     Raises:
-        ValueError: The sample has no sweep, or a point of it is not finite.
+        ValueError: The sample has no sweep, or points that `check_points` refuses.
     """
     points = sample.points
     if points is None:
@@ -78,7 +78,7 @@ def cut_to_view(sample: CameraLidarSample, config: SweepConfig) -> CameraLidarSa
             f"sample {sample.sample_id} has no sweep, so nothing can be detected; give data with "
             "point clouds"
         )
-    check_finite_points(sample)
+    check_points(sample)
     return replace(sample, points=points[points_in_view(sample)]) if config.in_view else sample
 
 

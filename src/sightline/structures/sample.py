@@ -13,6 +13,7 @@ from torch import Tensor
 from sightline.geometry.arguments import plain_size, plain_text
 from sightline.geometry.calibration import Calibration, plain_calibration
 from sightline.geometry.checked import checked
+from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import level_ahead
 from sightline.geometry.wrong_types import named_arguments
@@ -213,11 +214,12 @@ def _image_size(
     return size
 
 
-def check_finite_points(sample: CameraLidarSample) -> None:
-    """Refuse a sweep with non-finite points: one NaN would spread through a network.
+def check_points(sample: CameraLidarSample) -> None:
+    """Check a sample's sweep: one NaN would spread through a network, other scales mislead it.
 
     Raises:
-        ValueError: A coordinate or a reflectance is NaN or infinite.
+        ValueError: A coordinate or a reflectance is NaN or infinite, or the points are no cloud in
+            metres with reflectances in [0, 1] (`cloud_fault`).
     """
     if sample.points is None:
         return
@@ -227,6 +229,12 @@ def check_finite_points(sample: CameraLidarSample) -> None:
             f"the sweep of sample {sample.sample_id} holds {int((~is_finite).sum())} points with "
             f"NaN or infinite values, the first is point {int(is_finite.int().argmin())} of "
             f"{len(sample.points)} (from 0); leave them out"
+        )
+    fault = cloud_fault(sample.points.numpy(), 1.0)
+    if fault is not None:
+        raise ValueError(
+            f"the sweep of sample {sample.sample_id} has {fault[0]}; give x, y, z in metres and "
+            "reflectances in [0, 1], as CameraLidarSample.from_arrays makes them"
         )
 
 
