@@ -60,8 +60,6 @@ def test_files_of_settings_before_the_command_are_refused(capsys, words, example
         ("health", "data: D\nsample_list: 010", "sample_list in a file of settings: expected a na"),
         ("robustness", "data: D\ncases: [1.50]", "expected a name, got what YAML reads as another"),
         ("robustness", "out_folder: 010", "out_folder in a file of settings: expected a name"),
-        ("check", "", "--config names a file without settings"),
-        ("check", "[a, b]", "--config names a file without settings"),
     ],
 )
 def test_values_that_yaml_reads_as_others_are_refused(tmp_path, capsys, command, settings, told):
@@ -71,6 +69,21 @@ def test_values_that_yaml_reads_as_others_are_refused(tmp_path, capsys, command,
     error = capsys.readouterr().err
     assert told in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("settings", ["", "[a, b]", "# a comment alone", "word"])
+@pytest.mark.parametrize("command", ["check", "fit"])
+def test_a_file_without_settings_is_named(tmp_path, capsys, command, settings):
+    path = tmp_path / "c.yaml"
+    path.write_text(settings)
+    assert main([command, "--config", str(path)]) == 2
+    assert capsys.readouterr().err.startswith(f"sightline: {path}: holds no settings; write a line")
+
+
+def test_settings_on_the_command_line_itself_that_are_none_are_refused(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["check", "--config=[a, b]"])
+    assert "--config names a file without settings" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

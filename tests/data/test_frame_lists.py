@@ -84,6 +84,7 @@ def test_an_empty_list_and_a_frame_named_twice_are_refused_by_name(tmp_path):
     [
         ("# val", "'# val' in the list is a comment, which lists cannot hold; remove it"),
         ("000000.png", "'000000.png' in the list has the ending of a file; write 000000"),
+        ("/kitti/000000.png", "'/kitti/000000.png' in the list has the ending of a file; write 0"),
         (
             "000000 000001",
             "'000000 000001' in the list is no single name; write one frame per line",

@@ -126,7 +126,9 @@ def test_a_file_without_permission_is_not_called_damaged(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr("pathlib.Path.open", refuse)
-    with pytest.raises(ValueError, match="safetensors: permission denied; give this user access"):
+    with pytest.raises(
+        ValueError, match="safetensors: cannot be read: permission denied; give this user access"
+    ):
         read_weights(path)
 
 
@@ -287,6 +289,13 @@ def test_a_network_takes_no_weights_of_another(changes, message):
     tensors = {**network.state_dict(), **changes}
     with pytest.raises(ValueError, match=message):
         fill_network(network, {name: each for name, each in tensors.items() if each is not None})
+
+
+@pytest.mark.parametrize("name", ["w.safetensors", "w.ckpt"])
+def test_a_pointer_of_git_lfs_is_named(tmp_path, name):
+    (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\n")
+    with pytest.raises(ValueError, match="is a pointer of Git LFS, not the file itself; fetch it"):
+        read_weights(tmp_path / name)
 
 
 def test_the_folder_of_a_run_is_refused_with_the_file_in_it(tmp_path):

@@ -80,6 +80,25 @@ def test_resuming_another_network_is_refused_with_the_difference(frames, trained
         toy.trainer(tmp_path).fit(module, datamodule=toy.data(frames), ckpt_path=trained[1])
 
 
+@pytest.mark.parametrize("change", ["missing", "superfluous", "larger"])
+def test_resuming_the_network_of_another_version_is_refused(frames, trained, tmp_path, change):
+    checkpoint = torch.load(trained[1], weights_only=True)
+    state = checkpoint["state_dict"]
+    name = min(state)
+    if change == "superfluous":
+        state["network.old"] = torch.zeros(2)
+    elif change == "larger":
+        state[name] = torch.cat([state[name], state[name]])
+    else:
+        del state[name]
+    torch.save(checkpoint, tmp_path / "other.ckpt")
+    named = "network.old" if change == "superfluous" else name
+    with pytest.raises(ValueError, match=f"does not fit this version's network.* {named} is"):
+        toy.trainer(tmp_path).fit(
+            toy.module(), datamodule=toy.data(frames), ckpt_path=tmp_path / "other.ckpt"
+        )
+
+
 def test_weights_of_another_task_are_refused(tmp_path):
     write_weights(tmp_path / "w", {}, task="other", config={}, provenance={})
     with pytest.raises(ValueError, match="is of task other, expected toy"):

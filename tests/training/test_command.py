@@ -240,6 +240,10 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named, is_recipe_last)
         (["--config", "toy", "--data.root", "/gone"], "/gone: does not exist"),
         (["--config", "toy", "--checkpoint_every_n_steps", "0"], "must be at least 1, got 0"),
         (["--config", "toy", "--ckpt_path", "last"], "there is no checkpoint runs/toy/last.ckpt"),
+        (["--config", "toy", "--ckpt_path", "toy.safetensors"],
+         "^toy.safetensors cannot be read as safetensors"),
+        (["--config", "toy", "--ckpt_path", "toy.ckpt"], "^toy.ckpt: is a pointer of Git LFS"),
+        (["--config", "toy", "--trainer.max_epochs"], "--trainer.max_epochs: expected one arg"),
         (["--config", "toy", "--ckpt_path", "depth-best"],
          "^depth-best holds weights without the state of a training; .*initial_weights depth-best"),
         (["--config", "toy", "--model", "tests.training.toy.Nothing"], "Nothing"),
@@ -255,6 +259,8 @@ def test_the_resolved_settings_are_shown(recipes, capsys, named, is_recipe_last)
     ],
 )  # fmt: skip
 def test_what_cannot_be_trained_is_refused_in_one_sentence(recipes, arguments, expected):
+    Path("toy.safetensors").touch()
+    Path("toy.ckpt").write_text("version https://git-lfs.github.com/spec/v1\n")
     with pytest.raises(ValueError, match=expected) as refused:
         run_training("fit", arguments, recipes)
     assert "\n" not in str(refused.value)

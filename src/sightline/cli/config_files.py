@@ -72,7 +72,7 @@ def check_settings_files(words: Sequence[str]) -> None:
     """Read the files of settings among a training's words: its parser names none in errors.
 
     Raises:
-        FileError: A file cannot be read, or is no YAML.
+        FileError: A file cannot be read, is no YAML, or has no settings.
     """
     for path in map(Path, _split(words)[0]):
         if path.is_file():
@@ -87,15 +87,14 @@ def _checked(path: Path, words: Sequence[str], command: Any) -> Path | str:  # n
         _check_alone(path, settings, words)
     elif path.is_fifo():
         text = read_piped_text(path)
-        settings = _parsed(path, text)
-        _check_names(path, settings, command)
-        return text if isinstance(settings, dict) else ""
+        _check_names(path, _parsed(path, text), command)
+        return text
     return path  # a missing one is refused by the parser
 
 
-def _check_alone(path: Path, settings: object, words: Sequence[str]) -> None:
+def _check_alone(path: Path, settings: Mapping[str, object], words: Sequence[str]) -> None:
     """Refuse a file of settings that is also an output or another input."""
-    values = [str(each) for each in settings.values()] if isinstance(settings, dict) else []
+    values = [str(each) for each in settings.values()]
     values += [word.partition("=")[2] if word.startswith("--") else word for word in words]
     for value in values:
         with suppress(OSError, ValueError):  # no path, such as a text that is too long
@@ -109,20 +108,23 @@ def _check_alone(path: Path, settings: object, words: Sequence[str]) -> None:
     )
 
 
-def _read(path: Path) -> object:
+def _read(path: Path) -> Mapping[str, object]:
     return _parsed(path, read_text(path))
 
 
-def _parsed(path: Path, text: str) -> object:
+def _parsed(path: Path, text: str) -> Mapping[str, object]:
     try:
-        return load_value(text)
+        settings = load_value(text)
     except yaml.YAMLError as error:
         raise FileError(path, str(error), "correct the settings") from error
+    if not isinstance(settings, dict) or not settings:
+        raise FileError(path, "holds no settings", "write a line for each, as in workers: 2")
+    return settings
 
 
-def _check_names(path: Path, settings: object, command: Any) -> None:  # noqa: ANN401
+def _check_names(path: Path, settings: Mapping[str, object], command: Any) -> None:  # noqa: ANN401
     known = list(inspect.signature(command).parameters)
-    for key in settings if isinstance(settings, dict) else ():
+    for key in settings:
         if key not in known:
             close = difflib.get_close_matches(str(key).replace("-", "_"), known, n=1)
             remedy = f"perhaps {close[0]} is meant" if close else f"expected {', '.join(known)}"

@@ -10,7 +10,7 @@ from typing import Final
 
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import read_piped_text, read_text, shortened
-from sightline.files.problem import shown_place
+from sightline.files.problem import FileError, shown_place
 from sightline.files.safe_names import relative_parts
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import wrong_type
@@ -57,7 +57,13 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
     if not frames:
         raise ValueError(f"{source} names no frames, expected one per line; name another list")
     for number, frame in enumerate(frames, start=1):
-        relative_parts(frame, source, f"frame {number}")  # becomes part of files' names
+        try:
+            relative_parts(frame, source, f"frame {number}")  # becomes part of files' names
+        except FileError as error:
+            doubt = doubt_about_names([frame])
+            if doubt is None:
+                raise
+            raise ValueError(f"{source}: {doubt}") from error
     if len(set(frames)) < len(frames):
         repeated = next(frame for frame, count in Counter(frames).items() if count > 1)
         raise ValueError(

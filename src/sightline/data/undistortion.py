@@ -32,8 +32,11 @@ _LENS_NAMES: Final[dict[str, LensModel]] = {
 }
 """Names of the models in ROS, OpenCV and Kalibr, lower case, letters and digits alone."""
 
-_STRAIGHT_NAMES: Final = ("none", "pinhole", "perspective")
-"""Names of models without distortion."""
+_STRAIGHT_NAMES: Final = (
+    *("none", "pinhole", "perspective"),
+    *("brown_conrady", "inverse_brown_conrady", "modified_brown_conrady"),  # of RealSense
+)
+"""Names of models that do not distort with zeros alone, or at all."""
 
 LENS_REMEDY: Final = (
     "give the coefficients in the order of the model (k1, k2, p1, p2, k3 ..), as calibrated for "

@@ -7,6 +7,7 @@ from pathlib import Path
 from lightning.pytorch.utilities import rank_zero_only
 from torch import Tensor, nn
 
+from sightline.files.plain_text import shortened
 from sightline.files.settings import ConfigT, NetworkConfig, differing_settings, parse_settings
 from sightline.files.weights import Weights, fill_network, read_weights
 
@@ -109,6 +110,22 @@ def check_network(
             f"{source} holds a network of other settings ({differing}); give the settings of its "
             "run: --config RUN_FOLDER/config.yaml"
         )
+
+
+def check_shapes(given: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:
+    """Refuse the tensors of a checkpoint with other names or shapes than the network's.
+
+    Raises:
+        ValueError: A tensor is missing, superfluous or of another shape; names the first.
+    """
+    for name in sorted(given.keys() | expected.keys()):
+        shapes = [list(each[name].shape) for each in (given, expected) if name in each]
+        if len(shapes) < 2 or shapes[0] != shapes[1]:
+            raise ValueError(
+                "the checkpoint does not fit this version's network, although its settings do: the "
+                f"tensor {shortened(name)} is missing, superfluous or of another shape; resume it "
+                "with the version of sightline that wrote it, or start a new run"
+            )
 
 
 def _check_task(source: str, task: str, task_name: str) -> None:

@@ -11,7 +11,13 @@ from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.callbacks import Checkpoint
 
 from sightline.files.atomic import atomic_write_bytes
-from sightline.files.weights_header import has_weights, shipped_names
+from sightline.files.weights_header import (
+    check_no_pointer,
+    find_weights,
+    has_weights,
+    read_description,
+    shipped_names,
+)
 from sightline.training.interruption import DeferredInterruption
 
 _LAST = "last.ckpt"
@@ -28,7 +34,10 @@ def check_checkpoint_file(path: Path, *, is_given: bool = True) -> None:
     Raises:
         ValueError: There is no such file, or it is the folder of a run, or weights alone.
     """
+    if path.is_file():
+        check_no_pointer(path)
     if str(path) in shipped_names() or (path.suffix == ".safetensors" and has_weights(path)):
+        read_description(find_weights(path))  # of a damaged file, its own fault
         raise ValueError(
             f"{path} holds weights without the state of a training; name the .ckpt of a run with "
             f"--ckpt_path, or take the weights by --model.init_args.initial_weights {path}"

@@ -150,7 +150,8 @@ class _Parser(LightningArgumentParser):
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
         if isinstance(ex, ArgumentError):
-            message = ex.message
+            is_named = ex.argument_name is None or ex.message.startswith("Parser key")
+            message = ex.message if is_named else f"{ex.argument_name}: {ex.message}"
         raise _RefusedError(message)
 
 

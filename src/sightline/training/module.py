@@ -25,7 +25,7 @@ from sightline.files.settings import NetworkConfig, config_to_dict
 from sightline.files.weights import CHECKPOINT_KEY, Weights
 from sightline.geometry.arguments import check_collection
 from sightline.structures.batch import Batch, FieldwiseBatch, Losses
-from sightline.training.initial_weights import check_network, load_initial_weights
+from sightline.training.initial_weights import check_network, check_shapes, load_initial_weights
 from sightline.training.optimizer import (
     OptimizerConfig,
     freeze,
@@ -262,6 +262,7 @@ class TrainingModule(lightning.LightningModule, ABC):
             task_name=self.task_name,
             config=self.network_config(),
         )
+        check_shapes(checkpoint["state_dict"], self.state_dict())
         self._num_steps = checkpoint.get(_NUM_STEPS_KEY)
         if self._trainer is None:
             return

@@ -117,8 +117,10 @@ def test_a_bag_that_is_cut_short_is_named_with_its_repair(tmp_path, kind, repair
         import_recording(path, tmp_path / "out")
 
 
-def test_messages_of_a_driver_are_named_with_the_way_on(tmp_path):
-    kind = "livox_ros_driver2/msg/CustomMsg"
+@pytest.mark.parametrize(
+    "kind", ["livox_ros_driver2/msg/CustomMsg", "nebula_msgs/msg/NebulaPackets"]
+)
+def test_messages_of_a_driver_are_named_with_the_way_on(tmp_path, kind):
     with BagMaker(tmp_path / "bag") as bag:
         bag.types.register(get_types_from_msg("std_msgs/Header header", kind))
         bag.image("/image_raw", 10**9)

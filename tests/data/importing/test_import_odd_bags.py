@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from sightline.data.check import check_tree
-from sightline.data.importing import bag_files
+from sightline.data.importing import bag_files, bag_limits
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
@@ -114,7 +114,7 @@ def test_a_packed_bag_is_read_within_a_limit_and_refused_beyond(tmp_path, mode, 
     with bag:
         usual_topics(bag, number=1)
     assert import_recording(tmp_path / "drive", tmp_path / "out").written == 1
-    monkeypatch.setattr(bag_files, "MAX_DECOMPRESSED_BYTES", 1000)
+    monkeypatch.setattr(bag_limits, "MAX_DECOMPRESSED_BYTES", 1000)
     monkeypatch.setattr(bag_files, "_MAX_COMPRESSION_RATIO", 1)
     with pytest.raises(
         ValueError, match=r"declares|decompress to more than 1000 bytes|decompresses to more"
@@ -161,7 +161,7 @@ def test_a_chunk_of_ros_1_that_unpacks_beyond_the_limit_is_one_line(
 ):
     with Ros1BagMaker(tmp_path / "drive.bag", compression=compression) as bag:
         usual_topics(bag, number=1)
-    monkeypatch.setattr(bag_files, "MAX_DECOMPRESSED_BYTES", 1000)
+    monkeypatch.setattr(bag_limits, "MAX_DECOMPRESSED_BYTES", 1000)
     with pytest.raises(ValueError, match="decompress to more than 1000 bytes"):
         import_recording(tmp_path / "drive.bag", tmp_path / "out")
 
@@ -170,11 +170,11 @@ def test_a_chunk_of_ros_1_that_unpacks_beyond_the_limit_is_one_line(
 def test_unpacking_stops_at_its_limit(pack):
     new = {bz2.compress: bz2.BZ2Decompressor}.get(pack, lz4.frame.LZ4FrameDecompressor)
     packed = pack(bytes(10**7))
-    assert bag_files.decompressed(new, packed, 10**7) == bytes(10**7)
+    assert bag_limits.decompressed(new, packed, 10**7) == bytes(10**7)
     with pytest.raises(ValueError, match="decompress to more than 9999999 bytes"):
-        bag_files.decompressed(new, packed, 10**7 - 1)
+        bag_limits.decompressed(new, packed, 10**7 - 1)
     with pytest.raises(ValueError, match="cut short"):
-        bag_files.decompressed(new, packed[:-20], 10**8)
+        bag_limits.decompressed(new, packed[:-20], 10**8)
 
 
 def test_an_import_of_a_bag_into_its_folder_is_refused(bag):

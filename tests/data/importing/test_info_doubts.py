@@ -22,6 +22,7 @@ def report_of(
     offset_px=0.0,
     image="/front/image_rect",
     info="/front/camera_info",
+    other_info=None,
     **tf,
 ):
     """Import a bag with a chain from the LiDAR to the camera, and return the report."""
@@ -33,6 +34,8 @@ def report_of(
         tf |= {f"{camera}__lidar": CAMERA_FROM_LIDAR}
         bag.transforms("/tf_static", 10**9, **tf)
         bag.info(info, 10**9, offset_px=offset_px)
+        if other_info is not None:
+            bag.info(other_info, 10**9, matrix=2 * CAMERA_MATRIX)
         bag.image(image, 10**9)
         bag.cloud("/points", 10**9)
     return str(import_recording(folder / "drive", folder / "out", **options))
@@ -109,8 +112,24 @@ def test_a_camera_info_that_may_be_beside_the_images_is_no_doubt(tmp_path, image
 
 
 @pytest.mark.parametrize(
+    ("image", "info", "other_info"),
+    [
+        ("/image_rect", "/camera_info", "/depth/camera_info"),
+        ("/camera/image_rect", "/camera/camera_info", "/camera/depth/camera_info"),
+        ("/camera/image_rect", "/camera/camera_info", "/camera/aligned/depth/camera_info"),
+    ],
+)
+def test_the_camera_info_beside_the_images_goes_before_those_below(
+    tmp_path, image, info, other_info
+):
+    report = report_of(tmp_path, image=image, info=info, other_info=other_info)
+    assert f"calibration {info} " in report
+
+
+@pytest.mark.parametrize(
     ("name", "coefficients", "model"),
     [
+        ("equidistant", (*LENS[:4], 0.0), "equidistant"),
         ("radtan", LENS, "plumb_bob"),
         ("Plumb_Bob", LENS, "plumb_bob"),
         ("plumb-bob", LENS[:4], "plumb_bob"),
@@ -124,6 +143,7 @@ def test_a_camera_info_that_may_be_beside_the_images_is_no_doubt(tmp_path, image
         ("kannala_brandt", LENS[:4], "equidistant"),
         ("radtan", (0.0,) * 5, None),
         ("PINHOLE", (0.0,) * 5, None),
+        ("brown_conrady", (0.0,) * 5, None),
         ("none", (), None),
     ],
 )

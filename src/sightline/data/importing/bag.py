@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 from sightline.data.importing.bag_files import (
     CONVERSION_REMEDY,
     METADATA_NAME,
-    decompressed_zstd,
     files_without_metadata,
     is_bag_file,
     one_line,
     open_files,
 )
+from sightline.data.importing.bag_limits import decompressed_zstd, scanned_messages
 from sightline.files.plain_text import shortened
 from sightline.files.problem import install_command
 
@@ -247,6 +247,7 @@ class Bag:
 
     def _raw_messages(self, kinds: dict[str, str]) -> "Iterator[tuple[Connection, int, bytes]]":
         """Yield connection, time [ns] and bytes of the messages of the given kinds, by time."""
+        from rosbags.rosbag2.storage_mcap import McapReader
 
         def from_reader(reader: "Reader") -> "Iterator[tuple[Connection, int, bytes]]":
             chosen: list[Any] = [
@@ -255,7 +256,10 @@ class Bag:
                 if kind_of(each.msgtype) == kinds.get(each.topic)
             ]
             if chosen:  # for an empty list ROS 1's reader yields all
-                for connection, received_ns, raw in reader.messages(chosen):
+                messages: Iterator[tuple[Connection, int, bytes]] = reader.messages(chosen)
+                if isinstance(reader, McapReader) and not reader.chunks:
+                    messages = scanned_messages(reader, chosen)
+                for connection, received_ns, raw in messages:
                     yield connection, received_ns, bytes(raw)
 
         return heapq.merge(*map(from_reader, self._readers), key=lambda each: each[1])

@@ -1,17 +1,19 @@
-"""Reader of bag files with a limit on the size of decompressed data."""
+"""Files of bags: their list by folder or metadata.yaml, and their readers."""
 
-import bz2
 import os
+import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from io import BufferedIOBase, BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import quote
 
+from sightline.data.importing.bag_limits import STEP_BYTES, bounded_library, zstd_module
 from sightline.data.newer_frames import changed_at
+from sightline.files.plain_file import read_start
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
@@ -30,14 +32,11 @@ _PACKED_SUFFIXES: Final = (".zstd", ".zst", ".gz", ".bz2", ".xz", ".lz4", ".zip"
 _OPEN_SUFFIX: Final = ".active"  # of a bag that is being recorded, by `rosbag record`
 _NOT_CLOSED_REMEDY: Final = "repair it by `mcap recover`, `ros2 bag reindex` or `rosbag reindex`"
 METADATA_NAME: Final = "metadata.yaml"
-MAX_DECOMPRESSED_BYTES: Final = 2**29
-"""Largest decompressed chunk or message: recorders write chunks of a few megabytes."""
-
 _MAX_METADATA_BYTES: Final = 2**20
 _MAX_COMPRESSION_RATIO: Final = 1000
 """Largest compression ratio of a whole file; for sensor data it is about 10."""
 _MAX_BLOB_BYTES: Final = 2**28
-_STEP_BYTES: Final = 2**22
+_JOURNAL_MAGIC_BYTES: Final = 8
 _REMEDY: Final = "import an intact bag (`ros2 bag reindex` rewrites its metadata.yaml)"
 CONVERSION_REMEDY: Final = "convert it to a ROS 2 bag with messages in CDR"
 _CHUNK_COMPRESSIONS: Final = ("", "lz4", "zstd")  # of MCAP
@@ -45,51 +44,6 @@ _CHUNK_COMPRESSIONS: Final = ("", "lz4", "zstd")  # of MCAP
 
 Counts = dict[tuple[str, str], int]
 """Numbers of messages that metadata.yaml counts, by topic and type."""
-
-_Read = Callable[[Any, int], bytes]
-
-
-class _Decompressor(Protocol):
-    """Incremental decompressor, as in `bz2`, `lz4` and `zstd`."""
-
-    eof: bool
-    needs_input: bool
-    unused_data: bytes | None
-
-    def decompress(self, data: bytes, max_length: int = -1, /) -> bytes: ...
-
-
-def decompressed(new: Callable[[], Any], compressed: bytes, limit: int) -> bytes:
-    """Decompress within a limit.
-
-    Args:
-        new: Creates a decompressor of one frame.
-        compressed: One compressed frame or several.
-        limit: Largest number of decompressed bytes.
-
-    Raises:
-        ValueError: The frames decompress to more, or are truncated.
-    """
-    parts: list[bytes] = []
-    room = limit
-    while compressed:
-        decompressor: _Decompressor = new()
-        parts.append(decompressor.decompress(compressed, min(room + 1, _STEP_BYTES)))
-        room -= len(parts[-1])
-        while room >= 0 and not decompressor.eof:
-            parts.append(decompressor.decompress(b"", min(room + 1, _STEP_BYTES)))
-            room -= len(parts[-1])
-            if not parts[-1] and decompressor.needs_input:
-                raise ValueError("compressed data are cut short")
-        if room < 0:
-            raise ValueError(f"compressed data decompress to more than {limit} bytes")
-        compressed = decompressor.unused_data or b""
-    return b"".join(parts)
-
-
-def decompressed_zstd(compressed: bytes) -> bytes:
-    """Decompress a message; errors as in `decompressed`."""
-    return decompressed(_zstd().ZstdDecompressor, compressed, MAX_DECOMPRESSED_BYTES)
 
 
 def files_without_metadata(folder: Path) -> list[Path]:
@@ -208,17 +162,22 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], Counts]]:
 
     kinds: dict[str, Any] = {".mcap": McapReader, ".db3": Sqlite3Reader, ".bag": Ros1Reader}
     with ExitStack() as stack:
-        stack.enter_context(_bounded_library())
+        stack.enter_context(bounded_library())
         files = _files_of(path)
         paths = files.paths
-        if files.are_packed:
+        if files.are_packed and not all(map(is_bag_file, paths)):  # some may be unpacked by hand
             folder = stack.enter_context(_temporary_folder(path))
-            paths = [_decompressed_file(each, folder) for each in paths]
+            paths = [
+                each if is_bag_file(each) else _decompressed_file(each, folder) for each in paths
+            ]
         readers: list[Reader] = []
         for each in paths:
             if not is_bag_file(each):
                 raise FileError(each, f"is none of {', '.join(SUFFIXES)}", _REMEDY)
-            reader = kinds[each.suffix.lower()](each)
+            _refuse_journal(each)
+            kind = kinds[each.suffix.lower()]
+            # It puts the path into a URL, in which #, ? and % have meanings.
+            reader = kind(Path(quote(os.fsencode(each))) if kind is Sqlite3Reader else each)
             try:
                 reader.open()
                 stack.callback(reader.close)
@@ -236,6 +195,26 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], Counts]]:
                 reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, _MAX_BLOB_BYTES)
             readers.append(reader)
         yield readers, files.counts
+
+
+def _refuse_journal(database: Path) -> None:
+    """Refuse a sqlite3 file whose journal holds messages: the recorder did not end.
+
+    `rosbags` opens the file as one that nothing changes, without its journal.
+    """
+    for ending in ("-wal", "-journal"):
+        journal = database.with_name(f"{database.name}{ending}")
+        if journal.is_file() and any(_start_of(journal)):  # one of zeros is done with
+            raise FileError(
+                database,
+                f"has a journal beside it, {journal.name}: the recorder did not end, and messages "
+                "are in it alone",
+                "merge it in, on a copy of both: sqlite3 FILE.db3 'PRAGMA journal_mode=DELETE'",
+            )
+
+
+def _start_of(path: Path) -> bytes:
+    return read_start(path, _JOURNAL_MAGIC_BYTES, max_bytes=sys.maxsize, remedy=_REMEDY)
 
 
 def _remedy(reason: str) -> str:
@@ -299,9 +278,11 @@ def _listed_files(folder: Path) -> _BagFiles:
         # Old recorders wrote names with the bag's folder.
         plain = name.rpartition("/")[2] if isinstance(name, str) else name
         each = path_below(folder, plain, path, f"relative_file_paths: entry {number}")
-        if not each.is_file():
+        forms = (each, each.with_name(_unpacked_name(each)))  # of a file unpacked by hand
+        present = next(filter(Path.is_file, forms), None)
+        if present is None:
             raise FileError(path, f"names {each}, which does not exist", _REMEDY)
-        paths.append(each)
+        paths.append(present)
     mode = str(about.get("compression_mode") or "").lower()
     kind = str(about.get("compression_format") or "")
     if mode in ("", "none"):
@@ -347,8 +328,8 @@ def _decompressed_file(path: Path, folder: Path) -> Path:
     """Decompress a file into a folder, under its name without the last suffix."""
     target = folder / path.stem
     room = path.stat().st_size * _MAX_COMPRESSION_RATIO
-    with path.open("rb") as compressed, _zstd().open(compressed, "rb") as source:
-        while block := source.read(_STEP_BYTES):
+    with path.open("rb") as compressed, zstd_module().open(compressed, "rb") as source:
+        while block := source.read(STEP_BYTES):
             room -= len(block)
             if room < 0:
                 problem = f"decompresses to more than {_MAX_COMPRESSION_RATIO} times its size"
@@ -369,113 +350,3 @@ def _no_room(path: Path, error: OSError, folder: Path | None = None) -> FileErro
         f"{(error.strerror or 'it has none').lower()}",
         "set TMPDIR to a folder with room, or unpack the bag (`ros2 bag convert`)",
     )
-
-
-@contextmanager
-def _bounded_library() -> Iterator[None]:
-    """Make `rosbags` decompress chunks within limits, and ignore what is not needed of a bag.
-
-    `rosbags` has no limit of its own: a chunk of 10 MB may decompress to any size, and a record may
-    claim any length. Quality of service (YAML in each topic), definitions of messages and a missing
-    profile of an MCAP file would make the bag unreadable by any fault, or by any other encoding. A
-    summary of an MCAP file is taken for complete, although it may leave out channels and schemas.
-    """
-    from lz4.frame import LZ4FrameDecompressor
-    from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
-    from rosbags.rosbag1 import reader as ros1
-    from rosbags.rosbag2 import storage_mcap, storage_sqlite3
-
-    undefined = MessageDefinition(MessageDefinitionFormat.NONE, "")
-    zstd = _zstd().ZstdDecompressor
-    chunks = {
-        "": lambda data, _: data,
-        "lz4": lambda data, size: decompressed(
-            LZ4FrameDecompressor, data, _checked_chunk_size(size)
-        ),
-        "zstd": lambda data, size: decompressed(zstd, data, _checked_chunk_size(size)),
-    }
-    old_chunks = {
-        "none": lambda data: data,
-        "bz2": lambda data: decompressed(bz2.BZ2Decompressor, data, MAX_DECOMPRESSED_BYTES),
-        "lz4": lambda data: decompressed(LZ4FrameDecompressor, data, MAX_DECOMPRESSED_BYTES),
-    }
-    changes: list[tuple[Any, str, object]] = [
-        (storage_mcap, "DECOMPRESSORS", chunks),
-        (ros1, "decompressors", old_chunks),
-        (storage_mcap, "read_exact", _bounded(storage_mcap.read_exact)),
-        (ros1, "read_bytes", _bounded(ros1.read_bytes)),
-        (storage_mcap, "read_string", _or_ros2(storage_mcap.read_string)),
-        (storage_mcap, "get_msgdef", lambda _: undefined),
-        (storage_mcap.McapReader, "read_index", _completed(storage_mcap.McapReader.read_index)),
-        (storage_mcap, "parse_qos", lambda _: []),
-        (storage_sqlite3, "parse_qos", lambda _: []),
-    ]
-    before = [(module, name, getattr(module, name)) for module, name, _ in changes]
-    try:
-        for module, name, value in changes:
-            setattr(module, name, value)
-        yield
-    finally:
-        for module, name, value in before:
-            setattr(module, name, value)
-
-
-def _bounded(read: _Read) -> _Read:
-    """Make a function that reads bytes refuse more than are left, before it allocates them."""
-
-    def read_bounded(file: BufferedIOBase, size: int) -> bytes:
-        if size > _STEP_BYTES:
-            start = file.tell()
-            num_left = file.seek(0, os.SEEK_END) - start
-            file.seek(start)
-            if size > num_left:
-                raise ValueError(
-                    f"a record at byte {start} claims {size} bytes, but {num_left} are left"
-                )
-        return read(file, size)
-
-    return read_bounded
-
-
-def _or_ros2(read: Callable[[BytesIO], str]) -> Callable[[BytesIO], str]:
-    """Make a function that reads strings take an empty profile, the first of a record, as ROS 2."""
-    return lambda record: read(record) or "ros2" if record.tell() == 0 else read(record)
-
-
-def _completed(read_index: Callable[["McapReader"], None]) -> Callable[["McapReader"], None]:
-    """Make a function that reads a file's summary scan the file for what the summary leaves out."""
-
-    def read_completed(reader: "McapReader") -> None:
-        read_index(reader)
-        if _lacks_channels(reader):
-            for each in (reader.schemas, reader.channels, reader.connections):
-                each.clear()
-            reader.meta_scan()
-
-    return read_completed
-
-
-def _lacks_channels(reader: "McapReader") -> bool:
-    """Test whether a file's summary repeats fewer channels or schemas than the file holds."""
-    counted = reader.statistics
-    if counted is not None:
-        return (
-            len(reader.schemas) < counted.schema_count
-            or len(reader.channels) < counted.channel_count
-        )
-    used = {channel for chunk in reader.chunks for channel in chunk.message_index_offsets}
-    has_unknown = any(each.schema == "__schemaless__" for each in reader.channels.values())
-    return has_unknown or not used <= reader.channels.keys()
-
-
-def _checked_chunk_size(size: int) -> int:
-    if size > MAX_DECOMPRESSED_BYTES:
-        raise ValueError(f"a chunk declares {size} bytes, expected up to {MAX_DECOMPRESSED_BYTES}")
-    return size
-
-
-def _zstd() -> Any:  # noqa: ANN401 - a module
-    """Module with which `rosbags` decompresses; from Python's library since 3.14."""
-    from rosbags.rosbag2 import storage_mcap
-
-    return vars(storage_mcap)["zstd"]

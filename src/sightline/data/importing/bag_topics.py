@@ -12,9 +12,13 @@ from sightline.files.plain_text import shortened
 
 _DRIVERS_OWN: Final = {
     **dict.fromkeys(
-        ("CustomMsg", "LidarScan", "PacketMsg", "PandarScan", "RslidarPacket", "VelodyneScan"),
+        (
+            *("CompressedPointCloud2", "CustomMsg", "LidarScan", "NebulaPackets", "PacketMsg"),
+            *("PandarScan", "RslidarPacket", "RslidarScan", "UdpFrame", "VelodyneScan"),
+        ),
         "PointCloud2",
     ),
+    "Packet": "CompressedImage",  # theora_image_transport's
     "FFMPEGPacket": "CompressedImage",
     "H264Packet": "CompressedImage",
 }
@@ -147,10 +151,12 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
     if name is not None:
         return _choose(bag, candidates, name, "--info-topic", "calibrations (CameraInfo)")
     # By ROS's convention it is beside the images: /front/image_raw, /front/camera_info.
-    num_shared = {
-        topic.name: _num_shared_names(topic.name, _raw_topic_name(camera.name))
-        for topic in candidates
-    }
+    raw_name = _raw_topic_name(camera.name)
+    beside = f"{raw_name.rpartition('/')[0]}/camera_info".strip("/")
+    for topic in candidates:
+        if topic.name.strip("/") == beside:
+            return topic
+    num_shared = {topic.name: _num_shared_names(topic.name, raw_name) for topic in candidates}
     closest = [topic for topic in candidates if num_shared[topic.name] == max(num_shared.values())]
     usual = [topic for topic in closest if topic.name.rpartition("/")[2] == "camera_info"]
     for chosen in (closest, usual):
