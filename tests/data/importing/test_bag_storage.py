@@ -14,7 +14,7 @@ from sightline.data.importing.import_recording import import_recording
 from tests.data.recordings import BagMaker, usual_topics
 
 MAGIC, HEADER_BYTES = b"\x89MCAP0\r\n", 9
-SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
+MESSAGE, CHUNK, CHUNK_INDEX, STATISTICS, DATA_END, UNKNOWN = 5, 6, 8, 11, 15, 200
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +69,34 @@ def test_messages_without_an_index_are_read_in_the_order_of_receipt(tmp_path, dr
 
     plain.write_bytes(without_index(path.read_bytes(), order))
     assert import_recording(plain, tmp_path / "out").written == 3
+    import_recording(path, tmp_path / "expected")
+    assert frames_of(tmp_path / "out") == frames_of(tmp_path / "expected")
+
+
+def without_offsets(content, *, has_counts):
+    """MCAP file whose index of chunks names no messages, perhaps with other statistics."""
+    changed = bytearray(content)
+    (at,) = struct.unpack_from("<Q", content, len(content) - 28)  # the summary, by the footer
+    while at < len(content) - len(MAGIC):
+        start, end = (
+            at + HEADER_BYTES,
+            at + HEADER_BYTES + struct.unpack_from("<Q", content, at + 1)[0],
+        )
+        if content[at] == CHUNK_INDEX:  # four numbers, offsets by channel, three fields and texts
+            (num_bytes,) = struct.unpack_from("<I", content, start + 32)
+            rest = content[start + 36 + num_bytes : end]
+            changed[start + 32 : end] = bytes(4) + rest + bytes(num_bytes)
+        elif content[at] == STATISTICS and not has_counts:
+            changed[at] = UNKNOWN
+        at = end
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("has_counts", [True, False])
+def test_chunks_whose_index_names_no_messages_are_read(tmp_path, drive, has_counts):
+    path = next(drive.glob("*.mcap"))
+    (tmp_path / path.name).write_bytes(without_offsets(path.read_bytes(), has_counts=has_counts))
+    assert import_recording(tmp_path / path.name, tmp_path / "out").written == 3
     import_recording(path, tmp_path / "expected")
     assert frames_of(tmp_path / "out") == frames_of(tmp_path / "expected")
 

@@ -138,10 +138,13 @@ def _completed(read_index: Callable[["McapReader"], None]) -> Callable[["McapRea
 
     def read_completed(reader: "McapReader") -> None:
         read_index(reader)
-        if _lacks_channels(reader):
+        lacks_messages = not all(chunk.message_index_offsets for chunk in reader.chunks)
+        if lacks_messages or _lacks_channels(reader):
             for each in (reader.schemas, reader.channels, reader.connections):
                 each.clear()
             reader.meta_scan()
+        if lacks_messages:  # they are found by reading the chunks
+            reader.chunks.clear()
 
     return read_completed
 
