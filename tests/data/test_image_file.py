@@ -190,6 +190,18 @@ def test_bytes_behind_the_scans_header_are_too_few_for_a_bit_a_block(tmp_path):
         read_rgb(tmp_path / "0.jpg")
 
 
+@pytest.mark.parametrize("settings", [[], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]])
+@pytest.mark.parametrize("behind", [bytes(5000), b"\xff" * 5000, bytes(range(255)) * 20])
+def test_data_behind_the_end_of_a_jpeg_are_no_matter(tmp_path, settings, behind):
+    whole = cv2.imencode(".jpg", picture(), settings)[1].tobytes()
+    (tmp_path / "whole.jpg").write_bytes(whole)
+    (tmp_path / "longer.jpg").write_bytes(whole + behind)  # as phones write a video there
+    assert np.array_equal(read_rgb(tmp_path / "longer.jpg"), read_rgb(tmp_path / "whole.jpg"))
+    (tmp_path / "cut.jpg").write_bytes(whole[: len(whole) * 2 // 3] + bytes(5000))
+    with pytest.raises(FileError, match="is cut short: its JPEG end mark is missing"):
+        read_rgb(tmp_path / "cut.jpg")
+
+
 def test_a_thumbnail_among_a_cameras_notes_is_no_data_of_the_picture(tmp_path):
     thumbnail = cv2.imencode(".jpg", picture(size=(160, 120)))[1].tobytes()
     note = b"\xff\xe1" + struct.pack(">H", len(thumbnail) + 2) + thumbnail

@@ -216,10 +216,9 @@ def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> N
     if header.file_format == "png":
         _check_png_chunks(content, source)
         return
-    if _JPEG_END not in content[-1024:]:  # some cameras write data after the end
-        raise FileError(source, "is cut short: its JPEG end mark is missing", _REMEDY)
+    scan_bytes, end = _scanned_bytes(content)
     # Thumbnails in segments before the picture are counted, too, which adds a few.
-    num_scans = content.count(_JPEG_SCAN)
+    num_scans = content.count(_JPEG_SCAN, 0, end)
     height, width = header.size
     if num_scans * height * width > _MAX_SCANNED_PIXELS:
         raise FileError(
@@ -228,7 +227,10 @@ def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> N
             f"{_MAX_SCANNED_PIXELS // (height * width)}",
             _REMEDY,
         )
-    scan_bytes, min_bytes = _scanned_bytes(content), _min_bytes(header)
+    # Some cameras write data after the end, phones a video; damaged scans may hide the end.
+    if end is None and _JPEG_END not in content[-1024:]:
+        raise FileError(source, "is cut short: its JPEG end mark is missing", _REMEDY)
+    min_bytes = _min_bytes(header)
     if scan_bytes < min_bytes:
         raise FileError(
             source,
@@ -238,20 +240,25 @@ def check_complete(content: bytes, header: ImageHeader, source: Path | str) -> N
         )
 
 
-def _scanned_bytes(content: bytes) -> int:
-    """Length of a JPEG's scan data without headers; thumbnails in segments are skipped."""
+def _scanned_bytes(content: bytes) -> tuple[int, int | None]:
+    """Length of a JPEG's scan data without headers, and place of its end mark; None: it lacks.
+
+    Thumbnails in segments are skipped.
+    """
     num_bytes, position = 0, len(_JPEG_START)
     for _ in range(_MAX_PARTS):
         marker = _JPEG_MARKER.search(content, position)
-        if marker is None or marker[0] == _JPEG_END:
+        if marker is None:
             break
+        if marker[0] == _JPEG_END:
+            return num_bytes, marker.start()
         length = int.from_bytes(content[marker.end() : marker.end() + 2], "big")
         position = marker.end() + max(length, 2)
         if marker[0] == _JPEG_SCAN:
             following = _JPEG_MARKER.search(content, position)
             end = len(content) if following is None else following.start()
             num_bytes, position = num_bytes + end - position, end
-    return num_bytes
+    return num_bytes, None
 
 
 def _check_png_chunks(content: bytes, source: Path | str) -> None:

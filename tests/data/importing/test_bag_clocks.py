@@ -23,12 +23,12 @@ class OddBag(BagMaker):
         return super().header(frame, self._stamp(frame, time_ns))
 
 
-def write_drive(path, **bag_changes):
-    """Write a drive of four small images and clouds."""
+def write_drive(path, number=4, **bag_changes):
+    """Write a drive of small images and clouds."""
     with OddBag(path, **bag_changes) as bag:
         matrix = np.array(calibration_entries()["camera_matrix"]) / [[8], [8], [1]]
         bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
-        for at in range(4):
+        for at in range(number):
             time_ns = START_NS + at * 10**8
             bag.info("/front/camera_info", time_ns, matrix=matrix, size=SMALL.shape[:2])
             picture = SMALL.copy()
@@ -92,6 +92,38 @@ def test_stamps_of_separate_clocks_are_doubted(tmp_path, late_ns, is_told):
     report = str(import_recording(bag, tmp_path / "out", max_gap_s=5.0))
     doubt = "warning: header stamps of /points are 1 s later against their receipt than those of /f"
     assert (doubt in report) == is_told
+
+
+@pytest.mark.parametrize("stepping", ["lidar", "both"])
+def test_a_clock_that_is_set_within_the_drive_is_told(tmp_path, stepping):
+    """The sensor's stamps are a second early at first."""
+
+    def stamp(frame, time_ns):
+        is_early = time_ns < START_NS + 4 * 10**8 and (stepping == "both" or frame == "lidar")
+        return time_ns - 10**9 * is_early
+
+    bag = write_drive(tmp_path / "drive", number=10, stamp=stamp)
+    report = str(import_recording(bag, tmp_path / "out", max_gap_s=5.0))
+    doubt = "warning: header stamps of /points step by 1 s against their receipt within the drive"
+    assert (doubt in report) == (stepping == "lidar")
+
+
+def test_messages_that_are_received_late_are_no_step_of_a_clock(tmp_path):
+    late_ns = 2 * 10**9
+
+    def stamp(frame, time_ns):
+        is_late = frame == "lidar" and time_ns > START_NS + late_ns
+        return time_ns - late_ns * is_late
+
+    with OddBag(tmp_path / "drive", stamp) as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        for at in range(10):
+            time_ns = START_NS + at * 10**8
+            bag.image("/front/image_raw", time_ns)
+            bag.cloud("/points", time_ns + late_ns * (at >= 5), points=FEW[: len(FEW) - at])
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out", max_gap_s=5.0))
+    assert "step by" not in report
 
 
 def test_a_few_stamps_that_are_not_set_are_filled_in(tmp_path):

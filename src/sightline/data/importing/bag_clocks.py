@@ -17,6 +17,8 @@ _UNITS_NS: Final = {"microseconds": 10**3, "milliseconds": 10**6}
 """Units that drivers write by mistake as nanoseconds."""
 _MAX_DELAY_DIFFERENCE_NS: Final = 5 * 10**8
 """Largest difference of the sensors' delays that exposure, a turn and processing explain."""
+_MIN_STEADY: Final = 3
+"""Number of messages, at least, before and after a step of a clock."""
 _MAX_FALL_NS: Final = 10**9
 """Largest decrease of stamps that is explained by reordered messages."""
 
@@ -89,6 +91,14 @@ def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
             "separate clocks, images are paired with sweeps of other moments; then take --clock "
             "received"
         )
+    steps = [_step_ns(times) for times in topics]
+    if max(steps) - min(steps) > _MAX_DELAY_DIFFERENCE_NS:
+        stepping = topics[int(np.argmax(np.abs(steps)))]
+        notes.append(
+            f"warning: {_stamps_label(stepping)} step by {np.abs(steps).max() / 1e9:.3g} s against "
+            "their receipt within the drive, as where a clock is set: before or after that, images "
+            "are paired with sweeps of other moments; then take --clock received"
+        )
     filled = []
     for times, delay in zip(topics, delays, strict=True):
         is_set = _is_set(times)
@@ -144,6 +154,27 @@ def _stamps_fault(times: MessageTimes) -> str | None:
     if falls_ns.max() > _MAX_FALL_NS:
         return f"{stamps_label} go back by {falls_ns.max() / 1e9:.4g} s in between"
     return None
+
+
+def _step_ns(times: MessageTimes) -> float:
+    """Step of a topic's stamps against their receipt, which is steady before and after; else 0.
+
+    Messages that are received late, by a busy recorder, have stamps that are steady themselves.
+    """
+    is_set = _is_set(times)
+    stamps_ns, offsets_ns = times.header_ns[is_set], times.offsets_ns[is_set]
+    if len(stamps_ns) < 2 * _MIN_STEADY:
+        return 0.0
+    at = int(np.argmax(np.abs(np.diff(offsets_ns)))) + 1
+    sides = offsets_ns[:at], offsets_ns[at:]
+    step_ns = float(np.median(sides[1]) - np.median(sides[0]))
+    periods_ns = np.diff(stamps_ns)
+    is_of_stamps = abs(periods_ns[at - 1] - np.median(periods_ns)) > _MAX_DELAY_DIFFERENCE_NS
+    is_steady = all(
+        len(side) >= _MIN_STEADY and np.ptp(np.quantile(side, (0.1, 0.9))) < abs(step_ns) / 4
+        for side in sides
+    )
+    return step_ns if is_of_stamps and is_steady else 0.0
 
 
 def _is_set(times: MessageTimes) -> np.ndarray:

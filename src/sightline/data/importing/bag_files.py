@@ -32,7 +32,7 @@ _PACKED_SUFFIXES: Final = (".zstd", ".zst", ".gz", ".bz2", ".xz", ".lz4", ".zip"
 _OPEN_SUFFIX: Final = ".active"  # of a bag that is being recorded, by `rosbag record`
 _NOT_CLOSED_REMEDY: Final = "repair it by `mcap recover`, `ros2 bag reindex` or `rosbag reindex`"
 METADATA_NAME: Final = "metadata.yaml"
-_MAX_METADATA_BYTES: Final = 2**20
+_MAX_METADATA_BYTES: Final = 2**24
 _MAX_COMPRESSION_RATIO: Final = 1000
 """Largest compression ratio of a whole file; for sensor data it is about 10."""
 _MAX_BLOB_BYTES: Final = 2**28
@@ -177,7 +177,8 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], Counts]]:
             _refuse_journal(each)
             kind = kinds[each.suffix.lower()]
             # It puts the path into a URL, in which #, ? and % have meanings.
-            reader = kind(Path(quote(os.fsencode(each))) if kind is Sqlite3Reader else each)
+            is_in_url = kind is Sqlite3Reader
+            reader = kind(Path(quote(os.path.realpath(each))) if is_in_url else each)
             try:
                 reader.open()
                 stack.callback(reader.close)
@@ -203,7 +204,7 @@ def _refuse_journal(database: Path) -> None:
     `rosbags` opens the file as one that nothing changes, without its journal.
     """
     for ending in ("-wal", "-journal"):
-        journal = database.with_name(f"{database.name}{ending}")
+        journal = Path(f"{os.path.realpath(database)}{ending}")  # where sqlite writes it
         if journal.is_file() and any(_start_of(journal)):  # one of zeros is done with
             raise FileError(
                 database,

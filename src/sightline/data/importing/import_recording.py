@@ -98,7 +98,8 @@ def import_recording(
     if tables is None and bags:
         more = f", and {len(bags) - 1} more" if len(bags) > 1 else ""
         raise ValueError(
-            f"{source} is no bag itself, but {bags[0]} in it is one{more}; import that"
+            f"{source} is no bag itself, but {bags[0]} in it is one{more}; import that, or put the "
+            "files of one drive's recorders into one folder without metadata.yaml"
         )
     if tables is None:
         raise ValueError(
