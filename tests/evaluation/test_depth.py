@@ -445,6 +445,13 @@ def test_a_data_set_in_place_of_its_depth_maps_is_told(tmp_path, place):
         evaluate_depth(predictions, tmp_path / "data")
 
 
+def test_predictions_one_folder_below_are_named(tmp_path):
+    predictions, truth, _ = write_set(tmp_path, names=["a", "b"])
+    shutil.move(predictions, tmp_path / "found" / "data")
+    with pytest.raises(ValueError, match=f"has the name of one: give {tmp_path}/found/data$"):
+        evaluate_depth(tmp_path / "found", truth)
+
+
 def test_predictions_with_other_names_are_told(tmp_path):
     predictions, truth, _ = write_set(tmp_path, names=["a", "b"])
     for number, name in enumerate("ab"):

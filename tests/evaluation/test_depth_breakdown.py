@@ -96,19 +96,21 @@ def test_a_report_holds_bands_returns_and_the_difference_to_another_method(folde
     report = evaluate_depth(
         folders / "near",
         folders / "truth",
-        band_ends_m=(20.0, 80.0),
+        band_ends_m=(20.0, 50.0),
         sparse=folders / "sparse",
         against=folders / "exact",
         progress=False,
     )
     content = report.to_json()
     assert [band["name"] for band in content["bands"]] == [
-        *("0-20 m", "20-80 m"),
+        *("0-20 m", "20-50 m", "50 m on"),
         *("measured", "between", "beyond"),
     ]
-    near, far = content["bands"][:2]
+    near, far, beyond = content["bands"][:3]
+    assert beyond["pixels"] > 0
     assert near["bias_mm"] == pytest.approx(-near["mae_mm"])
     assert far["nearer_share"] == 1.0
+    assert near["pixels"] + far["pixels"] + beyond["pixels"] == 3 * 8 * 20
     assert content["returns"][0]["lost_share_beyond_40m"] == 1.0
     by_score = {row["score"]: row for row in content["against"]}
     assert by_score["MAE"]["mean"] == pytest.approx(report.mean.mae_mm)

@@ -223,6 +223,9 @@ def test_folders_that_are_none_and_folders_without_labels_say_what_to_give(stree
     (tmp_path / "drive" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
     with pytest.raises(FileError, match=r"drive/poses\.txt: line 1 has 12 fields"):
         evaluate_objects(results, tmp_path / "drive")
+    (labels / "train.txt").write_text("000001\n")  # a list of frames beside the labels
+    with pytest.raises(FileError, match=r"train\.txt: line 1 has 1 fields"):
+        evaluate_objects(results, labels)
 
 
 @pytest.mark.parametrize("below", ["training/label_2", "labels"])

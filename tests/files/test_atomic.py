@@ -197,7 +197,7 @@ def test_of_a_symbolic_link_what_it_leads_to_is_linked(tmp_path):
     assert not (tmp_path / "deep/name").is_symlink()
 
 
-@pytest.mark.parametrize("reason", [errno.EXDEV, errno.EPERM])
+@pytest.mark.parametrize("reason", [errno.EXDEV, errno.EPERM, errno.EACCES])
 def test_where_no_link_can_be_made_a_whole_copy_is(tmp_path, monkeypatch, reason):
     def refuse(*_):
         raise OSError(reason, "no hard links here")

@@ -1,3 +1,4 @@
+import errno
 import json
 import multiprocessing
 import os
@@ -7,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from sightline.files import atomic
 from sightline.files.atomic import DiskError, atomic_create_text
 from sightline.files.problem import SetupError
 from sightline.jobs.output_dirs import (
@@ -162,18 +162,27 @@ def test_a_data_set_is_no_output_folder(tmp_path, parts):
     for part in parts:
         (tmp_path / part).mkdir(parents=True)
     with pytest.raises(
-        ValueError, match="holds a data set, with which the files of this job would"
+        ValueError, match="is a data set or a part of one, with which the files of this job would"
     ):
         acquire_output_dir(tmp_path, SETTINGS, results=("*.png",))
     assert not (tmp_path / MANIFEST_NAME).exists()
 
 
-@pytest.mark.parametrize("has_hard_links", [True, False])
-def test_a_file_is_created_once(tmp_path, monkeypatch, has_hard_links):
-    def refuse(*_):
-        raise OSError(atomic.errno.EPERM, "no hard links here")
+@pytest.mark.parametrize("part", ["training/velodyne", "rec/points"])
+def test_a_part_of_another_data_set_is_no_output_folder(tmp_path, part):
+    for each in ("training/calib", "training/velodyne", "rec/points", "rec/calibration"):
+        (tmp_path / each).mkdir(parents=True)
+    with pytest.raises(ValueError, match="is a data set or a part of one, with which the files"):
+        acquire_output_dir(tmp_path / part, SETTINGS, results=("*.png",))
+    acquire_output_dir(tmp_path / "rec" / "mine", SETTINGS, results=("*.png",))
 
-    if not has_hard_links:
+
+@pytest.mark.parametrize("reason", [None, errno.EPERM, errno.EXDEV, errno.EACCES, errno.ENOLCK])
+def test_a_file_is_created_once(tmp_path, monkeypatch, reason):
+    def refuse(*_):
+        raise OSError(reason, "no hard links here")
+
+    if reason is not None:
         monkeypatch.setattr(os, "link", refuse)
     assert atomic_create_text(tmp_path / "a" / "note", "grün\n")
     assert not atomic_create_text(tmp_path / "a" / "note", "blue\n")

@@ -162,8 +162,8 @@ def depth_command(
     Args:
         predictions: A 16-bit depth PNG or a folder of them.
         truth: Ground truth, a PNG or a folder; matched by name.
-        by_distance: End distances [m] of bands of true depth, e.g. 10 20 40 80: adds RMSE, MAE,
-            bias and the share of errors above 1 m for each band, pooled over pixels.
+        by_distance: End distances [m] of bands of true depth, e.g. 10 20 40 80, and from the last
+            on: adds RMSE, MAE, bias and the share of errors above 1 m for each, pooled over pixels.
         sparse: Sparse depth maps, a 16-bit depth PNG or a folder of them (velodyne_raw of KITTI's
             depth benchmark, not sweeps in .bin files): adds the same metrics at LiDAR returns,
             within 3 px of one and beyond, and the share of sound returns that predictions deviate

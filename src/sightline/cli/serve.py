@@ -1,5 +1,6 @@
 """`sightline serve`: a page on which sensors are broken and predictions watched."""
 
+import shlex
 from pathlib import Path
 
 from sightline.cli.output import say
@@ -68,7 +69,8 @@ def serve(
             engine=engine,
             announce=say,
         )
-        say(f"{export}: {content}; to look at it: python -m http.server --directory {export}")
+        place = shlex.quote(str(export))
+        say(f"{export}: {content}; to look at it: python -m http.server --directory {place}")
         return
     for name, given in {"frames": frames, "kinds": kinds, "severities": severities}.items():
         if given:

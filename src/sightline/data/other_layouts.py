@@ -211,10 +211,17 @@ def _uncalibrated(path: Path) -> Problem | None:
 
 def source_to_import(path: Path) -> Problem | None:
     """Problem of data that must be imported as a recording; None: it is not such data."""
-    if any(each.is_dir() for each in path.glob("v1.0-*")):
-        return _to_import(path, "is a nuScenes data set")
+    tables = tables_to_import(path)
+    if tables is not None:
+        return tables
     bags = [each for each in _entries(path) if each.suffix.lower() in _BAGS]
     return _to_import(path, f"holds a ROS bag, {shortened(bags[0].name)}") if bags else None
+
+
+def tables_to_import(path: Path) -> Problem | None:
+    """Problem of a nuScenes data set, which must be imported; None: it is none."""
+    is_nuscenes = any(each.is_dir() for each in path.glob("v1.0-*"))
+    return _to_import(path, "is a nuScenes data set") if is_nuscenes else None
 
 
 def _to_import(path: Path, problem: str) -> Problem:

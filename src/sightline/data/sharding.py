@@ -16,7 +16,7 @@ from urllib.parse import quote
 from sightline.data.depth_trees import split_by_drives
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.kitti_trees import day_folder, list_drive
-from sightline.data.other_layouts import source_to_import
+from sightline.data.other_layouts import source_to_import, tables_to_import
 from sightline.data.point_files import CLOUD_SUFFIXES
 from sightline.data.tree_checks import find_trees
 from sightline.files.atomic import (
@@ -221,9 +221,9 @@ def _attempt(job: Callable[[], bool | None]) -> bool | str | None:
 
 def _check_is_whole(data: Path) -> None:
     """Refuse data to import, and a drive or depth tree's split that needs files above it."""
-    source = source_to_import(data)
-    if source is not None and not find_trees(data):
-        raise FileError(source.path, source.problem, source.remedy)
+    tables = tables_to_import(data)
+    if tables is not None and not find_trees(data):
+        raise FileError(tables.path, tables.problem, tables.remedy)
     by_drives = split_by_drives(data)
     if by_drives is not None:
         root, split = by_drives
@@ -251,7 +251,7 @@ def _find_sources(data: Path) -> _Sources:
     frames: dict[tuple[str, str], list[str]] = {}
     others: list[str] = []
     for path in files_below(root, below):
-        relative_parts(path, root, "a file's path")
+        relative_parts(path, root, "a file's path", remedy="rename the file")
         frame = _frame_of(path)
         if frame is None:
             others.append(path)
@@ -263,6 +263,9 @@ def _find_sources(data: Path) -> _Sources:
     if not kept:
         if (data / MANIFEST).is_file():
             raise FileError(data, "holds shards already", "use them as they are, or unshard them")
+        source = source_to_import(data)  # such as a bag; beside drives it is no matter
+        if source is not None:
+            raise FileError(source.path, source.problem, source.remedy)
         raise FileError(data, "holds no frames", "give the folder of a data set")
     shared = [path for key, files in frames.items() if key not in kept for path in files]
     return _Sources(

@@ -188,7 +188,7 @@ def evaluate_depth(
         truth: Ground-truth file or folder. All of it must be predicted; predictions for other
             images are counted but not scored.
         band_ends_m: Ends of bands of true depth [m], ascending; their pooled errors are added to
-            the means.
+            the means, with those of a last band without an end.
         sparse: Sparse depth maps, matched by name, too: adds the errors at returns, within 3 px of
             one and beyond, and the share of sound returns lost by predictions.
         against: Predictions of another method: adds paired differences with their intervals.
@@ -206,6 +206,7 @@ def evaluate_depth(
         raise ValueError(
             f"bands must end at ascending distances above 0 m, got {', '.join(map(str, ends[1:]))}"
         )
+    ends = (*ends, np.inf) if band_ends_m else ends
     if seed < 0:
         raise ValueError(f"seed must not be negative, got {seed}: give 0 or more")
     check_apart(predictions, truth, "the ground truth")
@@ -230,7 +231,7 @@ def evaluate_depth(
     report = DepthReport(
         images=images,
         unused_predictions=unused,
-        bands=bands(_summed(images), band_ends_m, places=sparse is not None),
+        bands=bands(_summed(images), ends[1:], places=sparse is not None),
         returns=None if sparse is None else lost_returns(_summed(images)),
     )
     if against is None:

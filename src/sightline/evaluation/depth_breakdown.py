@@ -99,7 +99,7 @@ def error_sums(
         prediction_m: Prediction with its gaps filled.
         truth_m: Ground truth; 0 = none.
         band_ends_m: Ends of the bands of true depth, ascending; each begins at the end of the
-            previous one, the first at 0.
+            previous one, the first at 0. The last may be infinite.
         sparse_m: The method's LiDAR returns; None omits the places.
     """
     scored = truth_m > 0
@@ -126,7 +126,10 @@ def error_sums(
 def bands(sums: ErrorSums, band_ends_m: Sequence[float], *, places: bool) -> tuple[DepthBand, ...]:
     """Convert summed errors to named bands; arguments as for `error_sums`."""
     starts = (0.0, *band_ends_m[:-1])
-    names = [f"{start:g}-{end:g} m" for start, end in zip(starts, band_ends_m, strict=False)]
+    names = [
+        f"{start:g} m on" if end == np.inf else f"{start:g}-{end:g} m"
+        for start, end in zip(starts, band_ends_m, strict=False)
+    ]
     names += PLACES if places else ()
     return tuple(_band(name, cell) for name, cell in zip(names, sums.cells, strict=True))
 

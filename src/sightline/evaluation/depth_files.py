@@ -52,10 +52,12 @@ def match_depth_files(
             if other is None:
                 read_depth_png(true.files[missing[0]])  # refuses pictures of a data set
             scored = other or "a folder with the truth of fewer images"
+            below = _folder_below(folder, files, true)
+            remedy = f"predict them, or score against {scored}"
             raise ValueError(
                 f"{folder} lacks {noun} for {len(missing)} of the {len(true.files)} images with "
                 f"ground truth in {truth} ({describe_absent(missing)})"
-                f"{_others(folder, files, true)}: predict them, or score against {scored}"
+                f"{_others(folder, files, true)}: {f'give {below}' if below else remedy}"
             )
     frames = [
         DepthFiles(name, predicted[name], path, given.get(name))
@@ -104,6 +106,13 @@ def _others(folder: Path, files: Mapping[str, Path], true: _Maps) -> str:
         return ""
     name = shortened(min(files.values()).relative_to(folder).as_posix())
     return f", as none of its {len(files):,} maps, such as {name}, has the name of one"
+
+
+def _folder_below(folder: Path, files: Mapping[str, Path], true: _Maps) -> Path | None:
+    """Folder below one with all of its maps, under names of the ground truth; None: no such."""
+    folders = {path.parent for path in files.values()}
+    has_names = {path.stem for path in files.values()} & true.files.keys()
+    return folders.pop() if has_names and len(folders) == 1 and folder not in folders else None
 
 
 def _folder_of_camera(true: _Maps) -> Path | None:

@@ -5,6 +5,7 @@
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -258,9 +259,13 @@ def read_frames(
         "label",
         "extract the labels again, or leave the frames out of the list",
     )
+    scored = [name for name in names if name not in empty]
+    lacking = (name for name in scored if not (results_dir / f"{name}.txt").exists())
+    for name in islice(lacking, 1):  # a text that is not of labels is named as such
+        read_labels(labels_dir / f"{name}.txt")
     require_frame_files(
         results_dir,
-        [name for name in names if name not in empty],
+        scored,
         "result",
         "write an empty one where nothing was found (`evaluate objects --missing-as-empty` takes "
         "missing ones as empty), or name a list of the frames to score",

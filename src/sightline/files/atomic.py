@@ -19,8 +19,6 @@ from sightline.files.temporary_folder import (
 )
 
 _DISK_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
-_OTHER_DISK = errno.EXDEV
 
 
 @contextmanager
@@ -215,7 +213,7 @@ def atomic_link(path: Path | str, source: Path | str) -> None:
         try:
             os.link(original, temporary)
         except OSError as error:
-            if error.errno not in (*_NO_HARD_LINKS, _OTHER_DISK):
+            if error.errno in _DISK_FAULTS:
                 raise
             shutil.copyfile(original, temporary)
 
@@ -240,14 +238,17 @@ def atomic_create_text(path: Path | str, text: str) -> bool:
         except FileExistsError:
             return False
         except OSError as error:
-            if error.errno not in _NO_HARD_LINKS:
+            if error.errno in _DISK_FAULTS:
                 raise
             return _create_exclusively(target, text)
         return True
 
 
 def _create_exclusively(target: Path, text: str) -> bool:
-    """Create the file on a disk without hard links, such as exFAT; it is briefly visible empty."""
+    """Create the file on a disk without hard links, such as exFAT; it is briefly visible empty.
+
+    File systems refuse links with various errors: EPERM, EXDEV, EACCES, EINVAL, ..
+    """
     try:
         file = target.open("xb")
     except FileExistsError:

@@ -91,15 +91,17 @@ def path_below(root: Path, relative: object, source: Path | str, place: str) -> 
     return path
 
 
-def relative_parts(relative: object, source: Path | str, place: str) -> list[str]:
-    """Check a path from data, and return its parts; arguments and errors as in `path_below`."""
+def relative_parts(
+    relative: object, source: Path | str, place: str, *, remedy: str = _REMEDY
+) -> list[str]:
+    """Check a path from data, and return its parts; see `path_below`."""
     parts = relative.split("/") if isinstance(relative, str) else [""]
     if all(map(_is_plain, parts)):
         return parts
     problem = f"{place} is {shortened(ascii(relative))}, expected a relative path of plain names"
     if isinstance(relative, str) and all(map(_is_plain, relative.replace("\\", "/").split("/"))):
         raise FileError(source, f"{problem} with / between them", "replace each backslash by /")
-    raise FileError(source, f"{problem}, without '..', hidden or empty parts", _REMEDY)
+    raise FileError(source, f"{problem}, without '..', hidden or empty parts", remedy)
 
 
 def _check_link(path: Path, root: Path, source: Path | str, place: str) -> None:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from sightline.geometry.checked import checked
+from sightline.geometry.given_arrays import Rows, selected_rows
 
 
 @checked()
@@ -34,12 +35,9 @@ class Boxes2D:
         """Number of boxes (of each batch entry)."""
         return self.tensor.shape[-2]
 
-    def __getitem__(
-        self,
-        index: int | np.integer[Any] | Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice,
-    ) -> "Boxes2D":
+    def __getitem__(self, index: Rows) -> "Boxes2D":
         """Select boxes of an unbatched set, by indices, mask or slice; one by its number."""
-        return Boxes2D(self.tensor[[int(index)] if isinstance(index, int | np.integer) else index])
+        return Boxes2D(self.tensor[selected_rows(index, len(self.tensor))])
 
     def __iter__(self) -> Iterator[Float[Tensor, "4"]]:
         """Yield the numbers of each box of an unbatched set."""

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float64, Int
+from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
 from sightline.geometry.checked import checked
+from sightline.geometry.given_arrays import Rows, selected_rows
 from sightline.geometry.transforms import (
     rigid_inverse,
     transform_points,
@@ -18,6 +19,7 @@ from sightline.geometry.transforms import (
     yaw_rotation,
 )
 
+_NUM_COORDINATES = 3
 # Front left, front right, rear right, rear left; first the bottom four, then the top four: the
 # order of KITTI's development kit.
 _CORNER_SIGNS = (
@@ -61,12 +63,9 @@ class Boxes3D:
         """Number of boxes (of each batch entry)."""
         return self.tensor.shape[-2]
 
-    def __getitem__(
-        self,
-        index: int | np.integer[Any] | Int[Tensor, " kept"] | Bool[Tensor, " num_boxes"] | slice,
-    ) -> "Boxes3D":
+    def __getitem__(self, index: Rows) -> "Boxes3D":
         """Select boxes of an unbatched set, by indices, mask or slice; one by its number."""
-        return Boxes3D(self.tensor[[int(index)] if isinstance(index, int | np.integer) else index])
+        return Boxes3D(self.tensor[selected_rows(index, len(self.tensor))])
 
     def __iter__(self) -> Iterator[Float[Tensor, "7"]]:
         """Yield the numbers of each box of an unbatched set."""
@@ -149,10 +148,18 @@ class Boxes3D:
     def to_canonical(
         self, points: Float[Tensor, "*batch num_points 3"]
     ) -> Float[Tensor, "*batch num_boxes num_points 3"]:
-        """Transform points [m] to each box's frame: origin in its centre, x along its heading."""
+        """Transform points [m] to each box's frame: origin in its centre, x along its heading.
+
+        Raises:
+            ValueError: Points have other columns than x, y, z.
+        """
+        if points.shape[-1] != _NUM_COORDINATES:
+            raise ValueError(
+                f"points have {points.shape[-1]} columns, expected x, y, z; give points[..., :3]"
+            )
         # Subtract first: this keeps precision far from the origin.
         offsets = points[..., None, :, :] - self.centers[..., :, None, :]
-        return offsets @ yaw_rotation(self.yaws)
+        return offsets @ yaw_rotation(self.yaws).to(offsets.dtype)
 
     def contain(
         self, points: Float[Tensor, "*batch num_points 3"]

@@ -3,10 +3,11 @@
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
-from jaxtyping import Float64, Shaped
+import torch
+from jaxtyping import Float64, Int64, Shaped
 from torch import Tensor, bfloat16, strided
 
 from sightline.geometry.arguments import short_repr
@@ -14,6 +15,8 @@ from sightline.geometry.plain_arrays import plain_array
 
 Given = np.ndarray | Tensor | Sequence[Any]
 """Array, tensor or nested lists of numbers."""
+Rows = SupportsIndex | slice | Sequence[SupportsIndex] | np.ndarray | Tensor
+"""Choice of rows: a number, numbers, a slice, or a mask of bool."""
 
 
 def given_array(name: str, given: object) -> Shaped[np.ndarray, "..."]:
@@ -41,6 +44,48 @@ def plain_numbers(name: str, given: object) -> Float64[np.ndarray, "..."]:
         with suppress(TypeError, ValueError):
             return array.astype(np.float64)
     raise ValueError(f"{name} is {short_repr(given)}, expected numbers; give rows of numbers")
+
+
+def selected_rows(chosen: Rows, num_rows: int) -> Int64[Tensor, " num_chosen"]:
+    """Convert a choice of rows to their numbers: a number, numbers, a slice, or a mask of bool.
+
+    Raises:
+        ValueError: It is none of these, or a mask of another length.
+        IndexError: There is no row of a number.
+    """
+    if isinstance(chosen, slice):
+        return torch.tensor(range(num_rows)[chosen], dtype=torch.int64)
+    given = _tensor_of_rows(chosen)
+    if given is None or given.ndim > 1 or isinstance(chosen, tuple):
+        raise ValueError(
+            f"rows are chosen by {short_repr(chosen)}, expected a whole number, a list or a tensor "
+            "of them, a slice, or a mask of bool"
+        )
+    if given.dtype == torch.bool:
+        if given.shape != (num_rows,):
+            raise ValueError(
+                f"the mask has {given.numel()} values, expected {num_rows}, one for each row"
+            )
+        return given.nonzero()[:, 0]
+    rows = given.long().reshape(-1)
+    if rows.device.type == "cpu":  # a GPU would have to wait for the answer
+        is_absent = (rows >= num_rows) | (rows < -num_rows)
+        if is_absent.any():
+            absent = int(rows[is_absent][0])
+            raise IndexError(f"there is no row {absent}: there are {num_rows}, from 0")
+    return rows
+
+
+def _tensor_of_rows(chosen: object) -> Tensor | None:
+    """Convert a choice of rows to a tensor of bool or whole numbers; None: it is something else."""
+    if not isinstance(chosen, Tensor):
+        array = given_array("rows", chosen)
+        if array.size and array.dtype.kind not in "bi":  # of [] it is that of floats
+            return None
+        return torch.from_numpy(np.array(array, np.bool_ if array.dtype.kind == "b" else np.int64))
+    # Masks of uint8, as of old, are no numbers.
+    is_other = chosen.is_floating_point() or chosen.is_complex() or chosen.dtype == torch.uint8
+    return None if is_other else chosen
 
 
 def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:

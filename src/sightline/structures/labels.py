@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-import torch
 from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
+from sightline.geometry.given_arrays import Rows, selected_rows
 
 LOOK_ALIKES: Final = MappingProxyType(
     {"Van": "Car", "Truck": "Car", "Person_sitting": "Pedestrian"}
@@ -66,16 +66,16 @@ class ObjectLabels:
         """Mask of the objects with a 3D part."""
         return (self.boxes3d.sizes > 0).all(dim=-1)
 
-    def select(self, mask: Bool[Tensor, " num_objects"]) -> "ObjectLabels":
-        """Select the objects of a mask."""
-        kept = torch.nonzero(mask)[:, 0].tolist()
+    def select(self, kept: Rows) -> "ObjectLabels":
+        """Select objects by indices, in their order, or by a mask."""
+        kept = selected_rows(kept, len(self))
         return ObjectLabels(
-            class_names=tuple(self.class_names[index] for index in kept),
-            boxes2d=self.boxes2d[mask],
-            boxes3d=self.boxes3d[mask],
-            truncation=self.truncation[mask],
-            occlusion=self.occlusion[mask],
-            alpha=self.alpha[mask],
+            class_names=tuple(self.class_names[index] for index in kept.tolist()),
+            boxes2d=self.boxes2d[kept],
+            boxes3d=self.boxes3d[kept],
+            truncation=self.truncation[kept],
+            occlusion=self.occlusion[kept],
+            alpha=self.alpha[kept],
         )
 
 

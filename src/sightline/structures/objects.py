@@ -12,6 +12,7 @@ from torch import Tensor
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
+from sightline.geometry.given_arrays import Rows, selected_rows
 from sightline.geometry.ranges import check_range
 
 Origin = Literal["measured", "refined", "lifted", "none"]
@@ -94,8 +95,9 @@ class Objects:
         """Mask of the objects with a 3D box."""
         return (self.boxes3d.sizes > 0).all(dim=1)
 
-    def select(self, kept: Int64[Tensor, " num_kept"]) -> "Objects":
-        """Select objects by indices, in their order."""
+    def select(self, kept: Rows) -> "Objects":
+        """Select objects by indices, in their order, or by a mask."""
+        kept = selected_rows(kept, len(self))
         indices = kept.tolist()
         return Objects(
             class_names=tuple(self.class_names[index] for index in indices),

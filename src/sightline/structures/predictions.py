@@ -8,12 +8,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int64, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 from torch import Tensor
 
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
+from sightline.geometry.given_arrays import Rows, selected_rows
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.lidar_turn import LidarTurn
 from sightline.structures.objects import Objects
@@ -121,8 +122,9 @@ class Detections2D:
         """Check that the columns have equal lengths."""
         _check_lengths(self.class_names, self.boxes, self.scores)
 
-    def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections2D":
-        """Select detections by indices, in their order."""
+    def select(self, kept: Rows) -> "Detections2D":
+        """Select detections by indices, in their order, or by a mask."""
+        kept = selected_rows(kept, len(self.scores))
         return Detections2D(
             class_names=tuple(self.class_names[index] for index in kept.tolist()),
             boxes=self.boxes[kept],
@@ -177,8 +179,9 @@ class Detections3D:
         """Check that the columns have equal lengths."""
         _check_lengths(self.class_names, self.boxes, self.scores)
 
-    def select(self, kept: Int64[Tensor, " num_kept"]) -> "Detections3D":
-        """Select detections by indices, in their order."""
+    def select(self, kept: Rows) -> "Detections3D":
+        """Select detections by indices, in their order, or by a mask."""
+        kept = selected_rows(kept, len(self.scores))
         return Detections3D(
             class_names=tuple(self.class_names[index] for index in kept.tolist()),
             boxes=self.boxes[kept],
