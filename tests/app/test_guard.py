@@ -70,3 +70,12 @@ def test_with_a_token_the_address_opens_the_page_and_then_a_cookie_does():
     assert own.get("/api").status_code == 200
     own.cookies.clear()
     assert own.get("/api?token=secret-of-this-run").status_code == 403
+
+
+@pytest.mark.parametrize("host", ["192.168.7.9:8000", "lab.local:8000", "[fe80::1]:8000"])
+def test_with_a_token_this_machine_may_be_called_by_any_of_its_names(host):
+    own = client(token="secret-of-this-run")
+    assert own.get("/api", headers={"host": host}).status_code == 403
+    opened = own.get("/?token=secret-of-this-run", headers={"host": host})
+    cookie = opened.headers["set-cookie"].partition(";")[0]
+    assert own.get("/api", headers={"host": host, "cookie": cookie}).status_code == 200

@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 import signal
 import socket
@@ -243,6 +244,28 @@ def test_a_server_that_is_told_to_end_does_not_wait_for_answers(path, capfd):
             server.should_exit = True
             thread.join()
     assert capfd.readouterr().err == ""
+
+
+def test_a_browser_that_waits_for_the_page_gets_it(tmp_path):
+    """As browsers in a terminal do, such as w3m."""
+    (tmp_path / "browser.py").write_text(
+        "import sys, pathlib, urllib.request\n"
+        "with urllib.request.urlopen(sys.argv[1]) as page:\n"
+        "    pathlib.Path(sys.argv[2]).write_text(str(page.status))\n"
+    )
+    seen = tmp_path / "seen"
+    browser = f"{sys.executable} {tmp_path / 'browser.py'} %s {seen}"
+    command = [sys.executable, "-m", "sightline", "serve", "--port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "BROWSER": browser},
+    ) as server:  # fmt: skip
+        deadline = time.monotonic() + 300
+        while not seen.exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        server.terminate()
+        server.communicate()
+    assert seen.read_text() == "200"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

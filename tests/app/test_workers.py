@@ -4,14 +4,16 @@ import signal
 import subprocess
 import sys
 import threading
+import warnings
 from pathlib import Path
 
 import pytest
 import torch
 
-from sightline.app.parts import Task
+from sightline.app.parts import Answer, Task
 from sightline.app.state import parse_state
 from sightline.app.workers import MAX_WAITING, BusyError, WorkerLostError, Workers
+from sightline.cli.output import format_warning
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import QuickMaker, dataset
 
@@ -41,6 +43,25 @@ def test_a_killed_worker_is_replaced_and_its_task_done_again(workers):
         assert workers.num_replaced == 1
 
     asyncio.run(run())
+
+
+def test_warnings_of_workers_are_formatted_like_those_of_their_parent(monkeypatch):
+    monkeypatch.setattr("warnings.formatwarning", format_warning)
+    made = Workers(WarningMaker(dataset(), PACKAGED_FRAMES, "torch"), 1)
+    try:
+        answer = asyncio.run(made.run(task("scene")))
+    finally:
+        made.close()
+    assert answer.content == {"text": "sightline: warning: of a worker\n"}
+
+
+class WarningMaker(QuickMaker):
+    """Maker whose answers are formatted warnings."""
+
+    def make(self, task):
+        del task
+        text = warnings.formatwarning("of a worker", UserWarning, "file.py", 1)
+        return Answer(content={"text": text})
 
 
 def parent_of(pid):

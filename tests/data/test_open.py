@@ -15,6 +15,7 @@ from sightline.data.open import open_dataset
 from sightline.data.sample_files import describe_sparse_maps, warn_of_missing_sensors
 from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
+from tests.data.recordings import write_recording
 from tests.data.trees import IMAGE_SIZE, write_depth_drive, write_drive
 from tests.data.trees import write_object_tree as write_whole_object_tree
 from tests.data.trees import write_selection as write_selected
@@ -186,6 +187,24 @@ def test_a_list_picks_samples_of_any_tree_in_its_order(tmp_path):
     assert (len(listed), listed[0].sample_id) == (1, "0000000005")
     with pytest.raises(ValueError, match=r"lacks 1 of the requested frames, x: there are 1, from"):
         open_dataset(tmp_path / "depth", sample_list=["x"], parts=("points",))
+
+
+@pytest.mark.parametrize("layout", ["recording", "drive", "objects"])
+def test_changing_a_sample_changes_no_other_frame(tmp_path, layout):
+    if layout == "recording":
+        folder = write_recording(tmp_path / "rec", ("a", "b"), cloud=".npy", picture=".png")
+    elif layout == "drive":
+        folder = write_drive(tmp_path / "2011_09_26" / "drive", 2)
+    else:
+        folder = write_object_tree(tmp_path, 2)
+    dataset = open_dataset(folder)
+    expected = dataset[1]
+    first = dataset[0]
+    for matrix in (first.calibration.image_from_camera, first.world_from_lidar):
+        if matrix is not None:
+            matrix[:2] *= 0.5  # as for an image of half the size
+    assert dataset[1] == expected
+    assert dataset[0] != first
 
 
 def test_a_split_that_is_a_link_to_another_disk_is_a_split(tmp_path):

@@ -268,7 +268,7 @@ FACES = "element face 1\nproperty list uchar int vertex_indices\n"
 
 
 def ply(path, form, body, *, intensity="property float intensity\n", before="", after=""):
-    header = f"ply\nformat {form} 1.0\ncomment made by a test\n{before}element vertex 3\n"
+    header = f"ply\nformat {form} 1.0\ncomment by Åsa Łącka\n{before}element vertex 3\n"
     header += f"{PLY_FIELDS}{intensity}{after}end_header\n"
     path.write_bytes(header.encode() + (body.encode() if isinstance(body, str) else body))
     return path

@@ -22,6 +22,13 @@ def test_pairwise_overlap_equals_the_reference(a, b):
     assert overlaps.tolist() == [pytest.approx(row) for row in expected]
 
 
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16])
+def test_boxes_of_half_precision_larger_than_its_largest_number_overlap(kind):
+    large = Boxes2D(torch.tensor([[0.0, 0.0, 512.0, 512.0]], dtype=kind))
+    assert large.area().tolist() == [512.0**2]
+    assert pairwise_iou2d(large, large).tolist() == [[1.0]]
+
+
 def test_convention_area_has_no_plus_one():
     assert Boxes2D(torch.tensor([[0.0, 0.0, 2.0, 3.0]])).area().tolist() == [6.0]
 

@@ -58,6 +58,8 @@ CHOICES = (
     (2, [2]),
     (-1, [3]),
     (np.int64(1), [1]),
+    (np.uint8(2), [2]),
+    (np.array([1, 2], np.uint64), [1, 2]),
     (torch.tensor(3), [3]),
     ([], []),
     (torch.zeros(0, dtype=torch.int64), []),

@@ -28,7 +28,7 @@ class Guard:
     """Middleware that lets only this machine's pages, or those with the token, ask for data."""
 
     def __init__(self, app: ASGIApp, *, hosts: tuple[str, ...], token: str | None = None) -> None:
-        """Store the names by which the server may be called, without port, and the token."""
+        """Store the names by which a server without a token may be called, and the token."""
         self._app, self._hosts, self._token = app, hosts, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -51,7 +51,8 @@ class Guard:
         headers = Headers(scope=scope)
         host = headers.get("host", "").lower()
         name = host if host.endswith("]") else host.rpartition(":")[0] or host
-        if name not in self._hosts:
+        # Another site's page that has rebound its name to this address has no token's cookie.
+        if self._token is None and name not in self._hosts:
             return _refused(421, "this server is not called so; open the address that it prints")
         if scope["method"] not in ("GET", "HEAD"):
             return _refused(405, "this server only answers")

@@ -9,7 +9,7 @@ import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import current_thread, main_thread
+from threading import Thread, current_thread, main_thread
 from typing import Final
 
 import uvicorn
@@ -71,7 +71,7 @@ def serve_page(
         title="packaged frames" if data is None else data.resolve().name,
         workers=workers,
         engine=engine,
-        hosts=LOOPBACK if host is None else _names(host),
+        hosts=LOOPBACK,
         token=token,
     )
     listening = _listen(host or LOOPBACK[0], port)
@@ -80,9 +80,9 @@ def serve_page(
     server = page_server(make_app(settings, PartMaker(dataset, folder, engine)))
     with listening:
         announce(address)
-        if browser:
-            webbrowser.open(address)
         prepare_workers()
+        if browser:  # in a thread: one in a terminal, such as w3m, waits for the page
+            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         server.run(sockets=[listening])
 
 
@@ -119,15 +119,6 @@ class _Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # dropped ones are no faults
         await super().shutdown(sockets)
-
-
-def _names(host: str) -> tuple[str, ...]:
-    """Names by which browsers may call a server on an address; any address: also this machine's."""
-    if host in ("0.0.0.0", "::"):  # noqa: S104 - asked for by --host
-        own = socket.gethostname().lower()
-        addresses = {each[4][0] for each in socket.getaddrinfo(own, None)}
-        return (*LOOPBACK, own, *(_bracketed(str(each)) for each in addresses))
-    return (*LOOPBACK, _bracketed(host.lower()))
 
 
 def _shown(host: str | None) -> str:

@@ -8,6 +8,8 @@ import os
 import pickle
 import signal
 import traceback
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import forkserver, resource_tracker
@@ -164,7 +166,8 @@ class Workers:
 
     def _started(self) -> _Worker:
         own_end, worker_end = _STARTS.Pipe()
-        process = _STARTS.Process(target=_work, args=(self._maker, worker_end), daemon=True)
+        given = self._maker, worker_end, warnings.formatwarning
+        process = _STARTS.Process(target=_work, args=given, daemon=True)
         with holding_signals():
             _start(process)
         worker_end.close()
@@ -242,8 +245,9 @@ def _ask(worker: _Worker, task: Task) -> Answer | str | None:
     return answer
 
 
-def _work(pickled_maker: bytes, channel: Connection) -> None:
+def _work(pickled_maker: bytes, channel: Connection, format_warning: Callable[..., str]) -> None:
     """Compute the tasks that come through the channel, until an empty one or the parent's end."""
+    setattr(warnings, "formatwarning", format_warning)  # noqa: B010 - mypy rejects an assignment
     maker: PartMaker = pickle.loads(pickled_maker)  # noqa: S301 - from our own parent
     ignore_interrupts()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD_SIGNALS)

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from copy import deepcopy
 from pathlib import Path
 
 import torch
@@ -136,16 +137,19 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
                 f"{self.image_size[0]}x{self.image_size[1]} like the drive's first image",
                 "extract the drive again",
             )
+        # Copies: changing a sample must not change the frames that follow.
+        pose = None if self._poses is None else self._poses[index].clone()
+        calibration, level_from_lidar = deepcopy((self.calibration, self._level_from_lidar))
         return CameraLidarSample(
             sample_id=frame.sample_id,
-            calibration=self.calibration,
+            calibration=calibration,
             image_size=self.image_size,
             image=image,
             points=None if frame.points is None else read_points(frame.points),
-            world_from_lidar=None if self._poses is None else self._poses[index],
+            world_from_lidar=pose,
             timestamp_s=self.time_s(index),
             lidar_height_m=self._pose.height_m,
-            level_from_lidar=self._level_from_lidar,
+            level_from_lidar=level_from_lidar,
         )
 
 

@@ -217,7 +217,8 @@ def _ply_header(
     if not content.startswith(b"ply") or end is None:
         raise FileError(path, "is no whole PLY file: its header has no end_header", REMEDY)
     order, elements = "", list[tuple[str, int, list[Field]]]()
-    for line in content[: end.start()].decode("latin-1").splitlines()[1:]:
+    # splitlines would also split at 0x85 and others, which are parts of letters in UTF-8.
+    for line in re.split(r"\r\n|\n|\r", content[: end.start()].decode("latin-1"))[1:]:
         words = line.split()
         if words[:1] == ["format"] and len(words) > 1:
             order = _PLY_ORDERS.get(words[1], "")

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Collection, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
@@ -193,11 +194,9 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         path = frame.calibration
         assert path is not None, f"{frame.sample_id} passed without a calibration"
         rig = self._rig(path)
-        contents, calibration, level_from_lidar = (
-            rig.contents,
-            rig.calibration,
-            rig.level_from_lidar,
-        )
+        contents = rig.contents
+        # Copies: changing a sample must not change the frames that follow.
+        calibration, level_from_lidar = deepcopy((rig.calibration, rig.level_from_lidar))
         picture = frame.image or frame.depth
         size = read_or_note(read_image_size, picture, [])  # also where pictures are not needed
         if picture is not None and size is not None:

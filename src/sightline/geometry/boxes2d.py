@@ -56,8 +56,8 @@ class Boxes2D:
         return (self.tensor[..., 2:] - self.tensor[..., :2]).clamp(min=0)
 
     def area(self) -> Float[Tensor, "*batch num_boxes"]:
-        """Compute width times height [px^2]."""
-        return self.sizes().prod(dim=-1)
+        """Compute width times height [px^2], at least in float32: float16 ends at 256 by 256 px."""
+        return _at_least_float32(self.sizes()).prod(dim=-1)
 
     def clip(self, image_size: tuple[int, int]) -> "Boxes2D":
         """Clip to the pixel centres of an image of (height, width), as KITTI does."""
@@ -75,6 +75,10 @@ def pairwise_iou2d(a: Boxes2D, b: Boxes2D) -> Float[Tensor, "*batch num_a num_b"
     """IoU of every box of `a` with every box of `b`; 0 if both are empty."""
     lower = torch.maximum(a.tensor[..., :, None, :2], b.tensor[..., None, :, :2])
     upper = torch.minimum(a.tensor[..., :, None, 2:], b.tensor[..., None, :, 2:])
-    intersection = (upper - lower).clamp(min=0).prod(dim=-1)
+    intersection = _at_least_float32(upper - lower).clamp(min=0).prod(dim=-1)
     union = a.area()[..., :, None] + b.area()[..., None, :] - intersection
     return torch.where(union > 0, intersection / union.where(union > 0, 1.0), 0.0)
+
+
+def _at_least_float32(tensor: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    return tensor.to(torch.promote_types(tensor.dtype, torch.float32))

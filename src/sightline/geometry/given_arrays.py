@@ -77,15 +77,18 @@ def selected_rows(chosen: Rows, num_rows: int) -> Int64[Tensor, " num_chosen"]:
 
 
 def _tensor_of_rows(chosen: object) -> Tensor | None:
-    """Convert a choice of rows to a tensor of bool or whole numbers; None: it is something else."""
+    """Convert a choice of rows to a tensor of bool or whole numbers; None: it is something else.
+
+    Arrays of uint8 are refused: they may be masks, as of old.
+    """
     if not isinstance(chosen, Tensor):
         array = given_array("rows", chosen)
-        if array.size and array.dtype.kind not in "bi":  # of [] it is that of floats
+        is_old_mask = array.dtype == np.uint8 and array.ndim > 0
+        if array.size and (array.dtype.kind not in "biu" or is_old_mask):  # [] is of floats
             return None
         return torch.from_numpy(np.array(array, np.bool_ if array.dtype.kind == "b" else np.int64))
-    # Masks of uint8, as of old, are no numbers.
-    is_other = chosen.is_floating_point() or chosen.is_complex() or chosen.dtype == torch.uint8
-    return None if is_other else chosen
+    is_old_mask = chosen.dtype == torch.uint8 and chosen.ndim > 0
+    return None if is_old_mask or chosen.is_floating_point() or chosen.is_complex() else chosen
 
 
 def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:

@@ -21,8 +21,8 @@ def sample_of(frame: SimulatedFrame) -> CameraLidarSample:
     """Convert a frame to a sample with labels, dense depth, pose, time and the complete sweep."""
     image = None if frame.image is None else np.ascontiguousarray(frame.image.transpose(2, 0, 1))
     calibration = Calibration(
-        image_from_camera=torch.from_numpy(frame.calibration.image_from_camera),
-        camera_from_lidar=torch.from_numpy(frame.calibration.camera_from_lidar),
+        image_from_camera=torch.tensor(frame.calibration.image_from_camera),  # shared by frames
+        camera_from_lidar=torch.tensor(frame.calibration.camera_from_lidar),
     )
     pose = frame.lidar_pose
     level_from_lidar = level_from_mount(calibration, None if pose is None else pose.tilt)

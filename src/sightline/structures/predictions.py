@@ -35,7 +35,7 @@ _SHARE: Final = 4
 
 def _surer_than(detections: Any, min_score: float) -> Any:  # noqa: ANN401 - any of the classes
     """Deprecated name of `filter_by_score`."""
-    warnings.warn("surer_than is now filter_by_score", DeprecationWarning, stacklevel=2)
+    warnings.warn("surer_than is now filter_by_score", DeprecationWarning, stacklevel=3)
     return detections.filter_by_score(min_score)
 
 
