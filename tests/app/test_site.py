@@ -184,6 +184,8 @@ def test_a_folder_that_another_process_exports_is_refused(tmp_path):
         (["--kinds", "lidar_fog"], "--kinds is for --export; give --export FOLDER"),
         (["--export", "/dev/null"], "is no folder"),
         (["--export", "/"], "is no place for an export"),
+        (["--export", "."], ". is the current folder, which an export cannot replace"),
+        (["--export", "/proc"], "/proc is a mount point, which an export cannot replace"),
         (["--export", "/proc/site"], "cannot be written"),
     ],
 )

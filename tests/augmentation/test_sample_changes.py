@@ -69,6 +69,16 @@ def test_thinning_keeps_every_nth_ring_from_the_first(keep_every, data):
     assert thinned.tolist() == expected
 
 
+@pytest.mark.parametrize("keep_every", [1, 2, 4])
+def test_a_sensor_of_128_beams_is_thinned_over_all_of_them(monkeypatch, keep_every):
+    sample = ring_sample()
+    rings = 127 - np.arange(int(points_in_view(sample).sum())) % 128
+    name = "sightline.augmentation.sample_changes.rings_of_any_order"
+    monkeypatch.setattr(name, lambda _: (rings, 128))
+    kept = thin_rings(sample, keep_every=keep_every).points
+    assert len(kept) == np.count_nonzero(rings % keep_every == 0)
+
+
 def test_a_thinned_sweep_has_fewer_rings_and_the_rest_of_the_sample_stays():
     depth = torch.full((375, 1242), 7.0)
     sample = replace(ring_sample(), depth=depth)

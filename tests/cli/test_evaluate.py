@@ -36,6 +36,21 @@ def test_scores_by_distance_go_to_people_and_to_files(folders, tmp_path, capsys)
     assert {path.name for path in plots.iterdir()} == names
 
 
+def test_all_files_are_written_though_the_reader_of_the_table_has_gone(
+    folders, tmp_path, monkeypatch
+):
+    def closed(_table):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("sightline.cli.report.show_table", closed)
+    files = [tmp_path / name for name in ("all.json", "scores.csv", "scores.md")]
+    options = [f"--{file.suffix[1:].replace('md', 'markdown')}={file}" for file in files]
+    command = ["evaluate", "objects", *folders, "--missing-as-empty", *options]
+    main([*command, "--plots", str(tmp_path / "plots")])
+    assert all(file.stat().st_size > 100 for file in files)
+    assert list((tmp_path / "plots").iterdir())
+
+
 def test_a_table_says_that_few_objects_cannot_fill_the_recall_positions(folders, capsys):
     assert main(["evaluate", "objects", *folders, "--missing-as-empty"]) == 0
     printed = " ".join(capsys.readouterr().out.split())

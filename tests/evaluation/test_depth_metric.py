@@ -25,6 +25,14 @@ def test_the_metric_is_the_mean_over_all_images_of_all_batches():
     assert got == pytest.approx(asdict(mean_scores(scores)), rel=1e-12)
 
 
+def test_predictions_of_half_precision_are_scored():
+    prediction, truth = batch(0)
+    halves, rounded = DepthCompletionScores(), DepthCompletionScores()
+    halves.update(prediction.bfloat16(), truth)
+    rounded.update(prediction.bfloat16().float(), truth)
+    assert halves.compute() == rounded.compute()
+
+
 def test_a_reset_forgets_what_was_scored():
     metric = DepthCompletionScores()
     metric.update(*batch(0))

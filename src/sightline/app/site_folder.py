@@ -44,6 +44,12 @@ class SiteFolder:
         self._site = Path(os.path.realpath(site))
         if not self._site.name:
             raise ValueError(f"{site} is no place for an export; name a new folder")
+        is_current = Path.cwd().is_relative_to(self._site)
+        if is_current or self._site.is_mount():  # it is replaced as a whole
+            what = "the current folder" if is_current else "a mount point"
+            raise ValueError(
+                f"{site} is {what}, which an export cannot replace; name a folder in it"
+            )
         self._aside = self._site.with_name(f".{self._site.name}.part")
         self._older = self._site.with_name(f".{self._site.name}.old")
         self._settings = dict(settings)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from sightline.data.kitti_labels import NO_ALPHA
 from sightline.data.pixels import is_in_view
-from sightline.data.rings import NUM_RINGS, rings_of_any_order
+from sightline.data.rings import rings_of_any_order
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
@@ -74,7 +74,8 @@ def thin_rings(sample: CameraLidarSample, keep_every: int, first: int = 0) -> Ca
         rings = torch.from_numpy(rings_of_any_order(sweep_of(in_view).numpy())[0])
     except ValueError as error:
         raise ValueError(f"sample {sample.sample_id}: {error}") from error
-    return keep_rings(in_view, rings, range(first, NUM_RINGS, keep_every))
+    num_rings = int(rings.max()) + 1 if len(rings) else 0  # 128, of some sensors
+    return keep_rings(in_view, rings, range(first, num_rings, keep_every))
 
 
 @named_arguments

@@ -106,10 +106,12 @@ def objects_command(
         missing_as_empty=missing_as_empty,
         progress=True,
     )
-    deliver(report, json)
+    # Before the table, whose reader may be gone.
     write_object_rows(report, csv=csv, markdown=markdown)
+    num_plots = 0 if plots is None else write_object_plots(report, plots)
+    deliver(report, json)
     if plots is not None:
-        say(f"{plots}: {write_object_plots(report, plots)} pictures")
+        say(f"{plots}: {num_plots} pictures")
 
 
 def proposals_command(

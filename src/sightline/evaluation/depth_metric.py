@@ -43,7 +43,10 @@ class DepthCompletionScores(Metric):
         Raises:
             ValueError: As for `score_depth`.
         """
-        predictions, truths = prediction_m.detach().cpu().numpy(), truth_m.detach().cpu().numpy()
+        predictions, truths = (  # NumPy has no bfloat16
+            each.to(torch.promote_types(each.dtype, torch.float32)).numpy(force=True)
+            for each in (prediction_m, truth_m)
+        )
         for prediction, truth in zip(predictions, truths, strict=True):
             scores = asdict(score_depth(prediction, truth))
             self.sums += self.sums.new_tensor(list(scores.values()))

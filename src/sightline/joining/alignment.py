@@ -101,6 +101,8 @@ class Alignment:
                 "the frames disagree on the LiDAR's rotation in its mount: each is aligned by the "
                 "boxes that both detectors found"
             )
+        if not self:
+            return "nothing to align: the LiDAR fits the calibration, as far as it was measured"
         angles = ", ".join(
             f"{name.removesuffix('_deg')} {angle:g} deg"
             for name, angle in self.turn.to_json().items()

@@ -104,8 +104,26 @@ def test_a_clock_that_is_set_within_the_drive_is_told(tmp_path, stepping):
 
     bag = write_drive(tmp_path / "drive", number=10, stamp=stamp)
     report = str(import_recording(bag, tmp_path / "out", max_gap_s=5.0))
-    doubt = "warning: header stamps of /points step by 1 s against their receipt within the drive"
+    doubt = "warning: header stamps of /points step by 1 s against those of /front/image_raw within"
     assert (doubt in report) == (stepping == "lidar")
+
+
+def test_a_clock_of_the_recorder_and_one_sensor_that_is_set_is_told(tmp_path):
+    """The camera's stamps and all times of receipt jump; the LiDAR has a clock of its own."""
+    set_ns, step_ns = START_NS + 4 * 10**8, 10**9
+
+    def stamp(frame, time_ns):
+        return time_ns - step_ns * (frame == "lidar" and time_ns > set_ns + step_ns // 2)
+
+    with OddBag(tmp_path / "drive", stamp) as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        for at in range(10):
+            time_ns = START_NS + at * 10**8 + step_ns * (at >= 5)
+            bag.image("/front/image_raw", time_ns)
+            bag.cloud("/points", time_ns + 10**7, points=FEW[: len(FEW) - at])
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out", max_gap_s=5.0))
+    assert "header stamps of /front/image_raw step by 1 s against those of /points" in report
 
 
 def test_messages_that_are_received_late_are_no_step_of_a_clock(tmp_path):

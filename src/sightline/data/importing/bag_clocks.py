@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Final, Literal
 
 import numpy as np
@@ -91,14 +92,7 @@ def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
             "separate clocks, images are paired with sweeps of other moments; then take --clock "
             "received"
         )
-    steps = [_step_ns(times) for times in topics]
-    if max(steps) - min(steps) > _MAX_DELAY_DIFFERENCE_NS:
-        stepping = topics[int(np.argmax(np.abs(steps)))]
-        notes.append(
-            f"warning: {_stamps_label(stepping)} step by {np.abs(steps).max() / 1e9:.3g} s against "
-            "their receipt within the drive, as where a clock is set: before or after that, images "
-            "are paired with sweeps of other moments; then take --clock received"
-        )
+    notes += _step_notes(topics)
     filled = []
     for times, delay in zip(topics, delays, strict=True):
         is_set = _is_set(times)
@@ -156,17 +150,33 @@ def _stamps_fault(times: MessageTimes) -> str | None:
     return None
 
 
-def _step_ns(times: MessageTimes) -> float:
-    """Step of a topic's stamps against their receipt, which is steady before and after; else 0.
+def _step_notes(topics: Sequence[MessageTimes]) -> tuple[str, ...]:
+    """Warn of stamps that step against those of another topic within the drive."""
+    for times, other in permutations(topics, 2):
+        step_s = abs(_step_ns(times, other)) / 1e9
+        if step_s:
+            return (
+                f"warning: {_stamps_label(times)} step by {step_s:.3g} s against those of "
+                f"{shortened(other.topic)} within the drive, as where a clock is set: before or "
+                "after that, images are paired with sweeps of other moments; then take --clock "
+                "received",
+            )
+    return ()
 
-    Messages that are received late, by a busy recorder, have stamps that are steady themselves.
+
+def _step_ns(times: MessageTimes, other: MessageTimes) -> float:
+    """Step of a topic's stamps against another's, which is steady before and after; else 0.
+
+    Messages that are received late, by a busy recorder, or that are lost, are no step.
     """
-    is_set = _is_set(times)
-    stamps_ns, offsets_ns = times.header_ns[is_set], times.offsets_ns[is_set]
+    kept, others = _is_set(times), _is_set(other)
+    stamps_ns, received_ns = times.header_ns[kept], times.received_ns[kept]
     if len(stamps_ns) < 2 * _MIN_STEADY:
         return 0.0
-    at = int(np.argmax(np.abs(np.diff(offsets_ns)))) + 1
-    sides = offsets_ns[:at], offsets_ns[at:]
+    nearest = np.searchsorted(other.received_ns[others], received_ns).clip(0, others.sum() - 1)
+    ahead_ns = (stamps_ns - other.header_ns[others][nearest]).astype(np.float64)
+    at = int(np.argmax(np.abs(np.diff(ahead_ns)))) + 1
+    sides = ahead_ns[:at], ahead_ns[at:]
     step_ns = float(np.median(sides[1]) - np.median(sides[0]))
     periods_ns = np.diff(stamps_ns)
     is_of_stamps = abs(periods_ns[at - 1] - np.median(periods_ns)) > _MAX_DELAY_DIFFERENCE_NS
@@ -174,7 +184,8 @@ def _step_ns(times: MessageTimes) -> float:
         len(side) >= _MIN_STEADY and np.ptp(np.quantile(side, (0.1, 0.9))) < abs(step_ns) / 4
         for side in sides
     )
-    return step_ns if is_of_stamps and is_steady else 0.0
+    is_step = is_of_stamps and is_steady and abs(step_ns) > _MAX_DELAY_DIFFERENCE_NS
+    return step_ns if is_step else 0.0
 
 
 def _is_set(times: MessageTimes) -> np.ndarray:

@@ -177,8 +177,9 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], Counts]]:
             _refuse_journal(each)
             kind = kinds[each.suffix.lower()]
             # It puts the path into a URL, in which #, ? and % have meanings.
-            is_in_url = kind is Sqlite3Reader
-            reader = kind(Path(quote(os.path.realpath(each))) if is_in_url else each)
+            place = os.path.realpath(each)
+            quoted = quote(os.fsencode(place))
+            reader = kind(Path(quoted) if kind is Sqlite3Reader else each)
             try:
                 reader.open()
                 stack.callback(reader.close)
@@ -186,9 +187,9 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], Counts]]:
                     if chunk.compression not in _CHUNK_COMPRESSIONS:
                         raise ValueError(f"unsupported chunk compression {chunk.compression!r}")
             except Exception as error:
+                reason = one_line(error).replace(quoted, place)
                 raise ValueError(
-                    f"{each} cannot be read as a ROS bag: {one_line(error).rstrip('.')}; "
-                    f"{_remedy(one_line(error))}"
+                    f"{each} cannot be read as a ROS bag: {reason.rstrip('.')}; {_remedy(reason)}"
                 ) from error
             if isinstance(reader, Sqlite3Reader) and reader.dbconn is not None:
                 import apsw
@@ -209,7 +210,7 @@ def _refuse_journal(database: Path) -> None:
             raise FileError(
                 database,
                 f"has a journal beside it, {journal.name}: the recorder did not end, and messages "
-                "are in it alone",
+                "may be in it alone",
                 "merge it in, on a copy of both: sqlite3 FILE.db3 'PRAGMA journal_mode=DELETE'",
             )
 
