@@ -126,6 +126,18 @@ def test_a_clock_of_the_recorder_and_one_sensor_that_is_set_is_told(tmp_path):
     assert "header stamps of /front/image_raw step by 1 s against those of /points" in report
 
 
+def test_a_sensor_that_starts_late_is_no_step_of_a_clock(tmp_path):
+    with OddBag(tmp_path / "drive") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        for at in range(10):
+            time_ns = START_NS + at * 10**8 + 5 * 10**9 * (at >= 4)
+            bag.image("/front/image_raw", time_ns)
+            if at >= 4:
+                bag.cloud("/points", time_ns, points=FEW[: len(FEW) - at])
+    assert "step by" not in str(import_recording(tmp_path / "drive", tmp_path / "out"))
+
+
 def test_messages_that_are_received_late_are_no_step_of_a_clock(tmp_path):
     late_ns = 2 * 10**9
 

@@ -170,11 +170,14 @@ def _step_ns(times: MessageTimes, other: MessageTimes) -> float:
     Messages that are received late, by a busy recorder, or that are lost, are no step.
     """
     kept, others = _is_set(times), _is_set(other)
-    stamps_ns, received_ns = times.header_ns[kept], times.received_ns[kept]
+    nearest = np.searchsorted(other.received_ns[others], times.received_ns[kept])
+    nearest = nearest.clip(0, others.sum() - 1)
+    apart_ns = np.abs(other.received_ns[others][nearest] - times.received_ns[kept])
+    has_partner = apart_ns <= _MAX_DELAY_DIFFERENCE_NS  # the other sensor may be off for a while
+    stamps_ns = times.header_ns[kept][has_partner]
     if len(stamps_ns) < 2 * _MIN_STEADY:
         return 0.0
-    nearest = np.searchsorted(other.received_ns[others], received_ns).clip(0, others.sum() - 1)
-    ahead_ns = (stamps_ns - other.header_ns[others][nearest]).astype(np.float64)
+    ahead_ns = (stamps_ns - other.header_ns[others][nearest[has_partner]]).astype(np.float64)
     at = int(np.argmax(np.abs(np.diff(ahead_ns)))) + 1
     sides = ahead_ns[:at], ahead_ns[at:]
     step_ns = float(np.median(sides[1]) - np.median(sides[0]))
