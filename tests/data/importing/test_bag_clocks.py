@@ -126,6 +126,25 @@ def test_a_clock_of_the_recorder_and_one_sensor_that_is_set_is_told(tmp_path):
     assert "header stamps of /front/image_raw step by 1 s against those of /points" in report
 
 
+def test_a_camera_that_stalls_and_is_late_from_then_on_is_no_step_of_a_clock(tmp_path):
+    """Its pictures of a second are lost, and the others are received a second late."""
+    late_ns = 10**9
+
+    def stamp(frame, time_ns):
+        is_late = frame == "camera_optical" and time_ns > START_NS + 2 * 10**9
+        return time_ns - late_ns * is_late
+
+    with OddBag(tmp_path / "drive", stamp) as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        bag.info("/front/camera_info", 10**9)
+        for at in range(40):
+            time_ns = START_NS + at * 10**8
+            bag.cloud("/points", time_ns, points=FEW[: len(FEW) - at])
+            if at < 10 or 20 <= at < 30:
+                bag.image("/front/image_raw", time_ns + late_ns * (at >= 20))
+    assert "step by" not in str(import_recording(tmp_path / "drive", tmp_path / "out"))
+
+
 def test_a_sensor_that_starts_late_is_no_step_of_a_clock(tmp_path):
     with OddBag(tmp_path / "drive") as bag:
         bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)

@@ -170,25 +170,43 @@ def _step_ns(times: MessageTimes, other: MessageTimes) -> float:
     Messages that are received late, by a busy recorder, or that are lost, are no step.
     """
     kept, others = _is_set(times), _is_set(other)
-    nearest = np.searchsorted(other.received_ns[others], times.received_ns[kept])
-    nearest = nearest.clip(0, others.sum() - 1)
-    apart_ns = np.abs(other.received_ns[others][nearest] - times.received_ns[kept])
-    has_partner = apart_ns <= _MAX_DELAY_DIFFERENCE_NS  # the other sensor may be off for a while
-    stamps_ns = times.header_ns[kept][has_partner]
-    if len(stamps_ns) < 2 * _MIN_STEADY:
+    stamps_ns, received_ns = times.header_ns[kept], times.received_ns[kept]
+    other_stamps_ns, other_received_ns = other.header_ns[others], other.received_ns[others]
+    nearest = np.searchsorted(other_received_ns, received_ns).clip(0, len(other_received_ns) - 1)
+    # The other sensor may be off for a while.
+    is_near = np.abs(other_received_ns[nearest] - received_ns) <= _MAX_DELAY_DIFFERENCE_NS
+    numbers = np.flatnonzero(is_near)
+    if len(numbers) < 2 * _MIN_STEADY:
         return 0.0
-    ahead_ns = (stamps_ns - other.header_ns[others][nearest[has_partner]]).astype(np.float64)
-    at = int(np.argmax(np.abs(np.diff(ahead_ns)))) + 1
-    sides = ahead_ns[:at], ahead_ns[at:]
+    ahead_ns = (stamps_ns - other_stamps_ns[nearest])[numbers].astype(np.float64)
+    place = int(np.argmax(np.abs(np.diff(ahead_ns)))) + 1
+    sides, at = (ahead_ns[:place], ahead_ns[place:]), int(numbers[place])
     step_ns = float(np.median(sides[1]) - np.median(sides[0]))
-    periods_ns = np.diff(stamps_ns)
-    is_of_stamps = abs(periods_ns[at - 1] - np.median(periods_ns)) > _MAX_DELAY_DIFFERENCE_NS
     is_steady = all(
         len(side) >= _MIN_STEADY and np.ptp(np.quantile(side, (0.1, 0.9))) < abs(step_ns) / 4
         for side in sides
     )
-    is_step = is_of_stamps and is_steady and abs(step_ns) > _MAX_DELAY_DIFFERENCE_NS
-    return step_ns if is_step else 0.0
+    if not is_steady or abs(step_ns) <= _MAX_DELAY_DIFFERENCE_NS:
+        return 0.0
+    stamps_jump, received_jump = _jump_ns(stamps_ns, at), _jump_ns(received_ns, at)
+    is_own_clock = stamps_jump - received_jump > _MAX_DELAY_DIFFERENCE_NS
+    between = slice(max(nearest[at - 1] - 1, 0), nearest[at] + 1)
+    is_recorders_clock = (  # and that of this sensor: all are received later, the other is not late
+        stamps_jump > _MAX_DELAY_DIFFERENCE_NS
+        and _largest_gap_ns(other_received_ns[between]) - _largest_gap_ns(other_stamps_ns[between])
+        > _MAX_DELAY_DIFFERENCE_NS
+    )
+    return step_ns if is_own_clock or is_recorders_clock else 0.0
+
+
+def _jump_ns(times_ns: Int64[np.ndarray, " count"], at: int) -> float:
+    """Deviation of the time before a message from the usual time between messages [ns]."""
+    periods_ns = np.diff(times_ns)
+    return float(abs(periods_ns[at - 1] - np.median(periods_ns)))
+
+
+def _largest_gap_ns(times_ns: Int64[np.ndarray, " count"]) -> float:
+    return float(np.diff(times_ns).max(initial=0))
 
 
 def _is_set(times: MessageTimes) -> np.ndarray:
