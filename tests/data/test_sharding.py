@@ -169,7 +169,7 @@ def test_a_recording_and_a_drive_are_read_from_shards(tmp_path):
     assert torch.equal(one[0].points, other[0].points)
     assert torch.equal(one[1].image, other[1].image)
     day, drive = tmp_path / "2011_09_26", "2011_09_26_drive_0001_sync"
-    write_drive(day / drive)
+    shutil.copytree(write_drive(day / drive), day / "night.png")
     (day / "synced.bag").write_bytes(b"#ROSBAG V2.0")  # as converters leave it there
     write_shards(day, tmp_path / "packed-day", frames_per_shard=2)
     one, other = open_dataset(day / drive), open_dataset(tmp_path / "packed-day" / drive)

@@ -162,7 +162,7 @@ def test_a_data_set_is_no_output_folder(tmp_path, parts):
     for part in parts:
         (tmp_path / part).mkdir(parents=True)
     with pytest.raises(
-        ValueError, match="is a data set or a part of one, with which the files of this job would"
+        ValueError, match="holds a data set, with which the files of this job would"
     ):
         acquire_output_dir(tmp_path, SETTINGS, results=("*.png",))
     assert not (tmp_path / MANIFEST_NAME).exists()
@@ -172,7 +172,9 @@ def test_a_data_set_is_no_output_folder(tmp_path, parts):
 def test_a_part_of_another_data_set_is_no_output_folder(tmp_path, part):
     for each in ("training/calib", "training/velodyne", "rec/points", "rec/calibration"):
         (tmp_path / each).mkdir(parents=True)
-    with pytest.raises(ValueError, match="is a data set or a part of one, with which the files"):
+    with pytest.raises(
+        ValueError, match=f"{part} would be a part of the data set {tmp_path}.*, by"
+    ):
         acquire_output_dir(tmp_path / part, SETTINGS, results=("*.png",))
     acquire_output_dir(tmp_path / "rec" / "mine", SETTINGS, results=("*.png",))
 

@@ -51,7 +51,6 @@ _OTHER_FORMATS = (
     (b"RIFF", "WebP"),
     (b"P5", "PGM"),
     (b"P6", "PPM"),
-    (b"version https://git-lfs", "a pointer of Git LFS"),
     (b"<", "a web page"),
 )
 _REMEDY = "extract or convert the file again"

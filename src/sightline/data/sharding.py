@@ -281,11 +281,13 @@ def files_below(root: Path, folder: str = "", above: frozenset[str] = frozenset(
     real = os.path.realpath(place)
     if real in above or not place.is_dir():
         return
-    for entry in sorted(place.iterdir()):
+    entries = sorted(place.iterdir())
+    suffixes = {entry.suffix for entry in entries if _is_sensor(entry.name) and entry.is_file()}
+    for entry in entries:
         if entry.name.startswith("."):
             continue
         path = f"{folder}/{entry.name}" if folder else entry.name
-        if entry.is_dir() and not _is_sensor(path):
+        if entry.is_dir() and entry.suffix not in suffixes:
             yield from files_below(root, path, above | {real})
         else:  # a folder in a cloud's place, a pipe or a link to nothing is named when it is read
             yield path

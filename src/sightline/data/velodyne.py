@@ -177,8 +177,7 @@ def _check_layout(content: bytes, path: Path | str) -> None:
         raise FileError(
             path,
             f"is text, '{start}', expected raw float32 x, y, z, reflectance",
-            "fetch the file itself if this is a pointer of Git LFS or a web page, or write these "
-            "four",
+            "fetch the file itself if this is a web page, or write these four",
         )
     if is_big_endian(content):
         raise FileError(

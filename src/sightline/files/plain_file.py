@@ -3,6 +3,7 @@
 import os
 import select
 import stat
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +12,11 @@ from sightline.files.problem import GIVE_ACCESS, FileError
 _GROWN_BYTES = 2**16  # allowed excess over the reported length: system files report 0
 _TIMEOUT_S: Final = 60.0
 _BLOCK_BYTES: Final = 2**16
+_POINTERS: Final = {
+    b"version https://git-lfs": ("Git LFS", "git lfs pull"),
+    b"/annex/objects/": ("git-annex", "git annex get"),
+}
+"""Starts of pointers in the place of files, with what wrote them and the command for the files."""
 _CORRECT: Final = "correct it or "
 """First words of remedies for faulty contents, which an absent file does not have."""
 
@@ -21,13 +27,13 @@ def as_path(path: Path | str) -> Path:
 
 
 def read_bytes(path: Path | str, *, max_bytes: int, remedy: str) -> bytes:
-    """Read the bytes of a regular file; arguments and errors as in `check_regular`."""
+    """Read the bytes of a regular file that is no pointer; see `check_regular`."""
     size = check_regular(path, max_bytes=max_bytes, remedy=remedy)
     return _read(path, min(size + _GROWN_BYTES, max_bytes), remedy)  # allocated at once
 
 
 def read_start(path: Path | str, num_bytes: int, *, max_bytes: int, remedy: str) -> bytes:
-    """Read the first bytes of a regular file; arguments and errors as in `check_regular`."""
+    """Read the first bytes of a regular file that is no pointer; see `check_regular`."""
     check_regular(path, max_bytes=max_bytes, remedy=remedy)
     return _read(path, num_bytes, remedy)
 
@@ -84,9 +90,24 @@ def check_regular(path: Path | str, *, max_bytes: int, remedy: str) -> int:
 def _read(path: Path | str, num_bytes: int, remedy: str) -> bytes:
     try:
         with as_path(path).open("rb") as file:
-            return file.read(num_bytes)
+            content = file.read(num_bytes)
     except OSError as error:
         raise _unreadable(path, error, remedy) from error
+    for start, (writer, command) in _POINTERS.items():
+        if content.startswith(start):
+            problem = f"is a pointer of {writer}, not the file itself"
+            raise FileError(path, problem, f"fetch it: {command}")
+    return content
+
+
+def check_no_pointer(path: Path | str) -> None:
+    """Refuse a pointer of Git LFS or git-annex in the place of a file that a library reads.
+
+    Raises:
+        FileError: The file is one, or cannot be read.
+    """
+    num_bytes = max(map(len, _POINTERS))
+    read_start(path, num_bytes, max_bytes=sys.maxsize, remedy="name another file")
 
 
 def _unreadable(path: Path | str, error: OSError, remedy: str) -> FileError:

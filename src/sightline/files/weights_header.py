@@ -2,13 +2,12 @@
 
 import json
 import struct
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.files.plain_file import read_start
-from sightline.files.problem import FileError, error_text
+from sightline.files.plain_file import check_no_pointer
+from sightline.files.problem import error_text
 from sightline.geometry.arguments import nearest, plain_path
 
 RUN_WEIGHTS: Final = "weights.safetensors"
@@ -24,7 +23,6 @@ WEIGHTS_REMEDY: Final = (
     "name a weights file that sightline wrote, or export it again from the run's checkpoint"
 )
 
-_POINTER = b"version https://git-lfs"
 _LENGTH = struct.Struct("<Q")  # a safetensors file begins with its header's length in bytes
 _MAX_HEADER_BYTES = 2**24  # enough for some hundred thousand tensors
 _MAX_DESCRIPTION_BYTES = 2**16
@@ -81,19 +79,6 @@ def find_weights(weights: Path | str) -> Path:
         )
     check_no_pointer(path)
     return path
-
-
-def check_no_pointer(path: Path) -> None:
-    """Refuse a pointer of Git LFS in the place of a file of weights.
-
-    Raises:
-        FileError: The file is one, or cannot be read.
-    """
-    start = read_start(path, len(_POINTER), max_bytes=sys.maxsize, remedy="name another file")
-    if start == _POINTER:
-        raise FileError(
-            path, "is a pointer of Git LFS, not the file itself", "fetch it: git lfs pull"
-        )
 
 
 def read_description(path: Path) -> WeightsDescription:

@@ -148,12 +148,16 @@ def _is_claimed(
     if not path.exists():
         if has_results:
             raise ValueError(_refusal(folder, f"data without a {manifest_name}", manifest_name))
-        is_part = folder.name in _PARTS and _data_root(folder.absolute()) != folder.absolute()
-        is_split_above = any(map(_has_part, (folder / s for s in KITTI_SPLITS)))
-        if _holds_sensors(folder) or is_split_above or is_part:
+        root = _data_root(folder.absolute())
+        if folder.name in _PARTS and root != folder.absolute():
             raise ValueError(
-                f"{folder} is a data set or a part of one, with which the files of this job would "
-                "mix; name another output folder"
+                f"{folder} would be a part of the data set {root}, by its name; name another "
+                "output folder"
+            )
+        if _holds_sensors(folder) or any(map(_has_part, (folder / s for s in KITTI_SPLITS))):
+            raise ValueError(
+                f"{folder} holds a data set, with which the files of this job would mix; name "
+                "another output folder"
             )
         return False
     existing = _manifest_text(path)

@@ -11,8 +11,8 @@ from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch.callbacks import Checkpoint
 
 from sightline.files.atomic import atomic_write_bytes
+from sightline.files.plain_file import check_no_pointer
 from sightline.files.weights_header import (
-    check_no_pointer,
     find_weights,
     has_weights,
     read_description,

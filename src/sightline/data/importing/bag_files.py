@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from sightline.data.importing.bag_limits import STEP_BYTES, bounded_library, zstd_module
 from sightline.data.newer_frames import changed_at
-from sightline.files.plain_file import read_start
+from sightline.files.plain_file import check_no_pointer, read_start
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
@@ -174,6 +174,7 @@ def open_files(path: Path) -> Iterator[tuple[list["Reader"], Counts]]:
         for each in paths:
             if not is_bag_file(each):
                 raise FileError(each, f"is none of {', '.join(SUFFIXES)}", _REMEDY)
+            check_no_pointer(each)
             _refuse_journal(each)
             kind = kinds[each.suffix.lower()]
             # It puts the path into a URL, in which #, ? and % have meanings.
