@@ -37,6 +37,7 @@ from sightline.geometry.tilt import Tilt
 _KEYS: Final = (
     "camera_matrix",
     "camera_from_lidar",
+    "clouds_from_source",
     "image_size",
     "lens",
     "lidar_height_m",
@@ -78,6 +79,8 @@ class RecordingCalibration:
     """Height of the LiDAR above the road [m]; None: estimated from the clouds."""
     lidar_tilt: Tilt | None = None
     """Tilt of the LiDAR against the road; None: estimated from the clouds."""
+    clouds_from_source: Float64[np.ndarray, "3 3"] | None = None
+    """Rotation of the clouds against those of the bag that they were imported from; None: none."""
 
 
 def read_recording_calibration(path: Path | str) -> RecordingCalibration:
@@ -109,6 +112,7 @@ def read_recording_calibration(path: Path | str) -> RecordingCalibration:
             max_intensity=_max_intensity(content.get("max_intensity", 1.0)),
             lidar_height_m=_lidar_height(content.get("lidar_height_m")),
             lidar_tilt=_lidar_tilt(content.get("lidar_tilt_deg")),
+            clouds_from_source=_clouds_from_source(content),
         )
         require_usable(calibration)
     except ValueError as error:
@@ -202,6 +206,8 @@ def recording_calibration_text(calibration: RecordingCalibration) -> str:
     if calibration.lidar_tilt is not None:
         tilt = calibration.lidar_tilt
         content["lidar_tilt_deg"] = {"roll": tilt.roll_deg, "pitch": tilt.pitch_deg}
+    if calibration.clouds_from_source is not None:
+        content["clouds_from_source"] = calibration.clouds_from_source.tolist()
     # One line per row, as in a handwritten matrix.
     text: str = yaml.safe_dump(content, default_flow_style=None, sort_keys=False)
     return text
@@ -263,6 +269,16 @@ def _matrix(
     if (len(values), *{len(row) for row in values}) not in shapes:
         raise ValueError(f"{name} is invalid, expected a matrix of {expected} numbers")
     return np.array(values, dtype=np.float64)
+
+
+def _clouds_from_source(content: Mapping[str, object]) -> Float64[np.ndarray, "3 3"] | None:
+    if "clouds_from_source" not in content:
+        return None
+    rotation = _matrix(content, "clouds_from_source", ((3, 3),))
+    fault = rotation_fault(rotation)
+    if fault is not None:
+        raise ValueError(f"clouds_from_source holds no rotation: {fault}")
+    return rotation
 
 
 def _number(value: object, name: str) -> float:

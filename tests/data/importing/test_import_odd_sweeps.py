@@ -65,6 +65,25 @@ def test_a_lidar_upside_down_or_on_its_side_is_turned(tmp_path, axis, angle_deg,
     )
 
 
+@pytest.mark.parametrize(("axis", "angle_deg"), [("z", 30), ("z", 90), ("x", 180), ("x", 0)])
+def test_the_calibration_of_an_import_does_for_another_of_the_same_rig(tmp_path, axis, angle_deg):
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_euler(axis, angle_deg, degrees=True).as_matrix()
+    turned = FULL.copy()
+    turned[:, :3] = FULL[:, :3] @ mount[:3, :3]
+    imported(tmp_path, distinct(turned, 2), BASE_FROM_LIDAR @ mount)
+    first, again = tmp_path / "out", tmp_path / "again"
+    import_recording(tmp_path / "drive", again, calibration=first / "calibration.yaml")
+    assert ("clouds_from_source" in (first / "calibration.yaml").read_text()) == (angle_deg > 0)
+    one, other = (read_recording_calibration(each / "calibration.yaml") for each in (first, again))
+    for name in ("camera_from_lidar", "image_from_camera"):
+        matrices = [getattr(each.matrices, name) for each in (one, other)]
+        np.testing.assert_allclose(*matrices, atol=1e-9)
+    for path in sorted((first / "points").iterdir()):
+        clouds = [np.fromfile(each / "points" / path.name, np.float32) for each in (first, again)]
+        np.testing.assert_allclose(*clouds, atol=1e-4)
+
+
 @pytest.mark.parametrize(("axis", "angle_deg"), [("x", 0), ("x", 180), ("y", 180), ("x", 90)])
 def test_a_turned_lidar_keeps_its_tilt_by_tf(tmp_path, axis, angle_deg):
     turn, pitch = np.eye(4), np.eye(4)

@@ -49,6 +49,7 @@ from sightline.data.importing.writer import (
     moved_cloud,
     names_present,
     remove_incomplete,
+    source_calibration,
     staged_doubt,
     staging_folder,
     turned_calibration,
@@ -110,7 +111,7 @@ def import_bag(
     with open_bag(source) as bag, collected_warnings(notes):
         topics = choose_topics(bag, camera_topic, lidar_topic, info_topic)
         if calibration is not None:
-            given = read_recording_calibration(calibration)
+            given = source_calibration(read_recording_calibration(calibration))
         else:
             given, calibration_notes = calibration_of_bag(bag, topics, undistort=undistort)
             notes += (*calibration_notes, *(describe_info(topics) if info_topic is None else ()))
@@ -134,7 +135,12 @@ def import_bag(
         upright_from_old = turn_upright(clouds, mount)
         new_from_upright, angle_deg = turn_ahead(mount @ upright_from_old.T)
         new_from_old = new_from_upright @ upright_from_old
-        written = replace(turned_calibration(given, new_from_old), max_intensity=1.0)
+        turn = new_from_old[:3, :3]
+        written = replace(
+            turned_calibration(given, new_from_old),
+            max_intensity=1.0,
+            clouds_from_source=None if (turn == np.eye(3)).all() else turn,
+        )
         if calibration is None:
             written = with_plausible_tilt(written)
         settings = {

@@ -325,6 +325,16 @@ def turned_calibration(
     return replace(calibration, matrices=matrices, lidar_tilt=tilt)
 
 
+def source_calibration(calibration: RecordingCalibration) -> RecordingCalibration:
+    """Transform a calibration that an import wrote to the clouds of its source; else unchanged."""
+    if calibration.clouds_from_source is None:
+        return calibration
+    source_from_clouds = np.eye(4)
+    source_from_clouds[:3, :3] = calibration.clouds_from_source.T
+    turned = turned_calibration(calibration, source_from_clouds)
+    return replace(turned, clouds_from_source=None)
+
+
 def moved_cloud(
     points: Float32[np.ndarray, "num_points 4"], new_from_old: Rigid
 ) -> Float32[np.ndarray, "num_points 4"]:
