@@ -22,6 +22,10 @@ _CASES = {
     'perceiver({"detection2d": "detection2d-fast-cpu"}, threads=0)': "at least 1, got 0",
     'given.calibration.crop("1", 2)': "Calibration.crop: x_min is of type str, expected int",
     'given == None': "False",
+    'sightline.project_points(torch.tensor([[10, 1, -1]]), given.calibration).pixels.tolist()':
+        "[[539.8611",
+    'unproject_pixels(torch.tensor([[600, 200]]), torch.tensor([5.0]), given.calibration).tolist()':
+        "[[5.2672",
     'given == sightline.open_dataset(PACKAGED_FRAMES)[0]': "True",
     'given == sightline.open_dataset(PACKAGED_FRAMES)[1]': "False",
     'len({given, sightline.open_dataset(PACKAGED_FRAMES)[0]})': "1",
@@ -171,6 +175,7 @@ from sightline.corruptions.blank import CameraFramesLost
 from sightline.depth_completion.methods import complete_depth
 from sightline.detection2d.registration import TASK as DETECTION2D
 from sightline.inference.predict import predict, predict_shards
+from sightline.geometry.projection import unproject_pixels
 from sightline.health.monitor import HealthMonitor
 from sightline.health.sequence import DriveMonitor
 from sightline.visualization.birds_eye import draw_birds_eye

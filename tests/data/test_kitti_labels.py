@@ -209,6 +209,11 @@ def test_columns_of_different_lengths_are_refused():
         replace(labels(LABEL), class_names=("Car", "Van"))
 
 
+def test_scores_that_are_no_numbers_are_refused():
+    with pytest.raises(ValueError, match="1 scores are NaN, expected numbers"):
+        replace(labels(LABEL), scores=np.array([np.nan]))
+
+
 scores = st.floats(allow_nan=False, allow_infinity=False)
 numbers = st.floats(-1e12, 1e12)
 names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8).filter(

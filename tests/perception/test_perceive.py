@@ -251,6 +251,20 @@ def test_further_outputs_are_written_if_requested(data, out):
     assert not (out / "detection2d-gates").exists()  # its predictor gives none
 
 
+def test_a_predictor_that_changes_its_sample_changes_it_for_no_other(data):
+    def in_place(sample):
+        sample.points[:, 2] += 1.73
+        sample.image[:] = 0
+        return one_box(sample)
+
+    sample = open_dataset(data)[0]
+    tasks = perceiver(boxes=in_place).predictors
+    turned = MultiTaskPredictor(dict(reversed(tasks.items())))
+    expected = perceiver()(sample).depth
+    assert torch.equal(turned(sample).depth.depth_m, expected.depth_m)
+    assert sample == open_dataset(data)[0]
+
+
 def test_a_bad_frame_is_named_in_one_line(data, out):
     (data / "training" / "velodyne" / "000001.bin").write_bytes(b"123")
     with pytest.raises(ValueError, match=r"^sample 000001: [^\n]*000001\.bin[^\n]*$"):

@@ -98,7 +98,7 @@ class KittiObjects:
     """Confidence on any scale, higher is more certain; None in labels."""
 
     def __post_init__(self) -> None:
-        """Check that the columns have equal lengths."""
+        """Check that the columns have equal lengths, and that the scores are numbers."""
         lengths = {
             "class_names": len(self.class_names),
             "truncation": len(self.truncation),
@@ -113,6 +113,8 @@ class KittiObjects:
             lengths["scores"] = len(self.scores)
         if len(set(lengths.values())) > 1:
             raise ValueError(f"objects of one frame need columns of one length, got {lengths}")
+        if self.scores is not None and np.isnan(self.scores).any():
+            raise ValueError(f"{int(np.isnan(self.scores).sum())} scores are NaN, expected numbers")
 
     def __len__(self) -> int:
         """Number of objects."""

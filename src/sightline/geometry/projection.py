@@ -45,6 +45,8 @@ def project_points(
 ) -> ProjectedPoints:
     """Project LiDAR points [m] to pixels and depths, in float64; results have the points' dtype.
 
+    Those of whole numbers are float64.
+
     Examples:
         >>> import sightline
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
@@ -62,7 +64,8 @@ def project_points(
     depths = homogeneous[..., 2]
     in_front = torch.where(depths > 0, depths, torch.nan)
     pixels = homogeneous[..., :2] / in_front[..., None]
-    return ProjectedPoints(pixels.to(points.dtype), depths.to(points.dtype))
+    dtype = points.dtype if points.is_floating_point() else torch.float64
+    return ProjectedPoints(pixels.to(dtype), depths.to(dtype))
 
 
 def unproject_pixels(
@@ -70,14 +73,18 @@ def unproject_pixels(
     depths: Float[Tensor, "*batch num_points"],
     calibration: Calibration,
 ) -> Float[Tensor, "*batch num_points 3"]:
-    """Compute LiDAR-frame points [m] of pixels with depth [m]: the inverse of `project_points`."""
+    """Compute LiDAR-frame points [m] of pixels with depth [m]: the inverse of `project_points`.
+
+    They have the pixels' dtype; those of whole numbers are float64.
+    """
     scaled = torch.cat((pixels.double(), torch.ones_like(pixels[..., :1]).double()), dim=-1)
     scaled = scaled * depths.double()[..., None]
     offset = calibration.image_from_camera[..., None, :, 3]
     intrinsics = calibration.image_from_camera[..., :3]
     in_camera = torch.linalg.solve(intrinsics, (scaled - offset).transpose(-1, -2))
     lidar_from_camera = rigid_inverse(calibration.camera_from_lidar)
-    return transform_points(lidar_from_camera, in_camera.transpose(-1, -2)).to(pixels.dtype)
+    points = transform_points(lidar_from_camera, in_camera.transpose(-1, -2))
+    return points.to(pixels.dtype) if pixels.is_floating_point() else points
 
 
 @named_arguments

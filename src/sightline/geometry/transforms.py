@@ -38,12 +38,12 @@ def transform_points(
     """Apply a 4x4 rigid transform, or the 3x4 upper part of one, to points [m].
 
     It computes in the wider of the two dtypes and returns the points' dtype, so that a float64
-    calibration keeps its precision and float32 sweeps stay float32.
+    calibration keeps its precision and float32 sweeps stay float32. Whole numbers become floats.
     """
     dtype = torch.promote_types(target_from_source.dtype, points.dtype)
     matrix = target_from_source[..., :3, :].to(dtype)
     moved = points.to(dtype) @ matrix[..., :3].transpose(-1, -2) + matrix[..., None, :, 3]
-    return moved.to(points.dtype)
+    return moved.to(points.dtype) if points.is_floating_point() else moved
 
 
 def yaw_rotation(yaw: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 3 3"]:

@@ -27,7 +27,7 @@ from sightline.joining.refining import refiner_of
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.objects import Objects
 from sightline.structures.predictions import Detections2D, Detections3D, Perception
-from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample
+from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample, copy_of_sensors
 from sightline.tasks import REGISTRY, find_task, task_names
 
 if TYPE_CHECKING:
@@ -236,7 +236,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
                 lacks[name] = missing
                 continue
             start = time.perf_counter()
-            by_task[name] = predictor(sample)
+            by_task[name] = predictor(copy_of_sensors(sample))
             milliseconds[name] = 1000 * (time.perf_counter() - start)
         predictions = FramePredictions(
             by_task=by_task, lacks=lacks, milliseconds=milliseconds, undone_turn=turn or None

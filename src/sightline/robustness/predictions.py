@@ -14,6 +14,7 @@ from sightline.jobs.crew import Driver
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
 from sightline.robustness.labels import check_placing_labels
 from sightline.robustness.scoring import BenchPrediction, ResultWriter
+from sightline.structures.sample import copy_of_sensors
 
 _CASES_PER_READ = 8  # of a frame: few enough for many workers on few frames
 
@@ -133,10 +134,11 @@ class _FrameWork:
     def run(self) -> None:
         frame = self.writer.prepare(self.dataset[self.index])
         for case, methods in self.pending:
-            corrupted = case.corrupt(frame.sample, self.seed)
+            corrupted = case.corrupt(copy_of_sensors(frame.sample), self.seed)
             blind = replace(corrupted.sample, objects=None, depth=None)
             for each in methods:
-                prediction = BenchPrediction(frame, corrupted, each.predictor(blind))
+                found = each.predictor(copy_of_sensors(blind))
+                prediction = BenchPrediction(frame, corrupted, found)
                 if each.also is not None:
                     each.also(case, prediction)
                 path = each.folder / case.name / f"{self.name}{self.writer.suffix}"

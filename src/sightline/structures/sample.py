@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Final, Literal, SupportsFloat, SupportsIndex
 
 import numpy as np
@@ -212,6 +212,14 @@ def _image_size(
             f"{size[0]}x{size[1]}; give image_size only if there is no image"
         )
     return size
+
+
+def copy_of_sensors(sample: CameraLidarSample) -> CameraLidarSample:
+    """Copy a sample with its image and points, for code that may change them in place."""
+    image, points = (
+        None if each is None else each.clone() for each in (sample.image, sample.points)
+    )
+    return replace(sample, image=image, points=points)
 
 
 def check_points(sample: CameraLidarSample) -> None:
