@@ -213,11 +213,23 @@ def test_numbers_without_leading_zeros_are_told_by_check_and_on_opening(tmp_path
 
 @pytest.mark.parametrize(
     "names",
-    [("8", "9"), ("08", "09", "10"), ("1700000000.1", "1700000000.15"), ("a1", "b02"), ("x", "y")],
+    [
+        *(("8", "9"), ("08", "09", "10"), ("a1", "b02"), ("x", "y"), ("cam0_7", "cam0_8")),
+        *(("1700000000.1", "1700000000.15"), ("1700000000.09", "1700000000.1")),
+    ],
 )
 def test_names_whose_order_as_text_is_that_of_their_numbers_are_sound(names):
     frames = [ObjectFrame(sample_id=name) for name in names]
     assert order_doubt(Path("drive"), frames) is None
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("17_100000000", "17_9000000"), ("10.5", "9.5"), ("d1_10", "d1_2"), ("a10_b1", "a9_b2")],
+)
+def test_names_whose_numbers_are_in_another_order_are_doubted(names):
+    frames = [ObjectFrame(sample_id=name) for name in names]
+    assert f"{names[1]} follows {names[0]}" in str(order_doubt(Path("drive"), frames))
 
 
 def test_times_closer_than_any_lidar_turns_are_told():

@@ -36,6 +36,12 @@ def test_a_pointer_in_the_place_of_a_cloud_is_named(tmp_path, suffix):
     assert any(NAMED in str(each) for each in check_tree(recording))
 
 
+def test_a_link_whose_file_is_not_there_is_named(tmp_path):
+    (tmp_path / "calib.txt").symlink_to("../.git/annex/objects/MD5E-s12--4d7a")
+    with pytest.raises(FileError, match=r"is a link to '\.\./\.git/annex.*, which cannot be"):
+        read_text(tmp_path / "calib.txt")
+
+
 def test_pointers_of_git_annex_are_named(tmp_path):
     (tmp_path / "calib.txt").write_bytes(ANNEX)
     with pytest.raises(FileError, match=r"calib\.txt: is a pointer of git-annex.*git annex get"):

@@ -60,7 +60,7 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         try:
             relative_parts(frame, source, f"frame {number}")  # becomes part of files' names
         except FileError as error:
-            doubt = doubt_about_names([frame])
+            doubt = doubt_about_names([frame]) if "/" in frame else None
             if doubt is None:
                 raise
             raise ValueError(f"{source}: {doubt}") from error

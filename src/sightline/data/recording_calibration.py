@@ -284,7 +284,7 @@ def _clouds_from_source(content: Mapping[str, object]) -> Float64[np.ndarray, "3
 def _number(value: object, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         quoted = shortened(repr(value), 40)
-        raise ValueError(f"{name} holds {quoted}, expected numbers, without quotes")
+        raise ValueError(f"{name} holds {quoted}, expected numbers, such as -0.5, without quotes")
     try:
         return float(value)
     except OverflowError:

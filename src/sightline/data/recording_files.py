@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -52,7 +53,7 @@ _GAP_STEPS: Final = 10  # typical steps that count as a gap
 _MIN_GAP_S: Final = 2
 _IN_SEQUENCE: Final = re.compile(r"(.*\D)(\d+)", re.ASCII)
 _FIRST_NUMBERS: Final = (0, 1)  # of the first frame of a sequence
-_ONE_NUMBER: Final = re.compile(r"(\D*)(\d+)(\D*)", re.ASCII)
+_NUMBER: Final = re.compile(r"(\d+)", re.ASCII)
 _REMEDY: Final = "write lines like `000001 0.1`"
 _NUMBER_REMEDY: Final = f"{_REMEDY}: name, then seconds as a number; no heading, no dates"
 
@@ -134,17 +135,17 @@ def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part
 
 
 def order_doubt(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
-    """Problem of names whose only numbers have unequal lengths, so that 10 comes before 2.
+    """Problem of names whose numbers have unequal lengths, so that 10 comes before 2.
 
     None if images and clouds have different names, which is the problem itself: `unpaired`.
     """
     if unpaired(folder, frames):
         return None
     names = [frame.sample_id for frame in frames]
-    parts = [match for name in names if (match := _ONE_NUMBER.fullmatch(name))]
-    if len(parts) < len(names) or len({each.group(1, 3) for each in parts}) > 1:
+    parts = [_NUMBER.split(name) for name in names]  # texts and numbers in turns
+    if len({tuple(each[::2]) for each in parts}) > 1:
         return None
-    is_late = [int(one[2]) > int(next_[2]) for one, next_ in pairwise(parts)]
+    is_late = [one > later for one, later in pairwise(map(_numbers_of, parts))]
     if not any(is_late):
         return None
     place = is_late.index(True)
@@ -153,6 +154,15 @@ def order_doubt(folder: Path, frames: Sequence[ObjectFrame]) -> Problem | None:
         problem="has frames that are read in the order of their names as text: "
         f"{shortened(names[place + 1])} follows {shortened(names[place])}",
         remedy="write their numbers with leading zeros, if they are of one drive",
+    )
+
+
+def _numbers_of(parts: Sequence[str]) -> tuple[Fraction, ...]:
+    """Numbers among the parts of a name; one behind a point is a fraction."""
+    places = range(1, len(parts), 2)
+    return tuple(
+        Fraction(f"0.{parts[place]}" if parts[place - 1] == "." else parts[place])
+        for place in places
     )
 
 

@@ -115,6 +115,9 @@ def _unreadable(path: Path | str, error: OSError, remedy: str) -> FileError:
         remedy = error.__cause__.problem.remedy
     elif isinstance(error, PermissionError):
         remedy = GIVE_ACCESS
+    elif isinstance(error, FileNotFoundError) and as_path(path).is_symlink():
+        problem = f"is a link to {str(as_path(path).readlink())!r}, which cannot be reached"
+        return FileError(path, problem, "mount its disk or fetch the file (git annex get)")
     elif isinstance(error, FileNotFoundError) and remedy.startswith(_CORRECT):
         remedy = f"name a file that exists or {remedy.removeprefix(_CORRECT)}"
     return FileError(path, f"cannot be read: {(error.strerror or str(error)).lower()}", remedy)
