@@ -156,6 +156,11 @@ _CASES = {
         "corruption is of type str, expected a Corruption; take find_kind",
     'suites.Case(name=None, title="", corruption=suites.CameraBlank())':
         "the name of case None is no text, expected a plain file name; name the case otherwise",
+    'calibrated("isotonic")':
+        "calibrators is of type str, expected several names, such as ('temperature',); give a tup",
+    'calibrated(["isotonik"])': "calibrators contains 'isotonik'; perhaps isotonic is meant; choo",
+    'fit_calibrator("linear", np.ones(1), np.ones(1))':
+        "fit_calibrator: name must be one of temperature, platt, isotonic, got 'linear'",
     'suites.Suite(name="a", cases=iter(suites.SUITES["dgfn7"].cases)).case_names[:2]':
         "('clean', 'camera_blank')",
 }  # fmt: skip
@@ -173,6 +178,8 @@ from sightline.augmentation import faults
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.blank import CameraFramesLost
 from sightline.depth_completion.methods import complete_depth
+from sightline.evaluation.calibration import ScoredFrames, evaluate_calibration
+from sightline.evaluation.calibrators import fit_calibrator
 from sightline.detection2d.registration import TASK as DETECTION2D
 from sightline.inference.predict import predict, predict_shards
 from sightline.geometry.projection import unproject_pixels
@@ -197,6 +204,9 @@ def scored():
         lines = [line for line in each.read_text().splitlines() if "DontCare" not in line]
         (results / each.name).write_text("".join(f"{line} 0.5\\n" for line in lines))
     return results, labels
+def calibrated(names):
+    frames = ScoredFrames(**dict(zip(("results_dir", "labels_dir"), scored())))
+    return evaluate_calibration(frames, fit_on=frames, calibrators=names)
 def sample(**changed):
     settings = {"points": given.points, "image_size": given.image_size} | changed
     return sightline.CameraLidarSample.from_arrays(given.calibration, **settings)

@@ -28,7 +28,12 @@ from sightline.evaluation.calibration_report import (
     CalibrationReport,
     ScoreCalibration,
 )
-from sightline.evaluation.calibrators import Calibrator, CalibratorName, fit_calibrator
+from sightline.evaluation.calibrators import (
+    CALIBRATORS,
+    Calibrator,
+    CalibratorName,
+    fit_calibrator,
+)
 from sightline.evaluation.kitti_object import frame_names, read_frames
 from sightline.evaluation.kitti_object_matching import (
     MatchingTask,
@@ -51,6 +56,7 @@ from sightline.evaluation.kitti_object_rules import (
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
+from sightline.geometry.arguments import plain_names
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
@@ -120,9 +126,11 @@ def evaluate_calibration(
         progress: Whether to show the progress.
 
     Raises:
-        ValueError: A score is outside [0, 1], a class has no detections for fitting, or as for
-            `evaluate_objects`.
+        TypeError: `calibrators` is a text.
+        ValueError: There is no such calibrator, a score is outside [0, 1], a class has no
+            detections for fitting, or as for `evaluate_objects`.
     """
+    calibrators = plain_names("calibrators", calibrators, CALIBRATORS)
     settings = settings or CalibrationSettings()
     if (fit_on is None) != (not calibrators):
         raise ValueError(

@@ -12,6 +12,8 @@ from jaxtyping import Float64
 from scipy.optimize import isotonic_regression, minimize
 from scipy.special import expit, logit
 
+from sightline.geometry.wrong_types import named_arguments
+
 CalibratorName = Literal["temperature", "platt", "isotonic"]
 CALIBRATORS: tuple[CalibratorName, ...] = ("temperature", "platt", "isotonic")
 
@@ -65,6 +67,7 @@ class IsotonicCalibrator:
 Calibrator = LogisticCalibrator | IsotonicCalibrator
 
 
+@named_arguments
 def fit_calibrator(
     name: CalibratorName,
     scores: Float64[np.ndarray, " num_detections"],
@@ -83,7 +86,7 @@ def fit_calibrator(
         targets: In [0, 1]: 1 for a true detection, or its overlap, and 0 for a false one.
 
     Raises:
-        ValueError: There is no detection to fit on.
+        ValueError: There is no such calibrator, or no detection to fit on.
     """
     if not len(scores):
         raise ValueError("there is no detection that counts to fit a calibrator on")
