@@ -161,6 +161,12 @@ _CASES = {
     'calibrated(["isotonik"])': "calibrators contains 'isotonik'; perhaps isotonic is meant; choo",
     'fit_calibrator("linear", np.ones(1), np.ones(1))':
         "fit_calibrator: name must be one of temperature, platt, isotonic, got 'linear'",
+    'NamedSubset(dataset, iter(["000001"])).sample_ids': "('000001',)",
+    'NamedSubset(dataset, "000001")': "sample_ids is the text '000001', expected a tuple; give (",
+    'NamedSubset(dataset, ["000001"] * 2)': "the list of frames names frame '000001' twice; rem",
+    'compare_objects(*scored(), scored()[0], sample_list=iter(["000001"])).frames': "1",
+    'frames(sample_list=iter(["000001"])).sample_list': "('000001',)",
+    'BenchSettings(sample_list=(name for name in ["000001"])).sample_list': "('000001',)",
     'suites.Suite(name="a", cases=iter(suites.SUITES["dgfn7"].cases)).case_names[:2]':
         "('clean', 'camera_blank')",
 }  # fmt: skip
@@ -174,12 +180,15 @@ import sightline
 from sightline.corruptions.arrays import corrupt_arrays
 from sightline.data import kitti_files, map_png
 from sightline.data.kitti_files import write_image
+from sightline.data.sample_dataset import NamedSubset
 from sightline.augmentation import faults
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.blank import CameraFramesLost
 from sightline.depth_completion.methods import complete_depth
 from sightline.evaluation.calibration import ScoredFrames, evaluate_calibration
 from sightline.evaluation.calibrators import fit_calibrator
+from sightline.evaluation.kitti_object import compare_objects
+from sightline.robustness.bench import BenchSettings
 from sightline.detection2d.registration import TASK as DETECTION2D
 from sightline.inference.predict import predict, predict_shards
 from sightline.geometry.projection import unproject_pixels
@@ -190,7 +199,8 @@ from sightline.visualization.depth import colorize_depth, colorize_error, draw_d
 from sightline.visualization.image import draw_boxes2d, draw_boxes3d
 from sightline.corruptions import suites
 from sightline.simulation.packaged import PACKAGED_FRAMES
-given = sightline.open_dataset(PACKAGED_FRAMES)[0]
+dataset = sightline.open_dataset(PACKAGED_FRAMES)
+given = dataset[0]
 objects = given.objects.boxes3d, given.objects.class_names
 perceiver = sightline.MultiTaskPredictor.load
 def predictor(task):
@@ -204,9 +214,10 @@ def scored():
         lines = [line for line in each.read_text().splitlines() if "DontCare" not in line]
         (results / each.name).write_text("".join(f"{line} 0.5\\n" for line in lines))
     return results, labels
+def frames(**chosen):
+    return ScoredFrames(**dict(zip(("results_dir", "labels_dir"), scored())), **chosen)
 def calibrated(names):
-    frames = ScoredFrames(**dict(zip(("results_dir", "labels_dir"), scored())))
-    return evaluate_calibration(frames, fit_on=frames, calibrators=names)
+    return evaluate_calibration(frames(), fit_on=frames(), calibrators=names)
 def sample(**changed):
     settings = {"points": given.points, "image_size": given.image_size} | changed
     return sightline.CameraLidarSample.from_arrays(given.calibration, **settings)

@@ -3,7 +3,7 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -64,12 +64,28 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
             if doubt is None:
                 raise
             raise ValueError(f"{source}: {doubt}") from error
+    refuse_repeated(frames, source)
+    return frames
+
+
+def refuse_repeated(frames: Sequence[str], source: str) -> None:
+    """Refuse a list that names a frame twice.
+
+    Raises:
+        ValueError: It does.
+    """
     if len(set(frames)) < len(frames):
         repeated = next(frame for frame, count in Counter(frames).items() if count > 1)
         raise ValueError(
             f"{source} names frame '{shortened(repeated)}' twice; remove one of the lines"
         )
-    return frames
+
+
+def lasting_list(
+    sample_list: str | Path | Sequence[str] | None,
+) -> str | Path | Sequence[str] | None:
+    """Keep the frames of an iterator, which gives them once, while a list is read several times."""
+    return tuple(sample_list) if isinstance(sample_list, Iterator) else sample_list
 
 
 @cache

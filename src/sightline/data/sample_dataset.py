@@ -7,9 +7,10 @@ from typing import Any, Protocol, runtime_checkable
 from torch.utils.data import Dataset
 
 from sightline.data.frame_checks import Findings
+from sightline.data.frame_lists import refuse_repeated
 from sightline.data.kitti_trees import ObjectFrame, describe_absent, remedy_for_absent
 from sightline.files.plain_text import shortened
-from sightline.geometry.arguments import sample_index
+from sightline.geometry.arguments import check_collection, sample_index
 from sightline.geometry.road_height import LidarPose
 from sightline.structures.sample import UNNAMED, CameraLidarSample
 
@@ -77,8 +78,12 @@ class NamedSubset(Dataset[CameraLidarSample]):
         """Look up the names.
 
         Raises:
-            ValueError: The data set lacks some of them, or gives a name twice.
+            ValueError: The names are a text, contain one twice, or the data set lacks some of them
+                or gives a name twice.
         """
+        check_collection("sample_ids", sample_ids)
+        self.sample_ids = tuple(sample_ids)
+        refuse_repeated(self.sample_ids, "the list of frames")
         names = dataset.sample_ids
         positions = {name: index for index, name in enumerate(names)}
         if len(positions) < len(names):
@@ -87,15 +92,14 @@ class NamedSubset(Dataset[CameraLidarSample]):
                 f"{type(dataset).__name__}.sample_ids holds '{shortened(twice)}' twice, expected a "
                 "different name for each sample; rename one of them"
             )
-        absent = [name for name in sample_ids if name not in positions]
+        absent = [name for name in self.sample_ids if name not in positions]
         if absent:
             raise ValueError(
                 f"the data lacks {len(absent)} of the requested frames, {describe_absent(absent)}: "
                 f"{remedy_for_absent(absent, dataset.sample_ids)}"
             )
         self.dataset = dataset
-        self.sample_ids = tuple(sample_ids)
-        self.positions = tuple(positions[name] for name in sample_ids)
+        self.positions = tuple(positions[name] for name in self.sample_ids)
 
     def __len__(self) -> int:
         """Number of samples."""

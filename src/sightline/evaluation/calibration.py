@@ -15,6 +15,7 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.data.frame_lists import lasting_list
 from sightline.data.kitti_labels import KittiObjects, read_results, write_objects
 from sightline.data.kitti_trees import describe_absent
 from sightline.evaluation.calibration_errors import (
@@ -105,6 +106,10 @@ class ScoredFrames:
     labels_dir: Path
     sample_list: Path | str | Sequence[str] | None = None
     """Frames to score; see `evaluate_objects`."""
+
+    def __post_init__(self) -> None:
+        """Keep the frames of an iterator."""
+        object.__setattr__(self, "sample_list", lasting_list(self.sample_list))
 
 
 @named_arguments

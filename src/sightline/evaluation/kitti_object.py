@@ -15,6 +15,7 @@ from sightline.data.frame_lists import (
     capital_suffixes,
     have_equal_files,
     is_note,
+    lasting_list,
     locate_frame_files,
     read_sample_list,
     require_frame_files,
@@ -142,6 +143,7 @@ def compare_objects(
         raise ValueError("bootstrap must be positive to compare, got 0: give e.g. 1000")
     check_resampling(bootstrap, seed)
     folders = data_path(results_dir), data_path(against_dir)
+    sample_list = lasting_list(sample_list)
     first, second = (
         _read_submission(
             folder,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
+from sightline.data.frame_lists import lasting_list
 from sightline.data.kitti_trees import Velodyne, suggest_frames
 from sightline.data.sample_dataset import SampleDataset
 from sightline.data.sample_files import dataset_title, sweeps_folder
@@ -105,8 +106,9 @@ class BenchSettings:
     """Kind of workers."""
 
     def __post_init__(self) -> None:
-        """Check the choices."""
+        """Check the choices, and keep the frames of an iterator."""
         check_choices(self)
+        object.__setattr__(self, "sample_list", lasting_list(self.sample_list))
 
     def chosen_cases(self, suite: Suite) -> tuple[Case, ...]:
         """List the requested cases.
