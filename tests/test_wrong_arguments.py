@@ -138,6 +138,12 @@ _CASES = {
     'draw_depth(given.points)': "draw_depth: depth is of type torch.Tensor, expected DepthMap",
     'colorize_error(torch.ones(5, 5), torch.ones(4, 5))':
         "predicted_m is of shape (5, 5), truth_m of (4, 5); give maps of one image",
+    'draw_boxes2d(np.array(picture) / 255, given.objects.boxes2d, given.objects.class_names)':
+        "picture is float64 of shape (375, 1242, 3), expected uint8 of height, width, 3; round it",
+    'draw_boxes3d(given.image.numpy(), *objects, given.calibration)':
+        "picture is uint8 of shape (3, 375, 1242), expected uint8 of height, width, 3; it has chan",
+    'draw_points(np.array(picture)[..., 0], given.points, given.calibration)':
+        "picture is uint8 of shape (375, 1242), expected uint8 of height, width, 3; convert it to",
     'draw_boxes3d(np.array(picture), *objects, given.calibration, scores=torch.ones(3))':
         "boxes cannot be drawn with 3 scores; give one for each box",
     'find_kind(None)': "find_kind: name is of type NoneType, expected str",
@@ -196,7 +202,7 @@ from sightline.health.monitor import HealthMonitor
 from sightline.health.sequence import DriveMonitor
 from sightline.visualization.birds_eye import draw_birds_eye
 from sightline.visualization.depth import colorize_depth, colorize_error, draw_depth
-from sightline.visualization.image import draw_boxes2d, draw_boxes3d
+from sightline.visualization.image import draw_boxes2d, draw_boxes3d, draw_points
 from sightline.corruptions import suites
 from sightline.simulation.packaged import PACKAGED_FRAMES
 dataset = sightline.open_dataset(PACKAGED_FRAMES)

@@ -42,9 +42,10 @@ def test_the_front_of_a_box_is_drawn_stronger_and_leads_on():
     assert is_car[front - 2 : front + 3, 193:207].sum() > is_car[rear - 2 : rear + 3, 193:207].sum()
 
 
-def test_boxes_without_a_size_or_far_away_are_left_out():
-    boxes = Boxes3D(torch.tensor([[0.0] * 7, [1e9, 1e9, 0.0, 4.0, 2.0, 1.5, 0.0]]))
-    with_boxes = draw_birds_eye(None, boxes, ["DontCare", "Car"], view=VIEW)
+def test_boxes_without_a_size_or_a_place_or_far_away_are_left_out():
+    size = [4.0, 2.0, 1.5, 0.0]
+    boxes = Boxes3D(torch.tensor([[0.0] * 7, [1e9, 1e9, 0.0, *size], [torch.nan, 0.0, 0.0, *size]]))
+    with_boxes = draw_birds_eye(None, boxes, ["DontCare", "Car", "Car"], view=VIEW)
     assert (with_boxes == draw_birds_eye(None, view=VIEW)).all()
 
 

@@ -171,6 +171,15 @@ def test_a_box_without_a_size_draws_nothing(black, calibration):
     assert (draw_boxes3d(black, Boxes3D(torch.zeros(2, 7)), ["Car", "Car"], calibration) == 0).all()
 
 
+def test_a_box_of_nan_is_left_out_beside_others(black, calibration):
+    rows = torch.tensor([[torch.nan] * 4, [100.0, 40.0, 180.0, 90.0]])
+    alone = draw_boxes2d(black, Boxes2D(rows[1:]), ["Car"])
+    assert (draw_boxes2d(black, Boxes2D(rows), ["Pedestrian", "Car"]) == alone).all()
+    spaces = torch.tensor([[torch.nan, *CAR_AHEAD[1:]], [torch.nan] * 7, CAR_AHEAD])
+    ahead = draw_boxes3d(black, Boxes3D(spaces[2:]), ["Car"], calibration)
+    assert (draw_boxes3d(black, Boxes3D(spaces), ["Van", "Van", "Car"], calibration) == ahead).all()
+
+
 def test_a_box_around_the_camera_is_drawn_ahead_only(black, calibration):
     # A tunnel of 3 x 2 m around the camera, 20 m long: its far end is a rectangle at 10 m.
     boxes = Boxes3D(torch.tensor([[0.0, 0.0, 0.0, 20.0, 3.0, 2.0, 0.0]]))

@@ -84,8 +84,8 @@ def draw_birds_eye(
 
     Args:
         points: Points in the LiDAR frame, x, y, z first; higher points are brighter.
-        boxes: Boxes in the LiDAR frame; boxes without a size are left out. A line leads from the
-            centre through the front, which is drawn stronger.
+        boxes: Boxes in the LiDAR frame; boxes of NaN or without a size are left out. A line leads
+            from the centre through the front, which is drawn stronger.
         class_names: Class name of each box.
         calibration: Calibration; with `image_size`, the camera's field of view is drawn.
         image_size: Height, width [px] of the camera.
@@ -139,7 +139,7 @@ def put_boxes_from_above(
     corners = boxes.corners()[:, :4, :2].detach().cpu().double().numpy()
     for name, outline, drawn, style in zip(class_names, corners, has_size, styles, strict=True):
         # Far outside the view fixed-point coordinates would overflow.
-        if not drawn or np.abs(outline).max() > 10_000:
+        if not drawn or not np.abs(outline).max() <= 10_000:  # false for NaN
             continue
         chosen = color or class_color(name)
         ring = view.pixels(outline)

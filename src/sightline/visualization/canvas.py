@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from sightline.structures.arrays import image_remedy
 from sightline.visualization.colors import INVALID, RGB
 
 _SHIFT = 4  # bits: OpenCV takes coordinates in sixteenths of a pixel
@@ -20,6 +21,22 @@ def scale_of(canvas: UInt8[np.ndarray, "height width 3"]) -> float:
     """Scale of strokes and letters: 1 at KITTI's width of 1242 px, at most 4."""
     width = int(canvas.shape[1])
     return min(max(width / 1242, 0.75), 4.0)
+
+
+def copied(picture: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width 3"]:
+    """Copy an RGB picture, for drawing on it.
+
+    Raises:
+        ValueError: The array is of another type or shape.
+    """
+    canvas = picture.copy()
+    is_array = isinstance(canvas, np.ndarray)
+    if is_array and (canvas.dtype != np.uint8 or canvas.ndim != 3 or canvas.shape[2] != 3):
+        raise ValueError(
+            f"picture is {canvas.dtype} of shape {canvas.shape}, expected uint8 of height, width, "
+            f"3; {image_remedy(canvas)}"
+        )
+    return canvas
 
 
 def scaled_to_width(

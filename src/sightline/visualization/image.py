@@ -17,6 +17,7 @@ from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.predictions import Detections2D, Detections3D
 from sightline.structures.sample import CameraLidarSample
 from sightline.visualization.canvas import (
+    copied,
     put_lines,
     put_picture_within,
     put_points,
@@ -81,6 +82,8 @@ def draw_boxes2d(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw the outlines of 2D boxes in the colours of their classes on a copy of an RGB picture.
 
+    Boxes of NaN, those of objects outside the image, are left out.
+
     Args:
         picture: The picture; not changed.
         boxes: Boxes in pixels of the picture.
@@ -93,15 +96,17 @@ def draw_boxes2d(
             for 3D boxes of the same objects.
 
     Raises:
-        ValueError: There is not one class name or score for each box.
+        ValueError: There is not one class name or score for each box, or the picture has another
+            type or shape.
     """
     check_columns(len(boxes), class_names=class_names, scores=scores)
-    canvas = picture.copy()
+    canvas = copied(picture)
     scale = scale_of(canvas)
     rows = boxes.tensor.detach().cpu().double().numpy()
     order = np.argsort(-boxes.area().detach().cpu().double().numpy(), kind="stable")
     named: list[Tag] = []
-    for index in order.tolist():
+    is_placed = np.isfinite(rows).all(axis=1)
+    for index in order[is_placed[order]].tolist():
         name = class_names[index]
         x_min, y_min, x_max, y_max = rows[index].tolist()
         corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
@@ -138,8 +143,8 @@ def draw_boxes3d(
     """Draw projected 3D boxes, with filled visible front faces, on a copy of an RGB picture.
 
     Only edges of visible faces are drawn; all edges if the camera is inside the box. Edges are
-    clipped at the camera, so a box beside it is drawn correctly; a box behind the camera, or
-    without a size, is not drawn. Farther boxes are faint inside nearer ones.
+    clipped at the camera, so a box beside it is drawn correctly; a box behind the camera, of NaN or
+    without a size is not drawn. Farther boxes are faint inside nearer ones.
 
     Args:
         picture: The picture; not changed.
@@ -152,11 +157,12 @@ def draw_boxes3d(
         styles: Style of each box. None: filled, with full edges.
 
     Raises:
-        ValueError: There is not one class name, score or style for each box.
+        ValueError: There is not one class name, score or style for each box, or the picture has
+            another type or shape.
     """
     check_columns(len(boxes), class_names=class_names, scores=scores, styles=styles)
     styles = styles or [BoxStyle()] * len(boxes)
-    canvas = picture.copy()
+    canvas = copied(picture)
     scale = scale_of(canvas)
     planes = view_planes(canvas.shape[:2])
     corners = boxes.corners().detach().cpu().double()
@@ -164,10 +170,11 @@ def draw_boxes3d(
     homogeneous = flat.reshape(-1, 8, 3).numpy()
     sees_face = _visible_faces(boxes, calibration)
     sees_edge = (sees_face @ _EDGE_FACES.T) | ~sees_face.any(axis=1, keepdims=True)
-    has_size = (boxes.sizes > 0).all(dim=-1).cpu().numpy()
+    is_placed = np.isfinite(homogeneous).all(axis=(1, 2))
+    is_drawn = is_placed & (boxes.sizes > 0).all(dim=-1).cpu().numpy()
     order = np.argsort(-homogeneous[..., 2].mean(axis=1), kind="stable")
     named: list[Tag] = []
-    for index in order[has_size[order]].tolist():
+    for index in order[is_drawn[order]].tolist():
         segments = clip_segments(homogeneous[index][_EDGES[sees_edge[index]]], planes)
         if len(segments) == 0:
             continue
@@ -263,8 +270,11 @@ def draw_points(
         calibration: Calibration for the picture's size.
         scale: Colours of the ranges (distance from the LiDAR).
         diameter_px: Diameter of a point. None: from the picture's width.
+
+    Raises:
+        ValueError: The picture has another type or shape.
     """
-    canvas = picture.copy()
+    canvas = copied(picture)
     xyz = points[:, :3].detach().cpu()
     projected = project_points(xyz, calibration)
     visible = projected.in_image((canvas.shape[0], canvas.shape[1]))
