@@ -131,6 +131,13 @@ def test_the_report_names_frames_and_densities():
     assert report.table().row_count == 2
 
 
+def test_frames_of_one_name_are_numbered_in_the_file():
+    names = ("wall", "wall", "wall (2)", "wall")
+    samples = [replace(wall_sample(), sample_id=name) for name in names]
+    content = evaluate_held_out(samples, flat(11), beams=(64,)).to_json()
+    assert list(content["per_frame"]) == ["wall", "wall (3)", "wall (2)", "wall (4)"]
+
+
 @pytest.mark.parametrize(
     ("complete", "message"),
     [

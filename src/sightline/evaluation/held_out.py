@@ -7,6 +7,7 @@ the rings. Simulated frames can also be scored on their dense depth, with the sa
 import statistics
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -89,7 +90,7 @@ class HeldOutReport:
     """Source of the truth."""
 
     def to_json(self) -> dict[str, object]:
-        """Convert the report to its file's content."""
+        """Convert the report to its file's content; frames of one name are numbered."""
         return {
             "frames": len(self.frames),
             "sensor_beams": self.sensor_beams,
@@ -97,10 +98,23 @@ class HeldOutReport:
             "truth": self.truth,
             "beams": {str(score.beams): _to_json(score) for score in self.scores},
             "per_frame": {
-                sample_id: {str(score.beams): _to_json(score) for score in scores}
-                for sample_id, scores in self.frames
+                name: {str(score.beams): _to_json(score) for score in scores}
+                for name, (_, scores) in zip(self._frame_names(), self.frames, strict=True)
             },
         }
+
+    def _frame_names(self) -> list[str]:
+        """Name each frame differently: the second "sample" is "sample (2)"."""
+        given = {sample_id for sample_id, _ in self.frames}
+        names: dict[str, None] = {}
+        repeats: Counter[str] = Counter()
+        for sample_id, _ in self.frames:
+            name = sample_id
+            while name in names or (name != sample_id and name in given):
+                repeats[sample_id] += 1
+                name = f"{sample_id} ({repeats[sample_id] + 1})"
+            names[name] = None
+        return list(names)
 
     def table(self) -> "Table":
         """Make a table with one row for each density."""
