@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -220,6 +221,13 @@ def test_2d_detections_are_cut_at_the_image_and_have_no_3d_part():
     assert set(results.alpha) | set(results.rotation_y) == {-10.0}
     assert results.dimensions_hwl.tolist() == [[-1] * 3] * 2
     assert results.locations.tolist() == [[-1000] * 3] * 2
+
+
+def test_2d_detections_of_a_network_in_training_are_written():
+    boxes = Boxes2D(torch.tensor([[5.0, 6.0, 7.0, 8.0]], requires_grad=True))
+    found = replace(found_2d([[5.0, 6.0, 7.0, 8.0]]), boxes=boxes)
+    results = kitti_from_detections(found, kitti_like_calibration(), SIZE)
+    np.testing.assert_array_equal(results.boxes2d, [[5, 6, 7, 8]])
 
 
 @pytest.mark.parametrize("found", [found_2d([]), found_3d([])])

@@ -138,6 +138,15 @@ def test_frames_of_one_name_are_numbered_in_the_file():
     assert list(content["per_frame"]) == ["wall", "wall (3)", "wall (2)", "wall (4)"]
 
 
+def test_a_method_that_is_being_trained_is_scored_as_any():
+    def trained(sample):
+        answer = flat(11)(sample)
+        return replace(answer, depth_m=answer.depth_m.requires_grad_())
+
+    (score,) = evaluate_held_out([wall_sample()], trained, beams=(64,)).scores
+    assert score.mae_mm == 1000
+
+
 @pytest.mark.parametrize(
     ("complete", "message"),
     [

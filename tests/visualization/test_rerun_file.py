@@ -137,6 +137,20 @@ def test_depth_beyond_what_the_format_holds_is_left_out(sample, tmp_path):
     assert steps[:3].tolist() == [0, 250 * 256, 12 * 256]
 
 
+def test_what_a_network_in_training_finds_is_written(sample, tmp_path):
+    pytest.importorskip("rerun.chunk")
+    found = some_perception(sample)
+    boxes2d = Boxes2D(found.detections2d.boxes.tensor.requires_grad_())
+    boxes3d = Boxes3D(found.detections3d.boxes.tensor.requires_grad_())
+    trained = replace(
+        found,
+        detections2d=replace(found.detections2d, boxes=boxes2d),
+        detections3d=replace(found.detections3d, boxes=boxes3d),
+        depth=replace(found.depth, depth_m=found.depth.depth_m.requires_grad_()),
+    )
+    assert write_rerun(tmp_path / "scene.rrd", [(sample, trained)]) == 1
+
+
 def test_the_pinhole_sees_points_where_the_calibration_does(calibration):
     shifted = calibration.image_from_camera.clone()
     shifted[:, 3] = torch.tensor([12.0, -3.0, 0.02])  # the way to camera 2, as in KITTI's P2

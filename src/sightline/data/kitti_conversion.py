@@ -196,6 +196,6 @@ def _results(
     kept = is_shown.nonzero()[:, 0]
     unknown = torch.full((len(found.scores),), UNKNOWN)
     columns |= {"truncation": unknown, "occlusion": unknown, "scores": found.scores.detach().cpu()}
-    arrays = {name: column[kept].double().numpy() for name, column in columns.items()}
+    arrays = {name: column[kept].double().numpy(force=True) for name, column in columns.items()}
     names = tuple(found.class_names[index] for index in kept.tolist())
     return KittiObjects(class_names=names, **arrays)

@@ -296,7 +296,7 @@ def depth_map_errors(
     Raises:
         ValueError: The map is of another size, or has a depth that is not finite, or none at all.
     """
-    depth_m = prediction.depth_m.cpu().numpy().astype(np.float64)
+    depth_m = prediction.depth_m.numpy(force=True).astype(np.float64)
     size = true_depth_m.shape
     if depth_m.shape != size:
         raise ValueError(

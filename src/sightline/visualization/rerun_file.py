@@ -251,7 +251,7 @@ def _depth(depth: DepthMap) -> "rerun.DepthImage":
     """Shown depth in KITTI's PNG encoding: 0 where there is none or beyond the encoding's range."""
     import rerun as rr
 
-    shown_m = depth.shown_m.numpy()
+    shown_m = depth.shown_m.numpy(force=True)
     metres = np.where(shown_m <= MAX_DEPTH_M, shown_m, 0)
     steps = np.rint(metres * STEPS_PER_METRE).astype(np.uint16)
     return rr.DepthImage(
@@ -315,7 +315,7 @@ def _boxes_2d(found: _Labelled) -> "rerun.Boxes2D":
     import rerun as rr
 
     return rr.Boxes2D(
-        array=found.boxes.numpy(),
+        array=found.boxes.numpy(force=True),
         array_format=rr.Box2DFormat.XYXY,
         colors=[class_color(name) for name in found.class_names],
         labels=found.labels,
@@ -328,8 +328,8 @@ def _boxes_3d(found: _Labelled) -> "rerun.Boxes3D":
     upright = (0.0, 0.0, 1.0)
     boxes = Boxes3D(found.boxes)
     return rr.Boxes3D(
-        centers=boxes.centers.numpy(),
-        half_sizes=boxes.sizes.numpy() / 2,
+        centers=boxes.centers.numpy(force=True),
+        half_sizes=boxes.sizes.numpy(force=True) / 2,
         rotation_axis_angles=[
             rr.RotationAxisAngle(axis=upright, radians=yaw) for yaw in boxes.yaws.tolist()
         ],
