@@ -173,6 +173,15 @@ _CASES = {
     'compare_objects(*scored(), scored()[0], sample_list=iter(["000001"])).frames': "1",
     'frames(sample_list=iter(["000001"])).sample_list': "('000001',)",
     'BenchSettings(sample_list=(name for name in ["000001"])).sample_list': "('000001',)",
+    'held_out(beams=np.array([64, 32])).scores[1].beams': "32",
+    'held_out(beams=iter([torch.tensor(64)])).scores[0].beams': "64",
+    'held_out(beams=[16.0])': "beams contains 16.0, expected whole numbers; give them as int",
+    'held_out(beams=[True])': "beams contains True, expected whole numbers; give them as int",
+    'held_out(beams=[64], crop_size=np.array([352, 1216])).image_sizes': "((352, 1216),)",
+    'crop(given, 0, 0, np.int64(100), np.int64(200)).image_size': "(100, 200)",
+    'resize(given, np.int64(100), np.int64(200)).image_size': "(100, 200)",
+    'evaluate_depth(*depths(), band_ends_m=np.array([20.0, 40.0])).bands[2].name': "40 m on",
+    'evaluate_depth(*depths(), band_ends_m=iter([20, 40])).bands[1].name': "20-40 m",
     'suites.Suite(name="a", cases=iter(suites.SUITES["dgfn7"].cases)).case_names[:2]':
         "('clean', 'camera_blank')",
 }  # fmt: skip
@@ -188,6 +197,8 @@ from sightline.data import kitti_files, map_png
 from sightline.data.kitti_files import write_image
 from sightline.data.sample_dataset import NamedSubset
 from sightline.augmentation import faults
+from sightline.augmentation.sample_changes import crop
+from sightline.augmentation.scene_changes import resize
 from sightline.corruptions.kinds import find_kind
 from sightline.corruptions.blank import CameraFramesLost
 from sightline.depth_completion.methods import complete_depth
@@ -195,6 +206,8 @@ from sightline.evaluation.calibration import ScoredFrames, evaluate_calibration
 from sightline.evaluation.calibrators import fit_calibrator
 from sightline.evaluation.kitti_object import compare_objects
 from sightline.robustness.bench import BenchSettings
+from sightline.evaluation.depth import evaluate_depth
+from sightline.depth_completion.predictor import DepthCompleter
 from sightline.detection2d.registration import TASK as DETECTION2D
 from sightline.inference.predict import predict, predict_shards
 from sightline.geometry.projection import unproject_pixels
@@ -224,6 +237,13 @@ def frames(**chosen):
     return ScoredFrames(**dict(zip(("results_dir", "labels_dir"), scored())), **chosen)
 def calibrated(names):
     return evaluate_calibration(frames(), fit_on=frames(), calibrators=names)
+def held_out(**settings):
+    return sightline.evaluate_held_out([given], DepthCompleter("linear"), **settings)
+def depths():
+    truth, results = PACKAGED_FRAMES / "training/depth", Path(tempfile.mkdtemp())
+    for each in truth.glob("*.png"):
+        map_png.write_depth_png(results / each.name, map_png.read_depth_png(each))
+    return results, truth
 def sample(**changed):
     settings = {"points": given.points, "image_size": given.image_size} | changed
     return sightline.CameraLidarSample.from_arrays(given.calibration, **settings)

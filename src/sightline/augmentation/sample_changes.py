@@ -18,6 +18,7 @@ from torch import Tensor
 from sightline.data.kitti_labels import NO_ALPHA
 from sightline.data.pixels import is_in_view
 from sightline.data.rings import rings_of_any_order
+from sightline.geometry.arguments import plain_size
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
@@ -188,7 +189,7 @@ def crop(
     return replace(
         sample,
         calibration=sample.calibration.crop(left, top),
-        image_size=(height, width),
+        image_size=plain_size("the crop", (height, width)),
         image=None if sample.image is None else sample.image[window],
         depth=None if sample.depth is None else sample.depth[window],
         objects=None

@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Float32, Float64
 from torch import Tensor
 
+from sightline.geometry.arguments import plain_size
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.transforms import rigid_inverse, transform_points
@@ -45,7 +46,7 @@ def resize(sample: CameraLidarSample, height: int, width: int) -> CameraLidarSam
     return replace(
         sample,
         calibration=sample.calibration.resize(*scale),
-        image_size=(height, width),
+        image_size=plain_size("the new size", (height, width)),
         image=image,
         depth=None if sample.depth is None else resize_map(sample.depth, height, width),
         objects=objects,

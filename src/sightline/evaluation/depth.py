@@ -201,6 +201,7 @@ def evaluate_depth(
             truth, or without any ground truth (the message contains its name); both are one file or
             folder; or bands do not ascend, or the seed is negative.
     """
+    band_ends_m = tuple(band_ends_m)
     ends = (0.0, *band_ends_m)
     if any(not before < end < np.inf for before, end in pairwise(ends)):
         raise ValueError(

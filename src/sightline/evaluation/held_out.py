@@ -26,7 +26,7 @@ from sightline.evaluation.held_out_frame import (
     densities,
     split_rings,
 )
-from sightline.geometry.arguments import plain_size, wrong_type
+from sightline.geometry.arguments import plain_size, plain_wholes, wrong_type
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.structures.predictions import DepthMap
@@ -181,9 +181,10 @@ def evaluate_held_out(
             than the previous ones; a density does not divide the sensor's beams; or the method
             returns a map of another size, a depth that is not finite, or no depth at all.
     """
-    if beams is not None and not beams:
+    beams = None if beams is None else plain_wholes("beams", beams)
+    if beams == ():
         raise ValueError("beams is empty; name at least one density, e.g. 64")
-    height, width = plain_size("crop_size", crop_size)
+    height, width = crop_size = plain_size("crop_size", crop_size)
     if height > width:
         raise ValueError(
             f"crop_size is ({height}, {width}), taller than wide: give height, width, such as "

@@ -5,7 +5,7 @@ Without PyTorch, for checks that start at once.
 
 import difflib
 import reprlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from operator import index
 from pathlib import Path
@@ -85,6 +85,22 @@ def plain_size(name: str, given: Sequence[SupportsIndex]) -> tuple[int, int]:
         f"{name} is {short_repr(given)}, expected (height, width) as whole numbers of at "
         "least 1 px; give pixels"
     )
+
+
+def plain_wholes(name: str, given: Iterable[SupportsIndex]) -> tuple[int, ...]:
+    """Convert several whole numbers of any integer type.
+
+    Raises:
+        TypeError: The value is no collection.
+        ValueError: One is of another type.
+    """
+    numbers = tuple(given)
+    for number in numbers:
+        if isinstance(number, bool | np.bool_) or not hasattr(number, "__index__"):
+            raise ValueError(
+                f"{name} contains {short_repr(number)}, expected whole numbers; give them as int"
+            )
+    return tuple(map(index, numbers))
 
 
 def sample_index(place: object, length: int) -> int:
