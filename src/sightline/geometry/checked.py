@@ -8,7 +8,6 @@ from inspect import isfunction
 from typing import Any, TypeVar
 
 import numpy as np
-import torch
 from beartype import BeartypeConf, beartype
 from jaxtyping import TypeCheckError, jaxtyped
 from torch import Tensor
@@ -69,7 +68,10 @@ def checked(*, wide: bool = False, remedy: str = "convert it") -> Callable[[Clas
 
 
 def _are_equal(one: Any, other: Any) -> Any:  # noqa: ANN401 - dataclasses, and a Boolean
-    """Compare two dataclasses of one type field by field; arrays by shape, type and values."""
+    """Compare two dataclasses of one type field by field; arrays by shape, type and values.
+
+    NaN, of what is unknown, equals NaN at the same place.
+    """
     if type(other) is not type(one):
         return NotImplemented
     shared: Any = one  # mypy narrows it to object
@@ -79,9 +81,11 @@ def _are_equal(one: Any, other: Any) -> Any:  # noqa: ANN401 - dataclasses, and 
 def _is_same(value: object, other: object) -> bool:
     if isinstance(value, Tensor) and isinstance(other, Tensor):
         alike = value.dtype == other.dtype and value.device == other.device
-        return alike and torch.equal(value, other)
+        alike = alike and value.shape == other.shape
+        return alike and bool(((value == other) | (value.isnan() & other.isnan())).all())
     if isinstance(value, np.ndarray) and isinstance(other, np.ndarray):
-        return value.dtype == other.dtype and np.array_equal(value, other)
+        has_nan = value.dtype.kind in "fc"
+        return value.dtype == other.dtype and np.array_equal(value, other, equal_nan=has_nan)
     if isinstance(value, tuple) and isinstance(other, tuple):
         return len(value) == len(other) and all(map(_is_same, value, other))
     return bool(value == other)
