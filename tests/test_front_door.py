@@ -72,15 +72,12 @@ def test_an_earlier_name_works_and_says_what_it_is_called_now():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_example_of_a_name_runs_and_gives_what_it_says(name):
+def test_the_examples_of_a_name_run_as_they_are_copied_and_give_what_they_say(name):
     value = getattr(sightline, name)
     module = sys.modules[value.__module__]
-    tests = [
-        test
-        for test in doctest.DocTestFinder(recurse=False).find(value, name, module)
-        if test.examples
-    ]
-    assert tests, f"{name} has no example in its docstring"
+    found = doctest.DocTestFinder().find(value, name, module, globs={})  # no name of the module
+    tests = [test for test in found if test.examples]
+    assert name in {test.name for test in tests}, f"{name} has no example in its docstring"
     complaints = []
     for test in tests:
         doctest.DocTestRunner(verbose=False).run(test, out=complaints.append)

@@ -123,7 +123,8 @@ def write_rgb(path: Path | str, image: UInt8[np.ndarray, "height width 3"]) -> N
     """Write a picture atomically: `.png` lossless, `.jpg` with quality 95.
 
     Examples:
-        >>> import sightline, tempfile
+        >>> import numpy as np, sightline, tempfile
+        >>> from sightline.data.image_file import read_rgb
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     sightline.write_rgb(f"{folder}/grey.png", np.full((4, 6, 3), 128, np.uint8))
         ...     read_rgb(f"{folder}/grey.png").shape

@@ -62,6 +62,7 @@ def evaluate_objects(
 
     Examples:
         >>> import sightline, tempfile
+        >>> from pathlib import Path
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> labels = PACKAGED_FRAMES / "training" / "label_2"
         >>> with tempfile.TemporaryDirectory() as results:

@@ -126,6 +126,7 @@ def evaluate_proposals(
 
     Examples:
         >>> import sightline, tempfile
+        >>> from pathlib import Path
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> labels = PACKAGED_FRAMES / "training" / "label_2"
         >>> with tempfile.TemporaryDirectory() as results:

@@ -85,6 +85,7 @@ class Calibration:
         Warns, with the likely mistake, of mounts that no vehicle has or pixels that are no squares.
 
         Examples:
+            >>> from sightline import Calibration
             >>> calibration = Calibration.from_matrices(
             ...     [[1100, 0, 959.5], [0, 1100, 599.5], [0, 0, 1]],
             ...     [[0, -1, 0, 0.1], [0, 0, -1, -0.4], [1, 0, 0, -0.3], [0, 0, 0, 1]],

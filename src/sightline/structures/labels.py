@@ -25,7 +25,7 @@ class ObjectLabels:
     """The labelled objects of one frame, in the order of the label file.
 
     Examples:
-        >>> import sightline
+        >>> import sightline, torch
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> labels = sightline.open_dataset(PACKAGED_FRAMES)[0].objects
         >>> cars = labels.select(torch.tensor([name == "Car" for name in labels.class_names]))
