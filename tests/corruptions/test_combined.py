@@ -34,6 +34,14 @@ def test_each_sensor_is_broken_as_its_own_kind_breaks_it(sample):
     assert {name.split(".")[0] for name in both.record.parameters} <= set(together.kind.split("+"))
 
 
+def test_a_new_generator_of_the_seed_repeats_a_result_and_a_used_one_gives_another(sample):
+    together, first = corrupted(sample, "lidar_point_drop", "camera_gaussian_noise")
+    rng = np.random.default_rng(7)
+    again, another = (together.corrupt(sample, rng).sample for _ in range(2))
+    assert torch.equal(again.image, first.sample.image)
+    assert not torch.equal(another.image, again.image)
+
+
 def test_points_are_followed_through_all_parts_of_one_sensor(sample):
     together, both = corrupted(sample, "lidar_point_drop", "lidar_gaussian_noise", "lidar_fog")
     assert together.sensors == ("lidar",)

@@ -31,7 +31,9 @@ class Combined(Corruption):
     """Corruptions in sequence, each applied to the output of the one before.
 
     Corruptions of the camera alone come first, in any given order: their effect may depend on the
-    depth from a sound sweep. Each draws from a generator of its own.
+    depth from a sound sweep. Each draws from a generator of its own, which the given one spawns:
+    its seed and the number of its earlier spawns count, not the state of its bits. To repeat a
+    result, give a new generator of the same seed; restoring `bit_generator.state` is not enough.
 
     Raises:
         ValueError: There are fewer than two.
