@@ -30,7 +30,7 @@ from sightline.geometry.arguments import plain_size, plain_wholes, wrong_type
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.structures.predictions import DepthMap
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, copy_of_sensors
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -238,7 +238,7 @@ def _check_sensor(frame: HeldOutFrame, expected_beams: int) -> None:
 def _score_frame(frame: HeldOutFrame, complete: Complete, beams: int) -> HeldOutScore:
     given = frame.with_beams(beams)
     start = time.perf_counter()
-    prediction = complete(given)
+    prediction = complete(copy_of_sensors(given))
     if not isinstance(prediction, DepthMap):
         raise wrong_type("the method's prediction", prediction, "DepthMap")
     prediction.depth_m.cpu()  # copied inside the timing, so that a GPU has really finished
