@@ -236,9 +236,9 @@ def _check_sensor(frame: HeldOutFrame, expected_beams: int) -> None:
 
 
 def _score_frame(frame: HeldOutFrame, complete: Complete, beams: int) -> HeldOutScore:
-    given = frame.with_beams(beams)
+    given = copy_of_sensors(frame.with_beams(beams))
     start = time.perf_counter()
-    prediction = complete(copy_of_sensors(given))
+    prediction = complete(given)
     if not isinstance(prediction, DepthMap):
         raise wrong_type("the method's prediction", prediction, "DepthMap")
     prediction.depth_m.cpu()  # copied inside the timing, so that a GPU has really finished
