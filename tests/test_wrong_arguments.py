@@ -182,6 +182,14 @@ _CASES = {
     'resize(given, np.int64(100), np.int64(200)).image_size': "(100, 200)",
     'evaluate_depth(*depths(), band_ends_m=np.array([20.0, 40.0])).bands[2].name': "40 m on",
     'evaluate_depth(*depths(), band_ends_m=iter([20, 40])).bands[1].name': "20-40 m",
+    'BenchSettings(cases=iter(["camera_blank"])).cases': "('camera_blank',)",
+    'BenchSettings(cases="camera_blank")': "cases is the text 'camera_blank', expected a tuple; gi",
+    'CorruptionSampler(without=iter(["camera_blank"])).without': "('camera_blank',)",
+    'CorruptionSampler(without="camera_blank")': "without is the text 'camera_blank', expected a",
+    'suites.find_suite("dgfn7").select("camera_blank")': "names is the text 'camera_blank', expec",
+    'suites.find_suite("dgfn7").without("camera_blank")': "kinds is the text 'camera_blank', expe",
+    'SourceConfig(path=PACKAGED_FRAMES, with_classes=iter(["Car"])).with_classes': "('Car',)",
+    'SourceConfig(path=PACKAGED_FRAMES, with_classes="Car")': "with_classes is the text 'Car', exp",
     'suites.Suite(name="a", cases=iter(suites.SUITES["dgfn7"].cases)).case_names[:2]':
         "('clean', 'camera_blank')",
 }  # fmt: skip
@@ -200,6 +208,8 @@ from sightline.augmentation import faults
 from sightline.augmentation.sample_changes import crop
 from sightline.augmentation.scene_changes import resize
 from sightline.corruptions.kinds import find_kind
+from sightline.corruptions.drawing import CorruptionSampler
+from sightline.training.sources import SourceConfig
 from sightline.corruptions.blank import CameraFramesLost
 from sightline.depth_completion.methods import complete_depth
 from sightline.evaluation.calibration import ScoredFrames, evaluate_calibration

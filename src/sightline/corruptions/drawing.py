@@ -8,6 +8,7 @@ import numpy as np
 
 from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import Case, Suite, find_suite
+from sightline.geometry.arguments import plain_tuple
 from sightline.geometry.choices import check_choices
 
 
@@ -34,6 +35,7 @@ class CorruptionSampler:
     def __post_init__(self) -> None:
         """Check choices, names and probabilities."""
         check_choices(self)
+        object.__setattr__(self, "without", plain_tuple("without", self.without))
         suite = find_suite(self.suite)
         suite.without(self.without)
         if self.probabilities is not None:

@@ -15,7 +15,7 @@ from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.occlusion import CameraOcclusion, LidarOcclusion
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.files.safe_names import checked_name
-from sightline.geometry.arguments import wrong_type
+from sightline.geometry.arguments import plain_tuple, wrong_type
 from sightline.geometry.wrong_types import named_arguments, named_fields
 from sightline.structures.sample import CameraLidarSample
 
@@ -110,9 +110,9 @@ class Suite:
         A kind's name stands for all its severities.
 
         Raises:
-            ValueError: There is no such case.
+            ValueError: There is no such case, or the names are a single text.
         """
-        chosen = set(names)
+        chosen = set(plain_tuple("names", names))
         for name in sorted(chosen - set(self.case_names) - set(self.kinds)):
             raise ValueError(self._unknown(f"suite {self.name} has no case", name))
         return tuple(
@@ -125,9 +125,9 @@ class Suite:
         """Select all cases except these kinds, which are then unseen in training.
 
         Raises:
-            ValueError: The suite has no such kind.
+            ValueError: The suite has no such kind, or they are a single text.
         """
-        left_out = set(kinds)
+        left_out = set(plain_tuple("kinds", kinds))
         there = tuple(dict.fromkeys(case.kind for case in self.cases if case.name != CLEAN))
         for name in sorted(left_out - set(there)):
             raise ValueError(unknown(f"suite {self.name} has no kind", name, there))

@@ -10,7 +10,7 @@ from sightline.data.frame_checks import Findings
 from sightline.data.frame_lists import refuse_repeated
 from sightline.data.kitti_trees import ObjectFrame, describe_absent, remedy_for_absent
 from sightline.files.plain_text import shortened
-from sightline.geometry.arguments import check_collection, sample_index
+from sightline.geometry.arguments import plain_tuple, sample_index
 from sightline.geometry.road_height import LidarPose
 from sightline.structures.sample import UNNAMED, CameraLidarSample
 
@@ -81,8 +81,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
             ValueError: The names are a text, contain one twice, or the data set lacks some of them
                 or gives a name twice.
         """
-        check_collection("sample_ids", sample_ids)
-        self.sample_ids = tuple(sample_ids)
+        self.sample_ids = plain_tuple("sample_ids", sample_ids)
         refuse_repeated(self.sample_ids, "the list of frames")
         names = dataset.sample_ids
         positions = {name: index for index, name in enumerate(names)}

@@ -60,6 +60,16 @@ def check_collection(name: str, values: object) -> None:
         raise ValueError(f"{name} is the text {values!r}, expected a tuple; give ({values!r},)")
 
 
+def plain_tuple(name: str, values: Iterable[str]) -> tuple[str, ...]:
+    """Convert several texts, such as those of a list or an iterator, to a tuple.
+
+    Raises:
+        ValueError: They are a single text.
+    """
+    check_collection(name, values)
+    return tuple(values)
+
+
 def plain_path(name: str, value: object, expected: str) -> Path:
     """Convert a value to a path.
 

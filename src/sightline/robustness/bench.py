@@ -19,6 +19,7 @@ from sightline.data.sample_files import dataset_title, sweeps_folder
 from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
+from sightline.geometry.arguments import plain_tuple
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, check_predictor
@@ -106,8 +107,10 @@ class BenchSettings:
     """Kind of workers."""
 
     def __post_init__(self) -> None:
-        """Check the choices, and keep the frames of an iterator."""
+        """Check the choices, and keep the names of iterators."""
         check_choices(self)
+        if self.cases is not None:
+            object.__setattr__(self, "cases", plain_tuple("cases", self.cases))
         object.__setattr__(self, "sample_list", lasting_list(self.sample_list))
 
     def chosen_cases(self, suite: Suite) -> tuple[Case, ...]:

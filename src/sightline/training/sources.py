@@ -20,6 +20,7 @@ from sightline.data.sample_files import label_file
 from sightline.evaluation.object_tally import listed
 from sightline.files.plain_text import shortened
 from sightline.files.shard_path import data_path, stored_file
+from sightline.geometry.arguments import plain_tuple
 from sightline.geometry.choices import check_choices
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import is_split
@@ -50,8 +51,9 @@ class SourceConfig:
     separate, repeated source shows rare classes more often. (): all."""
 
     def __post_init__(self) -> None:
-        """Check the choices and the range."""
+        """Check the choices, the range and the names."""
         check_choices(self)
+        object.__setattr__(self, "with_classes", plain_tuple("with_classes", self.with_classes))
         if self.repeat < 1:
             raise ValueError(f"repeat must be at least 1, got {self.repeat}; leave the source out")
 
