@@ -190,6 +190,7 @@ _CASES = {
     'suites.find_suite("dgfn7").without("camera_blank")': "kinds is the text 'camera_blank', expe",
     'SourceConfig(path=PACKAGED_FRAMES, with_classes=iter(["Car"])).with_classes': "('Car',)",
     'SourceConfig(path=PACKAGED_FRAMES, with_classes="Car")': "with_classes is the text 'Car', exp",
+    'AdaptSettings(tasks=iter(["depth-completion"])).tasks': "('depth-completion',)",
     'suites.Suite(name="a", cases=iter(suites.SUITES["dgfn7"].cases)).case_names[:2]':
         "('clean', 'camera_blank')",
 }  # fmt: skip
@@ -204,6 +205,7 @@ from sightline.corruptions.arrays import corrupt_arrays
 from sightline.data import kitti_files, map_png
 from sightline.data.kitti_files import write_image
 from sightline.data.sample_dataset import NamedSubset
+from sightline.adaptation.adapt import AdaptSettings
 from sightline.augmentation import faults
 from sightline.augmentation.sample_changes import crop
 from sightline.augmentation.scene_changes import resize

@@ -20,6 +20,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
 from sightline.files.weights_header import find_weights
+from sightline.geometry.arguments import plain_tuple
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.joining.fit_pair import fit_pair
 from sightline.joining.models import JOINED, read_models
@@ -109,6 +110,7 @@ class AdaptSettings:
         for name, least in _LEAST.items():
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)}")
+        object.__setattr__(self, "tasks", plain_tuple("tasks", self.tasks))
         unknown = [name for name in self.tasks if name not in FINE_TUNINGS]
         if unknown or not self.tasks:
             raise ValueError(
