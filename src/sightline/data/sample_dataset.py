@@ -82,7 +82,6 @@ class NamedSubset(Dataset[CameraLidarSample]):
                 or gives a name twice.
         """
         self.sample_ids = plain_tuple("sample_ids", sample_ids)
-        refuse_repeated(self.sample_ids, "the list of frames")
         names = dataset.sample_ids
         positions = {name: index for index, name in enumerate(names)}
         if len(positions) < len(names):
@@ -91,6 +90,7 @@ class NamedSubset(Dataset[CameraLidarSample]):
                 f"{type(dataset).__name__}.sample_ids holds '{shortened(twice)}' twice, expected a "
                 "different name for each sample; rename one of them"
             )
+        refuse_repeated(self.sample_ids, "the list of frames")
         absent = [name for name in self.sample_ids if name not in positions]
         if absent:
             raise ValueError(
