@@ -7,6 +7,8 @@ from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_trees import list_drive
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
+from sightline.files.problem import FileError
 from tests.data.test_drive_calibration import told
 from tests.data.trees import picture, write_drive
 
@@ -80,3 +82,23 @@ def test_a_drive_of_another_camera_without_sweeps_is_told_so(tmp_path):
         open_dataset(folder)
     (problem,) = check_tree(folder)
     assert expected in str(problem)
+
+
+def test_the_calibration_of_a_linked_drive_is_found_beside_the_link_or_its_target(tmp_path):
+    folder = write_drive(tmp_path / "2011_09_26" / "2011_09_26_drive_0001_sync")
+    link = tmp_path / "links" / "drive"
+    link.parent.mkdir()
+    link.symlink_to(folder)
+    assert told(link) == []
+    assert list_drive(link).calibration == folder.parent
+    assert len(open_dataset(link)) == 3
+    with pytest.raises(FileError, match=rf"pack the folder of its day, {folder.parent}, or copy"):
+        write_shards(link, tmp_path / "shards", frames_per_shard=2)
+    for path in folder.parent.glob("calib_*.txt"):
+        shutil.copy(path, link.parent)
+    assert list_drive(link).calibration == link.parent
+    assert told(link) == []
+    other = folder.parent / "calib_velo_to_cam.txt"
+    other.write_text("R: 1 0 0 0 1 0 0 0 1\nT: 0.5 0.5 0.5\n")
+    (line,) = told(link)
+    assert line.startswith(f"{link.parent / other.name}: is used, but {other}, one folder up, has")

@@ -11,7 +11,7 @@ from sightline.data.kitti_calibration import (
     have_same_values,
     read_stated_size,
 )
-from sightline.data.kitti_trees import RAW_CALIBRATION, day_folder
+from sightline.data.kitti_trees import RAW_CALIBRATION, day_folders
 from sightline.files.problem import FileError, Problem
 
 _MAX_OTHER_SIZE_PX: Final = 4  # KITTI's own drives differ by nothing
@@ -36,18 +36,19 @@ def drive_matrices_doubts(
 
 
 def unread_calibration(drive: Path, calibration: Path) -> list[Problem]:
-    """Find files of a raw drive's other calibration: its own, or that of the day.
+    """Find files of a raw drive's other calibrations: its own, or those of the day.
 
     Args:
         drive: Folder of the drive.
         calibration: Folder that all of the calibration is read from: the drive's or the day's.
 
     Returns:
-        Problems of the drive's own files where all are read from the day's folder, else of those
-        whose values differ from the day's.
+        Problems of the drive's own files where all are read from the day's folder, and of read
+        files whose values differ from those of another folder of the day.
     """
+    problems = []
     if calibration != drive:
-        return [
+        problems = [
             Problem(
                 path=drive / name,
                 problem="is not read: the drive's folder has no calib_cam_to_cam.txt, so all of "
@@ -57,16 +58,19 @@ def unread_calibration(drive: Path, calibration: Path) -> list[Problem]:
             for name in RAW_CALIBRATION
             if (drive / name).is_file()
         ]
-    pairs = [(drive / name, day_folder(drive) / name) for name in RAW_CALIBRATION]
-    return [
+    pairs = [
+        (calibration / name, day / name) for day in day_folders(drive) for name in RAW_CALIBRATION
+    ]
+    differing = [
         Problem(
             path=own,
             problem=f"is used, but {other}, one folder up, has other values and is not read",
             remedy="remove the wrong one of the two",
         )
         for own, other in pairs
-        if own.is_file() and other.is_file() and not have_same_values(own, other)
+        if own != other and own.is_file() and other.is_file() and not have_same_values(own, other)
     ]
+    return problems + differing
 
 
 def _stated_size_doubt(path: Path, image: Path, size: tuple[int, int]) -> list[Problem]:

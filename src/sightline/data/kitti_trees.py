@@ -317,13 +317,13 @@ def list_drive(folder: Path) -> DriveFiles:
     """List a drive in the official layout, or in the flat one.
 
     Official: image_02/data/N.png, velodyne_points/data/N.bin, timestamps.txt next to each `data`,
-    oxts/data/N.txt, the calibration in the parent folder (of the day). Flat: image_02/N.png,
+    oxts/data/N.txt, the calibration in a parent folder (see `day_folders`). Flat: image_02/N.png,
     velodyne/N.bin, oxts/N.txt and the calibration in the folder itself.
     """
     image_folder, images = _files_of_drive(folder, "image")
     points_folder, points = _files_of_drive(folder, "points")
     calibrations = (
-        place for place in (folder, day_folder(folder)) if (place / RAW_CALIBRATION[0]).is_file()
+        place for place in (folder, *day_folders(folder)) if (place / RAW_CALIBRATION[0]).is_file()
     )
     times = [find_file(folder / place, "timestamps.txt") for place in _TIMES_FOLDERS]
     image_times = find_file(folder / "image_02", "timestamps.txt")
@@ -358,9 +358,10 @@ def _oxts_folder(folder: Path) -> Path | None:
     return next(full, places[0] if places else None)
 
 
-def day_folder(drive: Path) -> Path:
-    """Folder of the day, one above a raw drive's, also of the current folder "."."""
-    return (drive if drive.name not in ("", "..") else drive.resolve()).parent
+def day_folders(drive: Path) -> tuple[Path, ...]:
+    """Folders of the day, one above a raw drive's: beside its name, and where a link leads."""
+    named = drive if drive.name not in ("", "..") else drive.resolve()  # such as "."
+    return (named.parent, drive.resolve().parent) if drive.is_symlink() else (named.parent,)
 
 
 def _files_of_drive(folder: Path, part: Part) -> tuple[Path, dict[str, Path]]:

@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 from sightline.data.depth_trees import split_by_drives
 from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.kitti_trees import day_folder, list_drive
+from sightline.data.kitti_trees import list_drive
 from sightline.data.other_layouts import source_to_import, tables_to_import
 from sightline.data.point_files import CLOUD_SUFFIXES
 from sightline.data.tree_checks import find_trees
@@ -234,11 +234,12 @@ def _check_is_whole(data: Path) -> None:
             f"pack the whole tree, {root}; commands read its split from OUT/{split}",
         )
     drive = list_drive(data)
-    if drive.frames and drive.calibration not in (None, data):
+    day = drive.calibration
+    if drive.frames and day is not None and day != data:
         raise FileError(
             data,
             "is a raw drive without its calibration, which is one folder up",
-            f"pack the folder of its day, {day_folder(data.absolute())}, or copy calib_*.txt of "
+            f"pack the folder of its day, {day.absolute()}, or copy calib_*.txt of "
             "that into the drive",
         )
 
