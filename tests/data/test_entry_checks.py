@@ -12,6 +12,7 @@ from sightline.data.frame_checks import check_depth_fit, depth_range_doubt
 from sightline.data.image_file import write_rgb
 from sightline.data.map_png import write_depth_png
 from sightline.data.open import open_dataset
+from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.recordings import write_recording
@@ -429,3 +430,68 @@ def test_grey_images_are_told_as_where_arrays_are_given(tree):
         open_dataset(tree)
     assert not list(check_tree(tree))
     assert "; images are grey: their level is used" in str(summarize_tree(tree)[0])
+
+
+LEFTOVER_FOLDERS = ("@eaDir", "#recycle", "$RECYCLE.BIN", "System Volume Information", "lost+found",
+                    ".AppleDouble", ".Trash-1000", ".sync", ".stfolder")  # fmt: skip
+LEFTOVER_FILES = ("Thumbs.db", "desktop.ini", "Icon\r", "._lost{0}", "{1}:Zone.Identifier",
+                  "gone{0}:Zone.Identifier", "{1}.md5", "gone{0}.sha256", "{1}.bak", "{1}~",
+                  "{1}.part")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda root: write_object_tree(root, "000001"),
+        write_recording,
+        lambda root: write_drive(root, official=False),
+    ],
+    ids=["tree", "recording", "drive"],
+)
+def test_leftovers_of_systems_and_copies_of_read_files_are_no_findings(tmp_path, write, recwarn):
+    root = tmp_path / "data"
+    write(root)
+    names = open_dataset(root).sample_ids
+    paths = [path for path in root.rglob("*") if path.is_file()]
+    for path in paths:
+        for name in LEFTOVER_FOLDERS:
+            (path.parent / name / path.name).mkdir(parents=True)  # thumbnails lie in a folder
+            shutil.copy(path, path.parent / name / f"other{path.suffix}")
+        for name in LEFTOVER_FILES:
+            (path.parent / name.format(path.suffix, path.name)).write_bytes(b"\0")
+    assert open_dataset(root).sample_ids == names
+    assert not recwarn
+    assert not list(check_tree(root))
+    for path in root.rglob("Icon\r"):
+        path.unlink()  # shards hold no such names
+    write_shards(root, tmp_path / "shards", frames_per_shard=9)
+    assert open_dataset(tmp_path / "shards").sample_ids == names
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("9.png.crdownload", "finish their download or move them away"),
+        ("9.png.bak", "rename them or move them away"),
+        ("9.png~", "rename them or move them away"),
+        ("9.bmp", "convert them or move them away"),
+    ],
+)
+def test_unread_files_have_a_remedy_that_suits_their_ending(tree, name, remedy):
+    (tree / "image_2" / name).write_bytes(b"\0")
+    (problem,) = check_tree(tree)
+    assert problem.problem.startswith("holds 1 files that are not read (1 ")
+    assert problem.remedy == remedy
+
+
+def test_folders_called_as_files_are_not_counted_in_folders_below(tree):
+    (tree / "image_2" / "left" / "000001.png").mkdir(parents=True)
+    open_dataset(tree)  # an error if it warned
+    assert not list(check_tree(tree))
+
+
+def test_data_sets_in_the_bin_of_a_network_drive_are_not_proposed(tmp_path):
+    write_recording(tmp_path / "#recycle" / "deleted")
+    with pytest.raises(FileError) as told:
+        open_dataset(tmp_path)
+    assert "recycle" not in str(told.value)

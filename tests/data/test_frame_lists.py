@@ -217,6 +217,9 @@ def test_labels_of_another_format_are_told(tmp_path):
     with pytest.raises(ValueError, match=r"no label files .*; give KITTI's folder label_2"):
         frame_names(tmp_path, None)
     (tmp_path / "classes.txt").write_text("Car")
+    (tmp_path / "Thumbs.db").write_text("")
+    (tmp_path / "#recycle").mkdir()
+    (tmp_path / "#recycle" / "000000.txt").write_text("Car")
     with pytest.raises(ValueError, match=r"no label files .*; give KITTI's folder label_2"):
         frame_names(tmp_path, None)
     (tmp_path / "000000.xml").write_text("")

@@ -306,10 +306,11 @@ def test_suffixes_in_capitals_are_read_too(tmp_path):
     assert report.unused_predictions == 0
 
 
-def test_files_that_are_still_being_written_do_not_count(tmp_path):
+@pytest.mark.parametrize("folder", [".sightline-x", "#recycle"])
+def test_files_that_are_still_being_written_or_were_deleted_do_not_count(tmp_path, folder):
     predictions, truth, _ = write_set(tmp_path, names=["a"])
-    (predictions / ".sightline-x").mkdir()
-    (predictions / ".sightline-x" / "b.png").write_bytes(b"half")
+    (predictions / folder).mkdir()
+    (predictions / folder / "b.png").write_bytes(b"half")
     assert evaluate_depth(predictions, truth).unused_predictions == 0
 
 

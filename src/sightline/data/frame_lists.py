@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
+from sightline.files.leftovers import is_leftover
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import read_piped_text, read_text, shortened
 from sightline.files.problem import FileError, shown_place
@@ -204,7 +205,7 @@ def describe_left_out(folder: Path) -> str | None:
 
     Hidden files and the record of the command that wrote the results (.json) are not counted.
     """
-    entries = [each for each in sorted(folder.iterdir()) if not each.name.startswith(".")]
+    entries = [each for each in sorted(folder.iterdir()) if not is_leftover(each.name)]
     folders = [each for each in entries if each.is_dir()]
     files = [
         each for each in entries if each.is_file() and each.suffix not in (_SUFFIX, _RECORD_SUFFIX)
@@ -241,7 +242,7 @@ LABEL_PLACES: Final = ("training/label_2", "label_2", "labels")
 
 def locate_frame_files(folder: Path, names: Sequence[str], suffix: str = _SUFFIX) -> str | None:
     """Remedy for a folder without files of the frames: their folder, or the names found."""
-    entries = sorted(folder.iterdir())
+    entries = [each for each in sorted(folder.iterdir()) if not is_leftover(each.name)]
     for below in (folder / place for place in LABEL_PLACES):
         if any((below / f"{name}{suffix}").is_file() for name in names[:_MAX_SEARCHED]):
             return f"they are probably in {below}; name that folder"
@@ -259,7 +260,7 @@ def locate_frame_files(folder: Path, names: Sequence[str], suffix: str = _SUFFIX
     if found:
         writer = ", as KITTI's own program writes them" * (found[0].name == "data")
         return f"they are in {found[0]}{writer}; name that folder"
-    shown = [each for each in entries if each.is_file() and not each.name.startswith(".")]
+    shown = [each for each in entries if each.is_file()]
     files = [each for each in shown if each.name.lower() != TIMES_NAME and not is_note(each.stem)]
     others = [each for each in files if each.suffix == suffix]
     renamed = _same_frame(others, names)

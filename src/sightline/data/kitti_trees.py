@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 from sightline.data.frame_lists import doubt_about_names, is_note
 from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.files.leftovers import is_leftover
 from sightline.files.plain_text import shortened
 from sightline.jobs.output_dirs import SELECTIONS_FOLDER
 
@@ -77,7 +78,7 @@ def find_velodyne(folder: Path) -> Velodyne:
 
 def _has_sweeps(folder: Path) -> bool:
     return folder.is_dir() and any(
-        path.suffix.lower() in PART_SUFFIXES["points"] and not path.name.startswith(".")
+        path.suffix.lower() in PART_SUFFIXES["points"] and not is_leftover(path.name)
         for path in folder.iterdir()
     )
 
@@ -115,7 +116,7 @@ def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
     """List the files of a folder with one of the suffixes, in any case, sorted by stem.
 
     Of two files with the same stem the earlier suffix wins, lower case first. A missing folder is
-    empty. Hidden files are left out.
+    empty. Hidden files and folders of systems, such as $RECYCLE.BIN, are left out.
 
     Args:
         folder: Folder of the files.
@@ -126,7 +127,7 @@ def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
     paths = [
         path
         for path in folder.iterdir()
-        if path.suffix.lower() in suffixes and not path.name.startswith(".")
+        if path.suffix.lower() in suffixes and not is_leftover(path.name)
     ]
     paths.sort(key=lambda path: (path.stem, -suffixes.index(path.suffix.lower()), path.suffix))
     return {path.stem: path for path in paths}

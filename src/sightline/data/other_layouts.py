@@ -15,6 +15,7 @@ from sightline.data.unread_files import (
     object_folders,
     recording_folders,
 )
+from sightline.files.leftovers import is_leftover
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
 from sightline.files.shard_index import MANIFEST, SHARED, index_path
@@ -308,6 +309,6 @@ def _folders_below(path: Path) -> Iterator[Path]:
 
 def _entries(folder: Path) -> list[Path]:
     try:
-        return sorted(each for each in folder.iterdir() if not each.name.startswith("."))
+        return sorted(each for each in folder.iterdir() if not is_leftover(each.name))
     except OSError:
         return []

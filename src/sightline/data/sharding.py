@@ -26,6 +26,7 @@ from sightline.files.atomic import (
     check_links,
 )
 from sightline.files.byte_source import url_of
+from sightline.files.leftovers import is_leftover
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError, error_text
 from sightline.files.safe_names import relative_parts
@@ -277,7 +278,10 @@ def _find_sources(data: Path) -> _Sources:
 
 
 def files_below(root: Path, folder: str = "", above: frozenset[str] = frozenset()) -> Iterator[str]:
-    """Yield the paths of all files that are not hidden; links are followed, but in no circle."""
+    """Yield the paths of all files that are not hidden; links are followed, but in no circle.
+
+    Folders of systems and network drives (`is_leftover`) hold no data.
+    """
     place = root / folder
     real = os.path.realpath(place)
     if real in above or not place.is_dir():
@@ -285,7 +289,7 @@ def files_below(root: Path, folder: str = "", above: frozenset[str] = frozenset(
     entries = sorted(place.iterdir())
     suffixes = {entry.suffix for entry in entries if _is_sensor(entry.name) and entry.is_file()}
     for entry in entries:
-        if entry.name.startswith("."):
+        if entry.name.startswith(".") or (is_leftover(entry.name) and entry.is_dir()):
             continue
         path = f"{folder}/{entry.name}" if folder else entry.name
         if entry.is_dir() and entry.suffix not in suffixes:

@@ -4,7 +4,7 @@ import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -35,6 +35,7 @@ from sightline.data.recording_files import (
     LABELS,
     POINTS,
 )
+from sightline.files.leftovers import is_companion, is_leftover, remedy_for_endings
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem
 from sightline.jobs.output_dirs import MANIFEST_NAME, is_split
@@ -49,8 +50,6 @@ _NOTE_STEMS = (
     "timestamps_end",
     "times",
     "readme",
-    "desktop",
-    "thumbs",
 )
 """Names of files that contain no sensor data, even if there are no others."""
 _FOLDER_ALIASES: dict[Part, tuple[str, ...]] = {
@@ -324,7 +323,7 @@ def _other_sensors(place: PartFolder, folders: Sequence[PartFolder]) -> dict[Pat
     known = {_home(each).name.lower() for each in folders} | set(get_args(Velodyne))
     found: dict[Path, int] = {}
     for other in sorted(home.parent.iterdir()):
-        if other.name.lower() in known or other.name.startswith("."):
+        if other.name.lower() in known or is_leftover(other.name):
             continue
         inner = other / _DRIVE_DATA
         files = list_files(inner if inner.is_dir() else other, place.suffixes)
@@ -395,16 +394,15 @@ def _find_replacement(place: PartFolder) -> UnreadFiles | None:
 
 
 def _find_hidden_in(place: PartFolder) -> UnreadFiles | None:
-    """Find hidden files; macOS's companions of other files (`._NAME`) are no data."""
+    """Find hidden files; macOS's companions of files (`._NAME`) are no data."""
     if not place.folder.is_dir():
         return None
-    names = {path.name for path in place.folder.iterdir()}
     hidden = sorted(
-        name
-        for name in names
-        if name.startswith(".")
-        and Path(name).suffix.lower() in place.suffixes
-        and not (name.startswith("._") and name[2:] in names)
+        path.name
+        for path in place.folder.iterdir()
+        if path.name.startswith(".")
+        and path.suffix.lower() in place.suffixes
+        and not path.name.startswith("._")
     )
     if not hidden:
         return None
@@ -422,32 +420,24 @@ def _find_unread_in(place: PartFolder) -> UnreadFiles | None:
     if not place.folder.is_dir():
         return None
     read = list_files(place.folder, place.suffixes)
-    note_suffixes: Collection[str] = _NOTE_SUFFIXES if read else ()
-    counts: Counter[str] = Counter()
-    below = []
+    below: list[Path] = []
+    files: list[Path] = []
     for path in place.folder.iterdir():
-        if path.name.startswith(".") or path.suffix.lower() in place.suffixes:
-            continue
-        if path.is_dir():
-            below.append(path)
-        elif path.suffix.lower() in note_suffixes or path.stem.lower() in _NOTE_STEMS:
-            continue
-        elif path.stem not in read:
-            counts[path.suffix] += 1
+        if not is_leftover(path.name) and path.suffix.lower() not in place.suffixes:
+            (below if path.is_dir() else files).append(path)
+    unread = _without_notes(files, read)
     expected = f"expected {', '.join(place.suffixes)}"
-    remedy = "convert them" if set(place.suffixes) & {".bin", *IMAGE_SUFFIXES} else "rename them"
-    if counts:
+    remedy = remedy_for_endings(path.name for path in unread) or (
+        "convert them" if set(place.suffixes) & {".bin", *IMAGE_SUFFIXES} else "rename them"
+    )
+    if unread:
+        counts = Counter(path.suffix for path in unread)
         listed = ", ".join(
             f"{num} {shortened(end, 12) or 'without an ending'}"
             for end, num in counts.most_common(_MAX_LISTED)
         )
-        total = sum(counts.values())
-        if read:
-            problem = (
-                f"holds {total} files that are not read ({listed}), beside {len(read)} that are"
-            )
-        else:
-            problem = f"holds {total} files that are not read ({listed})"
+        beside = f", beside {len(read)} that are" if read else ""
+        problem = f"holds {len(unread)} files that are not read ({listed}){beside}"
     else:
         fault = _describe_subfolders(below, read, place)
         if fault is None:
@@ -457,6 +447,20 @@ def _find_unread_in(place: PartFolder) -> UnreadFiles | None:
         path=place.folder, problem=f"{problem}, {expected}", remedy=f"{remedy} or move them away"
     )
     return UnreadFiles(problem=described, part=place.part, all_unread=not read)
+
+
+def _without_notes(files: Sequence[Path], read: Mapping[str, Path]) -> list[Path]:
+    """Leave out notes and files that belong to a read one: 000001.xmp, 000001.png.bak."""
+    note_suffixes: Collection[str] = _NOTE_SUFFIXES if read else ()
+    names = {path.name for path in read.values()}
+    return [
+        path
+        for path in files
+        if path.suffix.lower() not in note_suffixes
+        and path.stem.lower() not in _NOTE_STEMS
+        and path.stem not in read
+        and not is_companion(path.name, names)
+    ]
 
 
 def _describe_subfolders(
@@ -469,7 +473,11 @@ def _describe_subfolders(
             "which are not searched",
             "move their files up",
         )
-    num_files = {each: len(list_files(each, place.suffixes)) for each in below if read}
+    num_files = {
+        each: sum(not path.is_dir() for path in list_files(each, place.suffixes).values())
+        for each in below
+        if read
+    }
     full = [each for each, number in num_files.items() if number]
     if not full:
         return None

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 from sightline.data.kitti_trees import describe_absent
 from sightline.data.map_png import read_depth_png
+from sightline.files.leftovers import is_leftover
 from sightline.files.plain_text import shortened
 
 _TRUTH_FOLDER: Final = "groundtruth_depth"  # of the depth benchmark's selection
@@ -140,7 +141,7 @@ def _list_maps(folder: Path, kind: str = "") -> _Maps:
     root, mark = os.path.realpath(folder), f"/proj_depth/{kind}/"
     paths = [path.relative_to(folder) for path in sorted(folder.rglob("*.[pP][nN][gG]"))]
     # In hidden folders are unfinished files.
-    paths = [each for each in paths if not any(part.startswith(".") for part in each.parts)]
+    paths = [each for each in paths if not any(map(is_leftover, each.parts))]
     of_kind = [each for each in paths if mark in f"{root}/{each.as_posix()}"]
     maps = _Maps()
     for path in of_kind or paths:

@@ -27,8 +27,11 @@ def test_suffixes_may_be_in_capitals_and_hidden_files_do_no_harm(tmp_path, drive
     (tmp_path / "in").mkdir()
     shutil.copy(mcap_of(drive), tmp_path / "in" / "DRIVE.MCAP")
     (tmp_path / "in" / "._DRIVE.mcap").write_bytes(b"\0\5\x16\7 of macOS")
+    shutil.copytree(drive, tmp_path / "in" / "#recycle")  # of a network drive
     for out, source in (("a", "in"), ("b", "in/DRIVE.MCAP")):
-        assert import_recording(tmp_path / source, tmp_path / out).written == 2
+        report = import_recording(tmp_path / source, tmp_path / out)
+        assert report.written == 2
+        assert "not read" not in str(report)
 
 
 @pytest.mark.parametrize("name", ["other.mcap", "other.MCAP.zst", "other.bag.active"])

@@ -13,6 +13,7 @@ from urllib.parse import quote
 
 from sightline.data.importing.bag_limits import STEP_BYTES, bounded_library, zstd_module
 from sightline.data.newer_frames import changed_at
+from sightline.files.leftovers import is_leftover
 from sightline.files.plain_file import check_no_pointer, read_start
 from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
@@ -104,7 +105,9 @@ def describe_unread_files(bag: Path) -> tuple[str, ...]:
     below = [
         each.name
         for each in sorted(bag.iterdir())
-        if each.is_dir() and ((each / METADATA_NAME).is_file() or files_without_metadata(each))
+        if each.is_dir()
+        and not is_leftover(each.name)
+        and ((each / METADATA_NAME).is_file() or files_without_metadata(each))
     ]
     notes = [
         f"warning: {len(below)} bags in folders below are not read, e.g. {shortened(name)}: a "
