@@ -440,3 +440,53 @@ def test_channels_whose_archives_were_not_extracted_are_named(
     named = f"e.g. {data}/samples/{example}; extract the archives with {archives} into it"
     with pytest.raises(ValueError, match=re.escape(named)):
         import_recording(data, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("state", "class_name"),
+    [
+        ("cycle.without_rider", "Misc"),
+        ("cycle_state.without_rider", "Misc"),
+        ("motorcycle_state.without_rider", "Misc"),
+        ("two_wheel_vehicle_state.Without Rider", "Misc"),
+        ("vehicle_state.parked", "Misc"),
+        ("cycle_state.with_rider", "Cyclist"),
+        ("two_wheel_vehicle_state.with_rider", "Cyclist"),
+        ("object_state.still", "Cyclist"),
+    ],
+)
+@pytest.mark.parametrize("category", ["bicycle", "vehicle.motorcycle", "motorbike"])
+def test_cycles_without_a_rider_are_misc_as_each_data_set_names_them(
+    data, tmp_path, category, state, class_name
+):
+    edit_table(data, "category", lambda rows: rows[2].update(name=category))
+    edit_table(data, "attribute", lambda rows: rows[0].update(name=state))
+    import_recording(data, tmp_path / "out")
+    names = set(read_labels(tmp_path / "out" / "labels" / "scene-0001-000.txt").class_names)
+    assert names & {"Misc", "Cyclist"} == {class_name}
+
+
+@pytest.mark.parametrize(
+    ("category", "class_name"),
+    [
+        ("construction_worker", "Pedestrian"),
+        ("police_officer", "Pedestrian"),
+        ("pedestrian.police_officer", "Pedestrian"),
+        ("police_car", "Car"),
+        ("ambulance", "Van"),
+        ("vehicle.emergency (ambulance & police)", "Van"),
+        ("fire_truck", "Truck"),
+        ("vehicle.fire", "Truck"),
+        ("vehicle.bus (bendy & rigid)", "Truck"),
+        ("semi_trailer", "Truck"),
+        ("movable_object.barrier", None),
+    ],
+)
+def test_categories_of_tier_iv_have_the_classes_of_nuscenes(data, tmp_path, category, class_name):
+    place = int(class_name == "Pedestrian")  # of cars, or of pedestrians: their sizes are judged
+    edit_table(data, "category", lambda rows: rows[place].update(name=category))
+    report = str(import_recording(data, tmp_path / "out"))
+    objects = read_labels(tmp_path / "out" / "labels" / "scene-0001-000.txt")
+    assert ("left out" in report) == (class_name is None)
+    found = set(objects.class_names) - {"Cyclist", "DontCare"}
+    assert found == {class_name, "Car" if place else "Pedestrian"} - {None}

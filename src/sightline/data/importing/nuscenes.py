@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -38,7 +38,10 @@ _OCCLUSIONS: Final = {
 _DISTORTION: Final = "camera_distortion"
 """Entry of the lens in tables of TIER IV; nuScenes' images are straight."""
 _CYCLE: Final = "cycle."
-_WITH_RIDER: Final = "cycle.with_rider"
+"""Begin of nuScenes' attributes of riders, which every cycle with a rider has."""
+_RIDDEN: Final = "with_rider"
+_UNRIDDEN: Final = frozenset(("without_rider", "parked"))
+"""Last words of cycles' attributes: TIER IV's begin with cycle_state, two_wheel_vehicle_state .."""
 _REFERENCED: Final = (
     "attribute",
     "calibrated_sensor",
@@ -59,7 +62,7 @@ class Annotation:
     category: str
     """Category, e.g. vehicle.car."""
     is_ridden: bool | None
-    """Whether a cycle has a rider; None: the data set's attributes do not include riders."""
+    """Whether a cycle has a rider; None: its attributes do not give this."""
     occlusion: int | None
     """KITTI's occlusion, 0 to 2, by the visibility in all cameras; None: unknown."""
     num_lidar_points: int | None
@@ -304,12 +307,19 @@ class _Reader:
             raise row.fault(f"has the size {[width, length, height]}, expected lengths above 0")
         return Annotation(
             category=category.text("name"),
-            is_ridden=_WITH_RIDER in attributes if has_attributes and self._has_riders else None,
+            is_ridden=self._is_ridden(attributes) if has_attributes else None,
             occlusion=self._occlusions.get(str(row.entries.get("visibility_token"))),
             num_lidar_points=_num_points(row),
             size_lwh=(length, width, height),
             world_from_box=row.pose(),
         )
+
+    def _is_ridden(self, attributes: Collection[str]) -> bool | None:
+        """Return whether a cycle of these attributes has a rider; None: unknown."""
+        states = {plain_word(name.rpartition(".")[2]) for name in attributes}
+        if _RIDDEN in states:
+            return True
+        return False if self._has_riders or states & _UNRIDDEN else None
 
     def _read_occlusions(self) -> dict[str, int]:
         """Read KITTI's occlusion of each visibility token; without a table, nuScenes' four."""
@@ -336,6 +346,11 @@ class _Reader:
 
     def _path(self, name: str) -> Path:
         return self._tables.folder / f"{name}.json"
+
+
+def plain_word(name: str) -> str:
+    """Return a name in lower case, with _ for - and spaces."""
+    return name.strip().lower().replace("-", "_").replace(" ", "_")
 
 
 def _lens(camera: Row) -> tuple[float, ...]:

@@ -1,5 +1,6 @@
 """Conversion of nuScenes' annotations to KITTI labels of one camera's image."""
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,7 +12,7 @@ from jaxtyping import Float32, Float64
 from torch import Tensor
 
 from sightline.data.importing.frames import Rigid
-from sightline.data.importing.nuscenes import Annotation
+from sightline.data.importing.nuscenes import Annotation, plain_word
 from sightline.data.kitti_boxes import ImageBox, box_corners, project_box
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import (
@@ -46,6 +47,27 @@ _CLASSES: Final = {
     "pedestrian": "Pedestrian",
     "bicycle": "Cyclist",
     "motorcycle": "Cyclist",
+    # TIER IV
+    "vehicle.police": "Car",
+    "vehicle.police_car": "Car",
+    "police_car": "Car",
+    "vehicle.ambulance": "Van",
+    "ambulance": "Van",
+    "vehicle.emergency": "Van",
+    "vehicle.fire": "Truck",
+    "vehicle.fire_truck": "Truck",
+    "fire_truck": "Truck",
+    "semi_trailer": "Truck",
+    "tractor": "Truck",
+    "tractor_unit": "Truck",
+    "construction_worker": "Pedestrian",
+    "police_officer": "Pedestrian",
+    "other_pedestrian": "Pedestrian",
+    "personal_mobility": "Pedestrian",
+    "stroller": "Pedestrian",
+    "wheelchair": "Pedestrian",
+    "vehicle.motorbike": "Cyclist",
+    "motorbike": "Cyclist",
     # Argoverse, Waymo and others
     "vehicle": "Car",
     "regular_vehicle": "Car",
@@ -66,7 +88,7 @@ _CLASSES: Final = {
 }
 """KITTI's class of each category, including its subcategories; others are left out."""
 _IGNORED_CATEGORIES: Final = ("vehicle.ego",)
-_CYCLES_WITHOUT_RIDER_INFO: Final = ("bicycle", "motorcycle")
+_CYCLES_WITHOUT_RIDER_INFO: Final = ("bicycle", "motorcycle", "motorbike")
 """Last words of cycle categories that do not distinguish riders."""
 _DONT_CARE: Final = "DontCare"
 _MAX_LEAN_DEG: Final = 20.0  # of an object on a slope against the LiDAR
@@ -247,8 +269,8 @@ def _tally(
 
 
 def _class_of(annotation: Annotation) -> str | None:
-    """Return KITTI's class of a category, ignoring case; None: there is none."""
-    category = annotation.category.strip().lower().replace("-", "_").replace(" ", "_")
+    """Return KITTI's class of a category, ignoring case and remarks in (); None: there is none."""
+    category = plain_word(re.sub(r"\(.*?\)", "", annotation.category))
     words = category.split(".")
     begins = [".".join(words[:count]) for count in range(len(words), 0, -1)]
     if any(begin in _IGNORED_CATEGORIES for begin in begins):
