@@ -358,6 +358,37 @@ def test_tables_without_annotations_give_no_labels_and_nothing_to_doubt(tmp_path
     assert "0 frames written, 2 were there already" in again
 
 
+@pytest.mark.parametrize("tables", ["sample_annotation", "sample_annotation attribute category"])
+def test_missing_tables_of_annotations_are_a_warning_and_give_no_labels(data, tmp_path, tables):
+    for table in tables.split():
+        (data / "v1.0-mini" / f"{table}.json").unlink()
+    report = str(import_recording(data, tmp_path / "out"))
+    named = ", ".join(f"{each}.json" for each in tables.split())
+    assert f"warning: v1.0-mini lacks {named}, so the frames have no labels" in report
+    assert not (tmp_path / "out" / "labels").exists()
+    assert not list(check_tree(tmp_path / "out"))
+    assert "2 were there already" in str(import_recording(data, tmp_path / "out"))
+
+
+@pytest.mark.parametrize("table", ["attribute", "category", "instance"])
+def test_tables_that_annotations_refer_to_may_lack_only_without_annotations(data, tmp_path, table):
+    (data / "v1.0-mini" / f"{table}.json").unlink()
+    expected = rf"{table}\.json: is missing, and rows of sample_annotation.json .* without labels"
+    with pytest.raises(FileError, match=expected):
+        import_recording(data, tmp_path / "out")
+    keep_annotations(data, lambda _: False)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert f"warning: v1.0-mini lacks {table}.json, so the frames have no labels" in report
+
+
+def test_a_link_to_a_table_of_annotations_that_cannot_be_reached_is_refused(data, tmp_path):
+    table = data / "v1.0-mini" / "sample_annotation.json"
+    table.unlink()
+    table.symlink_to("nowhere")
+    with pytest.raises(FileError, match=r"sample_annotation\.json: cannot be read"):
+        import_recording(data, tmp_path / "out")
+
+
 def test_frames_without_annotations_among_others_are_a_warning(tmp_path):
     data = write_nuscenes(tmp_path / "data", num_samples=3)
     assert "have no annotation" not in str(import_recording(data, tmp_path / "sound"))

@@ -20,6 +20,7 @@ from sightline.data.importing.nuscenes_files import (
     read_or_note_damage,
 )
 from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
+from sightline.data.importing.nuscenes_tables import REMEDY
 from sightline.data.importing.writer import (
     RESULTS,
     STRAIGHT_NOTE,
@@ -73,7 +74,7 @@ _MAX_GAP_S: Final = 0.15
 """Largest time between image and sweep; a turn of nuScenes' LiDAR takes 0.05 s, others' 0.1 s."""
 _MAX_TRIED_FRAMES: Final = 5
 """Number of frames tried at the start: if all are doubtful or unreadable, nothing is written."""
-_TABLES_REMEDY: Final = "correct calibrated_sensor.json or extract nuScenes' metadata archive again"
+_TABLES_REMEDY: Final = f"correct calibrated_sensor.json or {REMEDY}"
 
 
 def import_nuscenes(
@@ -151,7 +152,11 @@ def import_nuscenes(
             *_kept_notes((faults.keys() & finished) - complete, faults, len(there)),
             *_time_notes(there),
             *_rotation_notes(there, camera),
-            *((*frames.labels.lines(), *_unannotated_notes(there)) if written else ()),
+            *(
+                (*_label_notes(tables, frames.labels), *_unannotated_notes(there))
+                if written
+                else ()
+            ),
             *frames.clouds.lines(max_intensity),
             *doubts,
             *describe_view(out),
@@ -272,6 +277,17 @@ def _time_notes(moments: Sequence[Moment]) -> Iterator[str]:
 def _rotation_notes(moments: Sequence[Moment], camera: str) -> Iterator[str]:
     for turn in sorted({round(turn_ahead(moment.mount)[1]) for moment in moments} - {0}):
         yield f"clouds are rotated by {-turn} degrees, so that x points where {camera} looks"
+
+
+def _label_notes(tables: Tables, labels: LabelTally) -> tuple[str, ...]:
+    """Counts of labels, or a warning that the tables of annotations are missing."""
+    absent = tables.absent_annotation_tables()
+    if labels.annotations or not absent:
+        return labels.lines()
+    return (
+        f"warning: {tables.folder.name} lacks {', '.join(absent)}, so the frames have no labels; "
+        f"if they are annotated, {REMEDY}",
+    )
 
 
 def _unannotated_notes(moments: Sequence[Moment]) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """Reader of key frames of nuScenes (Caesar et al. 2020) and of data sets with the same tables."""
 
 import hashlib
+import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from sightline.data.importing.frames import Rigid
-from sightline.data.importing.nuscenes_tables import Row, read_rows, read_table
+from sightline.data.importing.nuscenes_tables import REMEDY, Row, Table, read_rows, read_table
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 from sightline.files.safe_names import checked_name, path_below
@@ -51,6 +52,9 @@ _REFERENCED: Final = (
     "sensor",
 )
 """Tables that rows of others refer to."""
+_ANNOTATIONS: Final = "sample_annotation"
+_DESCRIBING: Final = ("attribute", "category", "instance")
+"""Tables that only annotations refer to."""
 _LISTED: Final = ("sample", "sample_annotation", "sample_data", "scene")
 """Tables whose rows are read in their order."""
 
@@ -135,10 +139,18 @@ class Tables:
         """Twelve digits of the SHA-256 of all tables: other digits mean other contents."""
         total = hashlib.sha256()
         has_visibility = (self.folder / f"{_VISIBILITY}.json").is_file()
+        absent = self.absent_annotation_tables()
         for name in (*_REFERENCED, *_LISTED, *([_VISIBILITY] if has_visibility else [])):
-            with (self.folder / f"{name}.json").open("rb") as file:
-                total.update(hashlib.file_digest(file, "sha256").digest())
+            if f"{name}.json" not in absent:
+                with (self.folder / f"{name}.json").open("rb") as file:
+                    total.update(hashlib.file_digest(file, "sha256").digest())
         return total.hexdigest()[:12]
+
+    def absent_annotation_tables(self) -> tuple[str, ...]:
+        """Names of missing tables of annotations, which data sets without labels lack."""
+        names = (f"{name}.json" for name in (_ANNOTATIONS, *_DESCRIBING))
+        # a link to nothing is a table that cannot be read
+        return tuple(name for name in names if not os.path.lexists(self.folder / name))
 
 
 def find_tables(source: Path) -> Tables | None:
@@ -174,8 +186,15 @@ class _KeyFrames:
 class _Reader:
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
-        self._tables_by_name = {name: read_table(self._path(name)) for name in _REFERENCED}
-        attributes = self._tables_by_name["attribute"].rows.values()
+        absent = tables.absent_annotation_tables()
+        is_annotated = f"{_ANNOTATIONS}.json" not in absent
+        self._annotations = list(read_rows(self._path(_ANNOTATIONS))) if is_annotated else []
+        self._tables_by_name = {
+            name: self._read_referenced(name)
+            for name in _REFERENCED
+            if self._annotations or f"{name}.json" not in absent
+        }
+        attributes = self._tables_by_name["attribute"].rows.values() if self._annotations else ()
         self._samples = read_table(self._path("sample"))
         self._occlusions = self._read_occlusions()
         self._has_riders = any(row.text("name").startswith(_CYCLE) for row in attributes)
@@ -184,7 +203,7 @@ class _Reader:
         found = self._key_frames((camera, lidar))
         by_sample = found.by_sample
         annotations: dict[str, list[Row]] = {}
-        for row in read_rows(self._path("sample_annotation")):
+        for row in self._annotations:
             token = self._samples.of(row, "sample_token").text("token")
             annotations.setdefault(token, []).append(row)
         num_complete = sum(len(by_channel) == 2 for by_channel in by_sample.values())
@@ -231,7 +250,7 @@ class _Reader:
                 self._path("sample_data"),
                 f"has no key frame: none of its {num_between} rows has is_key_frame true, and "
                 "only key frames have labels",
-                "extract nuScenes' metadata archive again, or mark the rows to import",
+                f"{REMEDY}, or mark the rows to import",
             )
         for channel, kind in zip(channels, ("camera", "lidar"), strict=True):
             others = [each for each in _MODALITIES if each != kind]
@@ -333,6 +352,16 @@ class _Reader:
         return {
             token: _OCCLUSIONS[level] for token, level in levels.items() if level in _OCCLUSIONS
         }
+
+    def _read_referenced(self, name: str) -> Table:
+        path = self._path(name)
+        if name in _DESCRIBING and not os.path.lexists(path):
+            raise FileError(
+                path,
+                f"is missing, and rows of {_ANNOTATIONS}.json refer to it",
+                f"{REMEDY}, or remove {_ANNOTATIONS}.json to import without labels",
+            )
+        return read_table(path)
 
     def _referenced(self, row: Row, name: str) -> Row:
         return self._tables_by_name[name].of(row, f"{name}_token")
