@@ -1,4 +1,6 @@
 import math
+import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -172,3 +174,16 @@ def test_maps_of_other_shapes_and_types_are_not_written(tmp_path, write, given, 
     with pytest.raises(ValueError, match=rf"0\.png .*{said}"):
         write(tmp_path / "0.png", given)
     assert not (tmp_path / "0.png").exists()
+
+
+@pytest.mark.parametrize("orientation", [2, 3, 6])
+def test_a_note_on_the_orientation_of_a_map_is_not_followed(tmp_path, orientation):
+    path = tmp_path / "map.png"
+    depth = np.arange(12, dtype=np.float32).reshape(3, 4)
+    write_depth_png(path, depth)
+    content = path.read_bytes()
+    note = b"eXIf" + struct.pack(">2sHIHHHIHHI", b"MM", 42, 8, 1, 0x112, 3, 1, orientation, 0, 0)
+    chunk = struct.pack(">I", len(note) - 4) + note + struct.pack(">I", zlib.crc32(note))
+    header_end = 33
+    path.write_bytes(content[:header_end] + chunk + content[header_end:])
+    np.testing.assert_array_equal(read_depth_png(path), depth)

@@ -81,7 +81,8 @@ def read_png16(
             f"{header.bits_per_channel} bits, expected {expected}",
             remedy,
         )
-    return decode_pixels(content, header, cv2.IMREAD_ANYDEPTH, path).astype(np.uint16, copy=False)
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    return decode_pixels(content, header, flags, path).astype(np.uint16, copy=False)
 
 
 def decode_pixels(
