@@ -521,3 +521,47 @@ def test_categories_of_tier_iv_have_the_classes_of_nuscenes(data, tmp_path, cate
     assert ("left out" in report) == (class_name is None)
     found = set(objects.class_names) - {"Cyclist", "DontCare"}
     assert found == {class_name, "Car" if place else "Pedestrian"} - {None}
+
+
+def add_lidar(data):
+    """Add a second LiDAR to the tables, whose files are those of the first."""
+    sensor = {"token": "l2", "channel": "LIDAR_LEFT", "modality": "lidar"}
+    mount = {"token": "c2", "sensor_token": "l2"}
+    row = {"calibrated_sensor_token": "c2", "token": "second"}
+    edit_table(data, "sensor", lambda rows: rows.append(sensor))
+    edit_table(data, "calibrated_sensor", lambda rows: rows.append(rows[1] | mount))
+    edit_table(data, "sample_data", lambda rows: rows.append(rows[1] | row))
+
+
+@pytest.mark.parametrize(("count", "num_lidars"), [(0, 1), (0, 2), (99_999, 2)])
+def test_counts_of_no_or_of_several_lidars_are_those_of_the_sweep(
+    data, tmp_path, count, num_lidars
+):
+    import_recording(data, tmp_path / "usual")
+    if num_lidars > 1:
+        add_lidar(data)
+    set_entries(data, "sample_annotation", num_lidar_pts=count)
+    assert "misplaced" not in str(import_recording(data, tmp_path / "out"))
+    usual, labels = (tmp_path / name / "labels" / "scene-0001-000.txt" for name in ("usual", "out"))
+    assert labels.read_text() == usual.read_text()
+
+
+@pytest.mark.parametrize("folder", ["data", "lidar"])
+def test_linked_tables_of_other_data_sets_go_with_the_data_around_the_link(data, tmp_path, folder):
+    (data / "samples").rename(data / folder)
+    place = f"{folder}/"
+
+    def rename(rows):
+        for row in rows:
+            row["filename"] = row["filename"].replace("samples/", place)
+
+    edit_table(data, "sample_data", rename)
+    (data / "v1.0-mini").rename(tmp_path / "tables")
+    (data / "annotation").symlink_to(tmp_path / "tables")
+    assert import_recording(data / "annotation", tmp_path / "out").written == 2
+
+
+def test_pointers_of_git_lfs_in_place_of_tables_are_told(data, tmp_path):
+    (data / "v1.0-mini" / "ego_pose.json").write_text("version https://git-lfs.github.com/spec/v1")
+    with pytest.raises(FileError, match=r"ego_pose\.json: is a pointer of Git LFS.*git lfs pull"):
+        import_recording(data, tmp_path / "out")

@@ -18,8 +18,8 @@ from sightline.files.safe_names import checked_name, path_below
 from sightline.geometry.road_height import MAX_LIDAR_HEIGHT_M, MIN_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import Tilt
 
-_DATA_FOLDERS: Final = ("samples", "sweeps")
-"""Folders beside those of tables."""
+_DATA_FOLDERS: Final = (("samples", "sweeps"), ("data", "lidar", "images"))
+"""Folders beside those of tables: nuScenes', then TIER IV's and Lyft's."""
 _MODALITIES: Final = ("camera", "lidar", "radar")
 _VISIBILITY: Final = "visibility"
 """Table that some data sets lack."""
@@ -70,7 +70,7 @@ class Annotation:
     occlusion: int | None
     """KITTI's occlusion, 0 to 2, by the visibility in all cameras; None: unknown."""
     num_lidar_points: int | None
-    """Number of LiDAR points in the box; None: the data set does not count them."""
+    """Number of LiDAR points in the box; None: unknown, or perhaps of several LiDARs."""
     size_lwh: tuple[float, float, float]
     world_from_box: Rigid
 
@@ -162,9 +162,14 @@ def find_tables(source: Path) -> Tables | None:
         ValueError: There are several versions.
     """
     if (source / "sample.json").is_file():
-        beside = source.absolute().parent
-        is_beside = any((beside / name).is_dir() for name in _DATA_FOLDERS)
-        return Tables(beside if is_beside else source.resolve().parent, source)
+        target = source.resolve().parent
+        roots = (
+            place
+            for names in _DATA_FOLDERS
+            for place in (source.absolute().parent, target)
+            if any((place / name).is_dir() for name in names)
+        )
+        return Tables(next(roots, target), source)
     found = sorted(path.parent for path in source.glob("*/sample.json"))
     if len(found) > 1:
         names = ", ".join(path.name for path in found)
@@ -197,11 +202,14 @@ class _Reader:
         attributes = self._tables_by_name["attribute"].rows.values() if self._annotations else ()
         self._samples = read_table(self._path("sample"))
         self._occlusions = self._read_occlusions()
+        self._has_counts = True
         self._has_riders = any(row.text("name").startswith(_CYCLE) for row in attributes)
 
     def moments(self, camera: str, lidar: str) -> Moments:
         found = self._key_frames((camera, lidar))
         by_sample = found.by_sample
+        has_counts = any(row.entries.get("num_lidar_pts") for row in self._annotations)
+        self._has_counts = has_counts and not found.other_lidars
         annotations: dict[str, list[Row]] = {}
         for row in self._annotations:
             token = self._samples.of(row, "sample_token").text("token")
@@ -328,7 +336,7 @@ class _Reader:
             category=category.text("name"),
             is_ridden=self._is_ridden(attributes) if has_attributes else None,
             occlusion=self._occlusions.get(str(row.entries.get("visibility_token"))),
-            num_lidar_points=_num_points(row),
+            num_lidar_points=_num_points(row) if self._has_counts else None,
             size_lwh=(length, width, height),
             world_from_box=row.pose(),
         )
