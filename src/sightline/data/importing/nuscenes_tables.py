@@ -18,7 +18,6 @@ from sightline.files.problem import FileError
 REMEDY: Final = "extract nuScenes' metadata archive again"
 
 _MAX_BYTES: Final = 2**32  # sample_data.json of all of nuScenes has 1.1 GB
-_POINTER: Final = b"version https://git-lfs"
 _MAX_VALUE: Final = 1e9  # largest number: metres in the map's frame, pixels, counts
 _MAX_TIME_US: Final = 10**17  # the latest time that recordings may have
 
@@ -138,10 +137,6 @@ def read_rows(path: Path) -> Iterator[Row]:
         FileError: The table cannot be read, is invalid JSON or no list of rows.
     """
     content = read_bytes(path, max_bytes=_MAX_BYTES, remedy=REMEDY)
-    if content.startswith(_POINTER):
-        raise FileError(
-            path, "is a pointer of Git LFS, not the file itself", "fetch it: git lfs pull"
-        )
     try:
         rows = json.loads(content)
     except (ValueError, RecursionError) as error:
