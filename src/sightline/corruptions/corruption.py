@@ -3,7 +3,7 @@
 import json
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import ClassVar, Final, NamedTuple
 
 import cv2
@@ -93,7 +93,17 @@ class Corruption(Fault):
         return self.kind.replace("_", " ")
 
     def described(self) -> dict[str, object]:
-        """Collect all settings of the effect as JSON types, for records and manifests."""
+        """Collect all settings of the effect as JSON types, for records and manifests.
+
+        Raises:
+            ValueError: A subclass keeps settings that are no fields, as it is no dataclass itself.
+        """
+        others = sorted(vars(self).keys() - {each.name for each in fields(self)})
+        if others and "__dataclass_fields__" not in vars(type(self)):
+            raise ValueError(
+                f"{type(self).__name__} keeps {others[0]} beside its fields, so that records would "
+                "not tell it; make it a field, under @dataclass(frozen=True, kw_only=True)"
+            )
         revision = {"revision": self.revision} if self.revision > 1 else {}
         described: dict[str, object]
         described = json.loads(json.dumps({"kind": self.kind, **revision, **asdict(self)}))

@@ -44,7 +44,11 @@ class Predictor(Protocol):
 
     @property
     def made_by(self) -> Mapping[str, str]:
-        """Further entries of a manifest, beside the name: e.g. the weights' hash and the engine."""
+        """Further entries of a manifest, beside the name: e.g. the weights' hash and the engine.
+
+        Results of an earlier run are kept where name and entries are the same: change one whenever
+        the predictor changes.
+        """
         ...
 
     def __call__(self, sample: "CameraLidarSample") -> Any:  # noqa: ANN401 - each task's own

@@ -74,6 +74,12 @@ def test_the_calibration_of_an_import_does_for_another_of_the_same_rig(tmp_path,
     imported(tmp_path, distinct(turned, 2), BASE_FROM_LIDAR @ mount)
     first, again = tmp_path / "out", tmp_path / "again"
     import_recording(tmp_path / "drive", again, calibration=first / "calibration.yaml")
+    text = (first / "calibration.yaml").read_text()
+    (first / "calibration.yaml").write_text(text.partition("clouds_from_source")[0])
+    assert "is kept" not in str(
+        import_recording(tmp_path / "drive", first)
+    )  # of an earlier version
+    (first / "calibration.yaml").write_text(text)
     assert ("clouds_from_source" in (first / "calibration.yaml").read_text()) == (angle_deg > 0)
     one, other = (read_recording_calibration(each / "calibration.yaml") for each in (first, again))
     for name in ("camera_from_lidar", "image_from_camera"):

@@ -18,8 +18,8 @@ _UNITS_NS: Final = {"microseconds": 10**3, "milliseconds": 10**6}
 """Units that drivers write by mistake as nanoseconds."""
 _MAX_DELAY_DIFFERENCE_NS: Final = 5 * 10**8
 """Largest difference of the sensors' delays that exposure, a turn and processing explain."""
-_MIN_STEADY: Final = 3
-"""Number of messages, at least, before and after a step of a clock."""
+_MIN_STEADY: Final = 8
+"""Number of messages, at least, before and after a step of a clock: more than recorders queue."""
 _MAX_FALL_NS: Final = 10**9
 """Largest decrease of stamps that is explained by reordered messages."""
 

@@ -153,7 +153,8 @@ def import_bag(
             "max_gap_s": max_gap_s,
             "clock": clock,
             "max_intensity": intensity,
-            "calibration": recording_calibration_text(written),
+            # Without the rotation, which earlier versions did not write.
+            "calibration": recording_calibration_text(replace(written, clouds_from_source=None)),
         }
         names = [f"{number:06}" for number in range(len(pairs.positions))]
         frames = _Frames(out, topics, written, intensity, is_guessed, new_from_old)

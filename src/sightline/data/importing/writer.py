@@ -360,7 +360,10 @@ def write_or_keep_calibration(
         A note if it is kept: it has other contents or another suffix, or each frame has its own.
     """
     path = list_files(out, CALIBRATION_SUFFIXES).get(CALIBRATIONS)
-    if path is not None and path.read_bytes() != recording_calibration_text(calibration).encode():
+    texts = (calibration, replace(calibration, clouds_from_source=None))  # as of earlier versions
+    if path is not None and path.read_bytes() not in (
+        recording_calibration_text(each).encode() for each in texts
+    ):
         return (f"{path.name} differs from that of the bag, and is kept",)
     if path is None and set(names) <= set(list_files(out / CALIBRATIONS, CALIBRATION_SUFFIXES)):
         return (f"each frame has its own calibration in {CALIBRATIONS}, which is kept",)
