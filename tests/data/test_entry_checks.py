@@ -401,8 +401,8 @@ def test_what_is_no_file_is_told_and_not_passed_over(tmp_path, name):
     (tmp_path / name).unlink(missing_ok=True)
     (tmp_path / name).symlink_to("nowhere")
     (problem,) = check_tree(tmp_path)
-    assert str(problem).startswith(f"{tmp_path / name}: cannot be read: no such file")
-    with pytest.raises(FileError, match=f"{name}: cannot be read: no such file"):
+    assert str(problem).startswith(f"{tmp_path / name}: is a link to 'nowhere', which cannot be r")
+    with pytest.raises(FileError, match=f"{name}: is a link to 'nowhere', which cannot be reached"):
         open_dataset(tmp_path)[0]
 
 

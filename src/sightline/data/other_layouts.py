@@ -22,7 +22,7 @@ from sightline.files.shard_index import MANIFEST, SHARED, index_path
 from sightline.jobs.output_dirs import KITTI_SPLITS, is_split
 
 _ARCHIVES: Final = (".zip", ".tar", ".gz", ".tgz", ".7z")
-_BAGS: Final = (".bag", ".mcap", ".db3")
+BAG_SUFFIXES: Final = (".bag", ".mcap", ".db3")
 _LAYOUT_NAMES: Final = (
     {"image_2", "velodyne"},
     {"image_2", "calib"},
@@ -125,7 +125,7 @@ def no_data_set(path: Path) -> Problem:
 def _no_folder(path: Path) -> Problem | None:
     if path.is_dir():
         return None
-    if path.suffix.lower() in _BAGS and path.exists():
+    if path.suffix.lower() in BAG_SUFFIXES and path.exists():
         return _to_import(path, "is a ROS bag")
     if _is_shard(path):
         name = shortened(index_path(path).name)
@@ -215,7 +215,7 @@ def source_to_import(path: Path) -> Problem | None:
     tables = tables_to_import(path)
     if tables is not None:
         return tables
-    bags = [each for each in _entries(path) if each.suffix.lower() in _BAGS]
+    bags = [each for each in _entries(path) if each.suffix.lower() in BAG_SUFFIXES]
     return _to_import(path, f"holds a ROS bag, {shortened(bags[0].name)}") if bags else None
 
 

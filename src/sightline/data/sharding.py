@@ -5,6 +5,7 @@ import io
 import os
 import re
 import tarfile
+import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from urllib.parse import quote
 from sightline.data.depth_trees import split_by_drives
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.data.kitti_trees import list_drive
-from sightline.data.other_layouts import source_to_import, tables_to_import
+from sightline.data.other_layouts import BAG_SUFFIXES, source_to_import, tables_to_import
 from sightline.data.point_files import CLOUD_SUFFIXES
 from sightline.data.tree_checks import find_trees
 from sightline.files.atomic import (
@@ -28,6 +29,7 @@ from sightline.files.atomic import (
 from sightline.files.byte_source import url_of
 from sightline.files.leftovers import is_leftover
 from sightline.files.plain_file import read_bytes
+from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, error_text
 from sightline.files.safe_names import relative_parts
 from sightline.files.shard_checks import check_whole, is_whole, tar_digest
@@ -270,10 +272,17 @@ def _find_sources(data: Path) -> _Sources:
             raise FileError(source.path, source.problem, source.remedy)
         raise FileError(data, "holds no frames", "give the folder of a data set")
     shared = [path for key, files in frames.items() if key not in kept for path in files]
+    bags = [path for path in (*others, *shared) if path.lower().endswith(BAG_SUFFIXES)]
+    if bags:
+        warnings.warn(
+            f"{data}: {len(bags)} bags, e.g. {shortened(bags[0])}, are no part of the data and "
+            "are not packed",
+            stacklevel=2,
+        )
     return _Sources(
         root=root,
         frames=tuple(tuple(sorted(kept[key])) for key in sorted(kept)),
-        shared=tuple(sorted([*others, *shared])),
+        shared=tuple(sorted({*others, *shared}.difference(bags))),
     )
 
 
