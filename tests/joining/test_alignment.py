@@ -15,6 +15,7 @@ from sightline.joining.alignment import (
     measure_alignment,
     measure_angles,
 )
+from sightline.joining.recording import distinct_scenes, measure_recording
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.lidar_turn import LidarTurn
 from tests.joining.scenes import make_sample
@@ -48,6 +49,30 @@ def test_a_sound_recording_has_nothing_to_undo(recording):
     found = measure_alignment(recording, SIMULATED)
     assert found == Alignment()
     assert str(found).startswith("nothing to align: the LiDAR fits the calibration")
+
+
+def test_frames_of_a_standing_vehicle_show_one_scene(recording):
+    noise = torch.Generator().manual_seed(0)
+
+    def jittered(sample):
+        levels = sample.image + 4 * torch.randn(sample.image.shape, generator=noise)
+        return dataclasses.replace(sample, image=levels.clamp(0, 255).to(torch.uint8))
+
+    standing = [jittered(recording[index // 5]) for index in range(10)]
+    kept = distinct_scenes(standing)
+    assert len(kept) == 2
+    assert kept[0] is standing[0]
+    assert kept[1] is standing[5]
+    without = [dataclasses.replace(each, image=None) for each in standing]
+    assert distinct_scenes(without) == without
+
+
+def test_nothing_is_known_of_a_standing_vehicle_s_rotation(recording):
+    def detect(_):
+        raise AssertionError("there are two scenes alone")
+
+    turned = [rotate_extrinsics(sample, 1.0) for sample in recording]
+    assert measure_recording(turned, detect, SIMULATED) == Alignment()
 
 
 def test_a_blank_camera_or_too_few_frames_tell_nothing(recording):

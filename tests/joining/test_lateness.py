@@ -28,6 +28,12 @@ NEIGHBOURS = (
 LATE = JoinConfig(sweep_in_image=False)
 
 
+@pytest.fixture(autouse=True)
+def repeated_frames(monkeypatch):
+    """Let frames that are repeated count as if each showed another scene."""
+    monkeypatch.setattr("sightline.joining.recording.distinct_scenes", list)
+
+
 def cars(advance_m=0.0, score=0.9):
     return detections3d(
         *(("Car", score, x + advance_m, y, -0.95, 4.0, 1.8, 1.5, 0.0) for x, y in PLACES)

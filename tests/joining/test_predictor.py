@@ -23,6 +23,12 @@ CAR = ("Car", 0.5, 20.0, 1.0, -0.95, 4.0, 1.8, 1.5, 0.0)
 SEEN = ("Car", 0.25, (100.0, 180.0, 200.0, 240.0))
 
 
+@pytest.fixture(autouse=True)
+def repeated_frames(monkeypatch):
+    """Let frames that are repeated count as if each showed another scene."""
+    monkeypatch.setattr("sightline.joining.recording.distinct_scenes", list)
+
+
 class ImageDetector(DetectionPredictor):
     """Detector in the image with a fixed prediction."""
 

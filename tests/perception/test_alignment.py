@@ -30,6 +30,12 @@ SEEN = ("Car", 0.8, (550.0, 170.0, 640.0, 240.0))
 ANGLES = {"yaw_deg": 1.0, "pitch_deg": 0.0, "roll_deg": 0.0}
 
 
+@pytest.fixture(autouse=True)
+def repeated_frames(monkeypatch):
+    """Let frames that are repeated count as if each showed another scene."""
+    monkeypatch.setattr("sightline.joining.recording.distinct_scenes", list)
+
+
 class Recording:
     """Frames in memory, opened in the place of a data set."""
 

@@ -165,9 +165,10 @@ def _compare(paths: tuple[str, ...], page: Path | None) -> None:
     read = [record_file(path) for path in runs]
     check_places({"--page": page}, data=read + [each for run in runs for each in files_beside(run)])
     comparison = compare_runs([Path(path) for path in paths])
+    if page is not None:  # before the table, whose reader may be gone
+        comparison.write(page)
     deliver(comparison, None)
     if page is not None:
-        comparison.write(page)
         say(page)
 
 
