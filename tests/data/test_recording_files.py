@@ -232,6 +232,20 @@ def test_names_whose_numbers_are_in_another_order_are_doubted(names):
     assert f"{names[1]} follows {names[0]}" in str(order_doubt(Path("drive"), frames))
 
 
+@pytest.mark.parametrize("place", ["calib", "calibration"])
+def test_the_calibration_of_all_frames_in_a_folder_of_its_own_is_told(tmp_path, place):
+    folder = write_recording(tmp_path / "drive", ("a", "b"))
+    (folder / place).mkdir()
+    lost = (folder / "calibration.yaml").rename(folder / place / "calibration.yaml")
+    remedy = f"{lost}: is not read .*; move it one folder up, into {folder}$"
+    assert any(re.match(remedy, str(problem)) for problem in check_tree(folder))
+    with pytest.raises((FileError, UserWarning), match=remedy):
+        open_dataset(folder)
+    lost.rename(folder / "calibration.yaml")
+    lost.parent.rmdir()
+    assert not list(check_tree(folder))
+
+
 def test_times_closer_than_any_lidar_turns_are_told():
     def doubt(step: str):
         return doubtful_steps([(str(place), place * Decimal(step)) for place in range(4)])

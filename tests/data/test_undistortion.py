@@ -51,6 +51,16 @@ def test_coefficients_that_a_model_does_not_take_are_refused(model, lens, said):
         undistort(np.zeros((4, 5, 3), np.uint8), CAMERA, lens, model=model)
 
 
+@pytest.mark.parametrize("model", LENSES)
+def test_zeros_behind_the_last_coefficient_are_no_matter(model):
+    picture = np.arange(240 * 320 * 3, dtype=np.uint64).reshape(240, 320, 3).astype(np.uint8)
+    filled = (*LENSES[model], *[0.0] * (16 - len(LENSES[model])))
+    if model == "plumb_bob":  # a list of 8 is that of the rational model
+        filled = filled[:6]
+    straight = undistort(picture, CAMERA, filled, model=model)
+    assert np.array_equal(straight, undistort(picture, CAMERA, LENSES[model], model=model))
+
+
 @pytest.mark.parametrize(
     ("image", "camera", "said"),
     [

@@ -21,6 +21,7 @@ from sightline.data.undistortion import (
     is_straight,
     lens_fault,
     lens_model,
+    without_filling,
 )
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.plain_yaml import read_yaml
@@ -328,6 +329,7 @@ def _lens(value: object) -> Lens | None:
             f"lens has the unknown model {name[:40]!r}, expected one of "
             f"{', '.join(COEFFICIENTS)} (also radtan, equi, fisheye)"
         )
+    coefficients = without_filling(model, coefficients)
     check_lens(model, coefficients)
     if value.get("undistort") is not True:
         raise ValueError(

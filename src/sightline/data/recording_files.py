@@ -123,6 +123,14 @@ def unused_files(folder: Path, frames: Sequence[ObjectFrame]) -> list[tuple[Part
     for part, place, suffixes in places:
         files = list_files(folder / place, suffixes)
         unused = [name for name in files if name not in names and not is_note(name)]
+        if part == "calibration" and CALIBRATIONS in unused:
+            problem = Problem(
+                path=files[CALIBRATIONS],
+                problem=f"is not read among calibrations of single frames in {CALIBRATIONS}",
+                remedy=f"move it one folder up, into {folder}",
+            )
+            problems.append((part, problem))
+            unused.remove(CALIBRATIONS)
         if unused and names:
             problem = Problem(
                 path=folder / place,

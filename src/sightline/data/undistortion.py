@@ -94,7 +94,7 @@ def undistort(
     fault = camera_fault(camera)
     if fault is not None:
         raise ValueError(f"camera_matrix {fault}")
-    coefficients = tuple(plain_numbers("distortion", distortion).ravel().tolist())
+    coefficients = without_filling(model, plain_numbers("distortion", distortion).ravel().tolist())
     check_lens(model, coefficients)
     fault = lens_fault(model, coefficients, camera, (image.shape[0], image.shape[1]))
     if fault is not None:
@@ -121,6 +121,12 @@ def lens_model(name: str, num_coefficients: int) -> LensModel | None:
         return model
     polynomials: tuple[LensModel, ...] = ("plumb_bob", "rational_polynomial")
     return next((each for each in polynomials if num_coefficients in COEFFICIENTS[each]), model)
+
+
+def without_filling(model: LensModel, coefficients: Sequence[float]) -> tuple[float, ...]:
+    """Remove zeros behind a model's last coefficient, with which drivers fill longer lists up."""
+    last = COEFFICIENTS[model][-1] if model in COEFFICIENTS else len(coefficients)
+    return tuple(coefficients if any(coefficients[last:]) else coefficients[:last])
 
 
 def check_lens(model: LensModel, coefficients: Sequence[float]) -> None:

@@ -270,6 +270,12 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
                 if is_missing
                 else f"move them to {home.name}, or the folder away",
             )
+            if place.part == "calibration" and CALIBRATIONS in files:  # that of all frames
+                described = Problem(
+                    path=files[CALIBRATIONS],
+                    problem="is not read in a folder of its own",
+                    remedy=f"move it one folder up, into {home.parent}",
+                )
             is_needed = place.part != "objects"  # labels may be missing
             all_unread = is_missing and is_needed
             return UnreadFiles(problem=described, part=place.part, all_unread=all_unread)

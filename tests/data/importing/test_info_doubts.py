@@ -130,6 +130,7 @@ def test_the_camera_info_beside_the_images_goes_before_those_below(
     ("name", "coefficients", "model"),
     [
         ("equidistant", (*LENS[:4], 0.0), "equidistant"),
+        ("equidistant", (*LENS[:4], *[0.0] * 4), "equidistant"),
         ("radtan", LENS, "plumb_bob"),
         ("Plumb_Bob", LENS, "plumb_bob"),
         ("plumb-bob", LENS[:4], "plumb_bob"),

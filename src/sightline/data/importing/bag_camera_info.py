@@ -13,7 +13,7 @@ from sightline.data.importing.camera_region import ImageRegion, region_of_image
 from sightline.data.importing.frames import Rigid
 from sightline.data.kitti_calibration import check_intrinsics
 from sightline.data.recording_calibration import Lens, checked_matrices
-from sightline.data.undistortion import COEFFICIENTS, check_lens, is_straight, lens_model
+from sightline.data.undistortion import check_lens, is_straight, lens_model, without_filling
 from sightline.files.plain_text import shortened
 from sightline.geometry.mount import resolution_doubt
 from sightline.geometry.rotations import rotation_fault
@@ -258,8 +258,7 @@ def _lens(info: Any) -> Lens | None:  # noqa: ANN401 - a message
     model = lens_model(name, len(coefficients))
     if model is None:
         raise ValueError(f"the lens model {shortened(name, 40)!r} is unknown")
-    if not any(coefficients[COEFFICIENTS[model][-1] :]):  # drivers fill a longer list up with zeros
-        coefficients = coefficients[: COEFFICIENTS[model][-1]]
+    coefficients = without_filling(model, coefficients)
     check_lens(model, coefficients)
     return Lens(model=model, coefficients=coefficients)
 
