@@ -66,7 +66,7 @@ class Annotation:
     category: str
     """Category, e.g. vehicle.car."""
     is_ridden: bool | None
-    """Whether a cycle has a rider; None: its attributes do not give this."""
+    """Presence of a rider on a cycle; None: the attributes of the annotation do not give it."""
     occlusion: int | None
     """KITTI's occlusion, 0 to 2, by the visibility in all cameras; None: unknown."""
     num_lidar_points: int | None
