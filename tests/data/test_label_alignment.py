@@ -1,12 +1,14 @@
 """Clouds that are moved, turned, scaled or mirrored, by labels: cars whose sides the LiDAR sees."""
 
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sightline.data.check import check_tree
 from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
 from sightline.data.kitti_labels import parse_objects, read_labels
 from sightline.data.kitti_trees import ObjectFrame
@@ -176,6 +178,23 @@ def test_few_objects_and_frames_without_points_say_nothing(tmp_path):
     assert check_label_alignment([whole] * 20, lambda _: None) == []
 
 
+def copy_frames(root, out, changed):
+    """Link twelve frames, copy one part of them, and return its files."""
+    paths = []
+    for name in [frame.sample_id for frame in open_dataset(root).frames][:12]:
+        parts = (("image_2", "png"), ("velodyne", "bin"), ("label_2", "txt"), ("calib", "txt"))
+        for part, end in parts:
+            source = root / "training" / part / f"{name}.{end}"
+            copy = out / "training" / part / f"{name}.{end}"
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            if part == changed:
+                shutil.copyfile(source, copy)
+                paths.append(copy)
+            else:
+                copy.symlink_to(source)
+    return paths
+
+
 def disagreements(root):
     (tree,) = find_trees(root)
     (check,) = (each for each in tree.checks if each.subject == "agreement of frames")
@@ -193,18 +212,35 @@ def disagreements(root):
     ],
 )
 def test_changed_real_frames_are_told(tmp_path, kitti_root, change, said):
-    for name in [frame.sample_id for frame in open_dataset(kitti_root).frames][:12]:
-        for part, end in (("image_2", "png"), ("label_2", "txt"), ("calib", "txt")):
-            (tmp_path / "training" / part).mkdir(parents=True, exist_ok=True)
-            file = f"{part}/{name}.{end}"
-            (tmp_path / "training" / file).symlink_to(kitti_root / "training" / file)
-        cloud = np.fromfile(kitti_root / "training" / "velodyne" / f"{name}.bin", "<f4")
-        cloud = cloud.reshape(-1, 4)
+    for path in copy_frames(kitti_root, tmp_path, "velodyne"):
+        cloud = np.fromfile(path, "<f4").reshape(-1, 4)
         cloud[:, :3] = cloud[:, :3] @ change[:3, :3].T + change[:3, 3]
-        (tmp_path / "training" / "velodyne").mkdir(exist_ok=True)
-        cloud.tofile(tmp_path / "training" / "velodyne" / f"{name}.bin")
+        cloud.tofile(path)
     (problem,) = disagreements(tmp_path)
     assert said in problem
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        (lambda size, place, turn: [*size[::-1], *place, turn], "order length, width, height"),
+        (lambda size, place, turn: [*size, *place, math.degrees(turn)], "probably in degrees"),
+    ],
+)
+def test_labels_of_other_units_or_orders_raise_no_doubt_about_the_clouds(
+    tmp_path, kitti_root, written, said
+):
+    for path in copy_frames(kitti_root, tmp_path, "label_2"):
+        rows = [line.split() for line in path.read_text().splitlines() if "DontCare" not in line]
+        changed = [
+            [*row[:8], *written(values[:3], values[3:6], values[6])]
+            for row in rows
+            for values in [list(map(float, row[8:15]))]
+        ]
+        path.write_text("\n".join(" ".join(map(str, row)) for row in changed))
+    problems = [each.problem for each in check_tree(tmp_path, num_workers=1)]
+    assert any(said in each for each in problems)
+    assert not [each for each in problems if "hold" in each]
 
 
 def test_real_frames_as_they_are_agree(kitti_root):

@@ -145,3 +145,10 @@ def test_what_predictors_declare_is_checked_before_any_work(data, out):
     with pytest.raises(ValueError, match=r"made_by\['x'\] is of type numpy.float32, expected text"):
         write(data, out, made_by={"x": np.float32(1)})
     assert not out.exists()
+
+
+def test_kept_results_of_a_predictor_without_a_version_give_a_warning(data, out):
+    write(data, out, made_by={})  # nothing is kept
+    with pytest.warns(UserWarning, match=r"6 results .* made_by of sparse is empty, .*--overwrite"):
+        write(data, out, made_by={})
+    write(data, out, made_by={}, overwrite=True)

@@ -164,8 +164,9 @@ def test_overwrite_makes_all_files_anew(data, out):
     ("other", "message"),
     [
         ({"name": "other"}, "method sparse instead of other"),
-        ({"made_by": {"weights_sha256": "ab"}}, "weights_sha256 none instead of ab"),
-        ({"made_by": {"sightline": "9"}}, r"sightline [\w.]+ instead of 9"),
+        ({"made_by": {"version": "2"}}, "version 1 instead of 2"),
+        ({"made_by": {"version": "1", "weights": "ab"}}, "weights none instead of ab"),
+        ({"made_by": {"version": "1", "sightline": "9"}}, r"sightline [\w.]+ instead of 9"),
     ],
 )
 @pytest.mark.parametrize("overwrite", [False, True])

@@ -35,7 +35,7 @@ class Sparse:
     parts: tuple[str, ...] = ("points",)
     needs: tuple[str, ...] = ()
     gives: tuple[str, ...] = ("depth",)
-    made_by: dict[str, str] = field(default_factory=dict)
+    made_by: dict[str, str] = field(default_factory=lambda: {"version": "1"})
 
     def __call__(self, sample: CameraLidarSample) -> DepthMap:
         time.sleep(self.delay_s)

@@ -19,7 +19,7 @@ class FunctionPredictor:
     parts: tuple[str, ...]
     needs: tuple[str, ...]
     gives: tuple[str, ...]
-    made_by: dict[str, str] = field(default_factory=dict)
+    made_by: dict[str, str] = field(default_factory=lambda: {"version": "1"})
 
     def __call__(self, sample):
         return self.function(sample)

@@ -26,6 +26,7 @@ from sightline.data.kitti_trees import (
     describe_absent,
 )
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
+from sightline.data.label_checks import doubts_in_space
 from sightline.data.label_fit import visible_objects
 from sightline.data.map_png import read_depth_png
 from sightline.data.point_files import holds_no_point, read_cloud
@@ -136,19 +137,21 @@ def _check_alphas(paths: Sequence[Path]) -> Iterator[Problem]:
 
 
 def _read_object_frame(frame: ObjectFrame) -> LabelledSweep | None:
+    """Read a labelled sweep; None: a file cannot be read, or `check_objects` doubts its units."""
     objects = read_or_note(read_labels, frame.objects, [])
     matrices = read_or_note(read_object_matrices, frame.calibration, [])
     points = read_or_note(read_sweep, frame.points, [])
-    if objects is None or matrices is None or points is None:
+    if objects is None or doubts_in_space(objects) or matrices is None or points is None:
         return None
     return LabelledSweep(objects=objects, matrices=matrices, points=points)
 
 
 def _read_recording_frame(frame: ObjectFrame) -> LabelledSweep | None:
+    """Read a labelled sweep of a recording, like `_read_object_frame`."""
     objects = read_or_note(read_labels, frame.objects, [])
     calibration = read_or_note(read_recording_calibration, frame.calibration, [])
     points = read_or_note(partial(read_cloud, max_intensity=math.inf), frame.points, [])
-    if objects is None or calibration is None or points is None:
+    if objects is None or doubts_in_space(objects) or calibration is None or points is None:
         return None
     return LabelledSweep(objects=objects, matrices=calibration.matrices, points=points)
 

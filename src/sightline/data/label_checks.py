@@ -45,6 +45,7 @@ _SCALE_MARGIN: Final = 0.4
 """Largest difference of the binary logarithms of a size and half or twice the expected one."""
 MIN_LARGEST_M: Final = 0.3
 """Largest size of an object that is smaller than every road user."""
+_IN_PIXELS: Final = "write x_min, y_min, x_max, y_max in pixels"
 _MIN_MISREAD: Final = 3
 _MIN_MISREAD_SHARE: Final = 0.3
 """Minimum number and share of 2D boxes that no image holds, for a doubt about all of them."""
@@ -80,7 +81,10 @@ def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Pat
     return [
         *_check_names(objects, path),
         *_check_repeated(objects, path),
-        *_check_units(objects, size, path),
+        *(
+            Problem(path=path, problem=problem, remedy=remedy)
+            for problem, remedy in (*doubts_in_space(objects), *_doubts_in_image(objects, size))
+        ),
         *_check_each(objects, size, path),
     ]
 
@@ -172,8 +176,12 @@ def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
     return np.asarray((is_given & (np.abs(angles) > 2 * np.pi)).any(axis=1))
 
 
-def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
-    """Find problems of most objects of a file: another order or unit of their numbers."""
+def doubts_in_space(objects: KittiObjects) -> list[tuple[str, str]]:
+    """Find sizes, places and angles of most objects in another order or unit.
+
+    Returns:
+        Problems, as the rest of a sentence about the file, with their remedies.
+    """
     has_box3d = _has_box3d(objects)
     sizes = objects.dimensions_hwl
     names = np.array(objects.class_names, dtype=object)
@@ -197,21 +205,6 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
     if (distances_m > MAX_RANGE_M).any():
         problem = f"has objects as far away as {distances_m.max():.6g} m"
         faults.append((problem, "write x, y, z in metres, in the camera's frame"))
-    boxes = objects.boxes2d[names != _REGION]
-    num_empty = int(np.count_nonzero(is_empty_box2d(boxes)))
-    if num_empty > len(boxes) / 2:
-        problem = (
-            f"has placeholders such as 0 0 0 0 for {num_empty} of {len(boxes)} 2D boxes: "
-            "evaluation ignores objects lower than 25 px in the image, also from above and in 3D"
-        )
-        faults.append((problem, "write the projections of the 3D boxes"))
-    elif size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
-        problem = (
-            "has all 2D boxes within the first pixel: they are probably relative to the image size"
-        )
-        faults.append((problem, "write x_min, y_min, x_max, y_max in pixels"))
-    elif (misread := _misread_boxes2d(objects, size)) is not None:
-        faults.append((misread, "write x_min, y_min, x_max, y_max in pixels"))
     num_in_degrees = int(np.count_nonzero(in_degrees(objects)))
     if num_in_degrees:
         problem = (
@@ -219,7 +212,26 @@ def _check_units(objects: KittiObjects, size: tuple[int, int] | None, path: Path
             "and alpha are probably in degrees"
         )
         faults.append((problem, "write radians, from -pi to pi"))
-    return [Problem(path=path, problem=problem, remedy=remedy) for problem, remedy in faults]
+    return faults
+
+
+def _doubts_in_image(objects: KittiObjects, size: tuple[int, int] | None) -> list[tuple[str, str]]:
+    """Find 2D boxes of most objects in another convention, like `doubts_in_space`."""
+    boxes = objects.boxes2d[np.array(objects.class_names, dtype=object) != _REGION]
+    num_empty = int(np.count_nonzero(is_empty_box2d(boxes)))
+    if num_empty > len(boxes) / 2:
+        problem = (
+            f"has placeholders such as 0 0 0 0 for {num_empty} of {len(boxes)} 2D boxes: "
+            "evaluation ignores objects lower than 25 px in the image, also from above and in 3D"
+        )
+        return [(problem, "write the projections of the 3D boxes")]
+    if size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
+        problem = (
+            "has all 2D boxes within the first pixel: they are probably relative to the image size"
+        )
+        return [(problem, _IN_PIXELS)]
+    misread = _misread_boxes2d(objects, size)
+    return [] if misread is None else [(misread, _IN_PIXELS)]
 
 
 def _misread_boxes2d(objects: KittiObjects, size: tuple[int, int] | None) -> str | None:

@@ -21,7 +21,13 @@ from sightline.data.sample_files import (
 )
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
-from sightline.inference.predictor import Output, PredictingTask, Predictor, check_predictor
+from sightline.inference.predictor import (
+    Output,
+    PredictingTask,
+    Predictor,
+    check_predictor,
+    warn_of_unversioned,
+)
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     Claim,
@@ -118,6 +124,8 @@ def predict(
         if not overwrite and names[index] in present
     )
     warn_of_newer_frames(dataset, kept, parts=predictor.parts, remedy=remedy)
+    skipped = len(indices) - len(pending)
+    warn_of_unversioned([predictor], skipped, remedy=remedy)
     warn_of_gone_frames(dataset, out, finished)
     works = [
         _SampleWork(
@@ -127,7 +135,6 @@ def predict(
     ]
     description = f"{task.name} by {predictor.name}"
     notes = run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
-    skipped = len(indices) - len(pending)
     return JobResult(written=len(pending), skipped=skipped, notes=notes)
 
 

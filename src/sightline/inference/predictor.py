@@ -1,7 +1,8 @@
 """Interfaces of predictors and their outputs; imports neither PyTorch nor any task."""
 
 import json
-from collections.abc import Callable, Collection, Mapping
+import warnings
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import FunctionType, MethodType
@@ -47,7 +48,7 @@ class Predictor(Protocol):
         """Further entries of a manifest, beside the name: e.g. the weights' hash and the engine.
 
         Results of an earlier run are kept where name and entries are the same: change one whenever
-        the predictor changes.
+        the predictor changes. Kept results without entries give a warning.
         """
         ...
 
@@ -101,6 +102,27 @@ def check_predictor(predictor: object) -> None:
                 f"{kind}.made_by[{entry!r}] is of type {type_name(value)}, expected text for "
                 "manifests; give str(..)"
             ) from error
+
+
+def warn_of_unversioned(predictors: Iterable[Predictor], kept: int, *, remedy: str) -> None:
+    """Warn if results are kept of predictors that do not say by what they were made.
+
+    Sightline's own methods are left out: their results name the version of Sightline.
+
+    Args:
+        predictors: Predictors of the job.
+        kept: Number of results of earlier runs that the job keeps.
+        remedy: Continuation of the warning.
+    """
+    own = [each for each in predictors if not type(each).__module__.startswith("sightline.")]
+    unversioned = [each.name for each in own if not each.made_by]
+    if kept and unversioned:
+        warnings.warn(
+            f"{kept:,} results of earlier runs are kept, and made_by of {', '.join(unversioned)} "
+            "is empty, so they may come from another state of it: enter a version or the weights' "
+            f"checksum in made_by; {remedy}",
+            stacklevel=3,
+        )
 
 
 def _described(predictor: object) -> str:

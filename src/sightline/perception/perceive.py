@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from sightline.data.kitti_trees import Velodyne, describe_absent
-from sightline.data.newer_frames import warn_of_gone_frames, warn_of_newer_frames
+from sightline.data.newer_frames import ADD_OVERWRITE, warn_of_gone_frames, warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
 from sightline.data.sample_files import warn_of_missing_sensors
@@ -17,6 +17,7 @@ from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
+from sightline.inference.predictor import warn_of_unversioned
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     Claim,
@@ -191,6 +192,7 @@ def perceive(
         if name in done
     )
     warn_of_newer_frames(dataset, kept, parts=perceiver.parts)
+    warn_of_unversioned(perceiver.predictors.values(), len(done & set(names)), remedy=ADD_OVERWRITE)
     works = [
         FrameWork(dataset, index, name, perceiver, places, out, around)
         for index, name in zip(indices, names, strict=True)

@@ -9,7 +9,7 @@ from sightline.corruptions.suites import Case
 from sightline.data.kitti_trees import Part
 from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.sample_dataset import SampleDataset
-from sightline.inference.predictor import Predictor
+from sightline.inference.predictor import Predictor, warn_of_unversioned
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job
 from sightline.robustness.labels import check_placing_labels
@@ -98,11 +98,12 @@ def predict_in_cases(
     parts: tuple[Part, ...] = ("image", "points", "depth")  # labels are read for the scores
     remedy = f"to make them anew, remove {folders}"
     warn_of_newer_frames(dataset, kept, parts=parts, remedy=remedy)
+    total = len(dataset) * sum(len(each.cases) for each in runs)
+    warn_of_unversioned([each.predictor for each in runs], total - written, remedy=remedy)
     hitting = {name for name, case in cases.items() if hits_objects(case.corruption)}
     placed = {folder / case: names for (folder, case), names in present.items() if case in hitting}
     check_placing_labels(dataset, placed)
     run_job(works, workers, description=description, leave_out=LEAVE_OUT, driver=driver)
-    total = len(dataset) * sum(len(each.cases) for each in runs)
     return JobResult(written=written, skipped=total - written)
 
 
