@@ -190,6 +190,16 @@ _CASES = {
     'suites.find_suite("dgfn7").without("camera_blank")': "kinds is the text 'camera_blank', expe",
     'SourceConfig(path=PACKAGED_FRAMES, with_classes=iter(["Car"])).with_classes': "('Car',)",
     'SourceConfig(path=PACKAGED_FRAMES, with_classes="Car")': "with_classes is the text 'Car', exp",
+    'corrupt_dataset(PACKAGED_FRAMES, "a", suite="dgfn7")':
+        "corrupt_dataset: out is of type str, expected Path",
+    'write_shards(PACKAGED_FRAMES, "a", frames_per_shard=2)':
+        "write_shards: out is of type str, expected Path",
+    'adapt(PACKAGED_FRAMES, "a", AdaptSettings())': "adapt: out is of type str, expected Path",
+    'AdaptSettings(frames="4")': "AdaptSettings: frames is of type str, expected int",
+    'SimulationConfig(seed="1")': "SimulationConfig: seed is of type str, expected int",
+    'SimulationConfig(lidar="vlp16")': "must be one of hdl-64e, hdl-32e, vlp-16, got 'vlp16'",
+    'SimulationConfig(camera="no")': "camera is of type str, expected True or False",
+    'BenchSettings(seed=1.5)': "BenchSettings: seed must be a whole number, got 1.5",
     'AdaptSettings(tasks=iter(["depth-completion"])).tasks': "('depth-completion',)",
     'suites.Suite(name="a", cases=iter(suites.SUITES["dgfn7"].cases)).case_names[:2]':
         "('clean', 'camera_blank')",
@@ -205,7 +215,10 @@ from sightline.corruptions.arrays import corrupt_arrays
 from sightline.data import kitti_files, map_png
 from sightline.data.kitti_files import write_image
 from sightline.data.sample_dataset import NamedSubset
-from sightline.adaptation.adapt import AdaptSettings
+from sightline.adaptation.adapt import AdaptSettings, adapt
+from sightline.corruptions.generate import corrupt_dataset
+from sightline.data.sharding import write_shards
+from sightline.simulation.settings import SimulationConfig
 from sightline.augmentation import faults
 from sightline.augmentation.sample_changes import crop
 from sightline.augmentation.scene_changes import resize

@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from sightline.jobs import crew
 from sightline.jobs import pool as parallel
 from sightline.jobs.crew import Lost
 from sightline.jobs.pool import ProcessCrew, holding_signals
-from sightline.jobs.run import run_pieces
+from sightline.jobs.run import run_job, run_pieces
 
 
 def later_first(position: int) -> str:
@@ -176,12 +177,29 @@ def test_a_job_that_is_not_finished_leaves_no_process():
         os.kill(worker, 0)
 
 
+class Faulty:
+    """Piece with a fault."""
+
+    def run(self) -> str:
+        raise ValueError(f"by {os.getpid()}")
+
+
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # forks with threads around
+def test_a_failed_job_leaves_no_process_while_its_error_is_kept():
+    with pytest.raises(ValueError, match=r"by \d+") as raised:
+        run_job([Faulty()] * 4, 2, description="faulty")
+    worker = int(re.findall(r"by (\d+)", str(raised.value))[0])
+    assert worker != os.getpid()
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+
+
 @pytest.mark.parametrize(
     ("ending", "to_all"), [(signal.SIGINT, True), (signal.SIGHUP, True), (signal.SIGKILL, False)]
 )
 def test_workers_end_with_the_program_and_say_nothing(ending: signal.Signals, to_all: bool):
     program = (
-        "from sightline.jobs.run import run_pieces\n"
+        "from sightline.jobs.run import run_job, run_pieces\n"
         "from tests.jobs.test_pool import ends_soon\n"
         "try:\n"
         "    list(run_pieces(ends_soon, 2, 2))\n"

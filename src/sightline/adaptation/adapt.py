@@ -21,6 +21,7 @@ from sightline.files.extras import require_library
 from sightline.files.problem import FileError
 from sightline.files.weights_header import find_weights
 from sightline.geometry.arguments import plain_tuple
+from sightline.geometry.wrong_types import named_arguments, named_fields
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.joining.fit_pair import fit_pair
 from sightline.joining.models import JOINED, read_models
@@ -89,6 +90,7 @@ FINE_TUNINGS: Final[Mapping[str, FineTuning]] = {
 """Fine-tuning of each task that can be adapted."""
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AdaptSettings:
     """Size of an adaptation."""
@@ -195,6 +197,7 @@ def _format(score: float | None) -> str:
     return "-" if score is None else f"{score:.1f}"
 
 
+@named_arguments
 def adapt(
     data: Path, out: Path, settings: AdaptSettings, *, rig_file: Path | None = None
 ) -> AdaptReport:

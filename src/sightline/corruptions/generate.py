@@ -31,6 +31,7 @@ from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
 from sightline.files.shard_path import stored_file
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
     acquire_output_dir,
@@ -143,6 +144,7 @@ def read_corrupted(
     return Corrupted(sample=sample, record=record, camera_mask=camera_mask, lidar_mask=lidar_mask)
 
 
+@named_arguments
 def corrupt_dataset(
     data: Path,
     out: Path,

@@ -48,6 +48,7 @@ from sightline.files.shard_index import (
     read_manifest,
     tars_of,
 )
+from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import (
     KITTI_SPLITS,
     acquire_output_dir,
@@ -90,6 +91,7 @@ class _Sources:
     shared: tuple[str, ...]
 
 
+@named_arguments
 def write_shards(
     data: Path, out: Path, *, frames_per_shard: int, compress: bool = False, workers: int = 2
 ) -> ShardReport:

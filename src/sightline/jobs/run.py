@@ -1,7 +1,8 @@
 """Parallel jobs of independent pieces, and shards of them."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Final, Protocol, TypeVar, runtime_checkable
 
@@ -104,20 +105,21 @@ def run_job(
     check_workers(workers, driver)
     way_on = f"{_CORRECT}, or {leave_out}" if leave_out else _CORRECT
     outcomes = run_pieces(_Attempt(works, way_on), len(works), workers, driver)
-    tracked = track(outcomes, description=description, total=len(works))
     failed: list[str] = []
     notes: Counter[str] = Counter()
-    for num_done, outcome in enumerate(tracked):
-        if isinstance(outcome, Lost):
-            failed.append(f"{works[num_done]}: {outcome.reason}")
-            continue
-        error, _, remedy = outcome.rpartition("\n")
-        if error:
-            if not keep_going or remedy == _RUN_AGAIN:
-                raise ValueError(f"{error}{_progress(num_done, len(works), remedy)}")
-            failed.append(error)
-        elif remedy:
-            notes[remedy] += 1
+    with closing(outcomes):  # else an error's traceback would keep the workers alive
+        tracked = track(outcomes, description=description, total=len(works))
+        for num_done, outcome in enumerate(tracked):
+            if isinstance(outcome, Lost):
+                failed.append(f"{works[num_done]}: {outcome.reason}")
+                continue
+            error, _, remedy = outcome.rpartition("\n")
+            if error:
+                if not keep_going or remedy == _RUN_AGAIN:
+                    raise ValueError(f"{error}{_progress(num_done, len(works), remedy)}")
+                failed.append(error)
+            elif remedy:
+                notes[remedy] += 1
     if failed:
         named = [*failed[:_MAX_NAMED], *([".."] if len(failed) > _MAX_NAMED else [])]
         raise ValueError(
@@ -129,7 +131,7 @@ def run_job(
 
 def run_pieces(
     piece: Piece, count: int, workers: int, driver: Driver = "local"
-) -> Iterator[str | Lost]:
+) -> Generator[str | Lost, None, None]:
     """Run pieces 0 to `count` - 1 of a job and yield their return values, in order.
 
     A piece returns its error instead of raising it: an exception in a worker becomes a RuntimeError

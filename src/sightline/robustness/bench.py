@@ -21,7 +21,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
 from sightline.geometry.arguments import plain_tuple
 from sightline.geometry.choices import check_choices
-from sightline.geometry.wrong_types import named_arguments
+from sightline.geometry.wrong_types import named_arguments, named_fields
 from sightline.inference.predictor import Predictor, check_predictor
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset
@@ -80,6 +80,7 @@ class BenchTask(Protocol):
         ...
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BenchSettings:
     """Settings of a run, and records for comparison."""

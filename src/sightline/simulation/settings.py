@@ -6,6 +6,7 @@ from typing import Any, Final, Literal
 
 from sightline.data.kitti_trees import Velodyne
 from sightline.geometry.choices import check_choices
+from sightline.geometry.wrong_types import named_fields
 from sightline.simulation.rigs import (
     DRAWN,
     MAX_SIDE_PX,
@@ -23,6 +24,7 @@ _MAX_SEQUENCE_LENGTH = 10_000  # a quarter of an hour, as long as any of KITTI's
 _MIN_FOCAL_PX, _MAX_FOCAL_PX = 1.0, 1e5
 
 
+@named_fields
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulationConfig:
     """Settings of a simulation except the number of frames; the fields are `simulate`'s options."""
