@@ -50,6 +50,26 @@ def test_ways_through_tf_that_agree_are_no_matter(tmp_path):
     assert "several chains" not in report
 
 
+def test_odometry_of_sensors_is_no_way_between_them(tmp_path):
+    drive = tmp_path / "drive"
+    with BagMaker(drive) as bag:
+        fixed = {"camera_optical__a": CAMERA_FROM_LIDAR, "a__b": np.eye(4), "b__lidar": np.eye(4)}
+        bag.transforms("/tf_static", 10**9, **fixed)
+        for number in range(3):  # the shorter way, at two moments of a moving vehicle
+            moved = np.eye(4)
+            moved[0, 3] = number
+            bag.transforms("/tf", 10**9 + number, odom__lidar=moved)
+            bag.transforms("/tf", 10**9 + number, odom__camera_optical=moved @ MOVED)
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9)
+    report = str(import_recording(drive, tmp_path / "out"))
+    assert "chains" not in report
+    assert "moves" not in report
+    written = read_recording_calibration(tmp_path / "out" / "calibration.yaml")
+    np.testing.assert_allclose(written.matrices.camera_from_lidar, CAMERA_FROM_LIDAR, atol=1e-9)
+
+
 def without_frames(bag):
     bag.header = lambda _, time_ns: BagMaker.header(bag, "", time_ns)
     usual_topics(bag)

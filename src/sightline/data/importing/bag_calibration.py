@@ -16,7 +16,11 @@ from sightline.data.importing.bag_camera_info import (
 )
 from sightline.data.importing.bag_messages import image_size_from_message
 from sightline.data.importing.bag_topics import ChosenTopics
-from sightline.data.importing.bag_transforms import describe_transforms, transforms_of_bag
+from sightline.data.importing.bag_transforms import (
+    BagTransforms,
+    describe_transforms,
+    transforms_of_bag,
+)
 from sightline.data.importing.frames import Rigid, find_transform
 from sightline.data.kitti_trees import describe_absent
 from sightline.data.recording_calibration import (
@@ -132,11 +136,11 @@ def _lidar_mount(
     lidar = _first_frame(bag, topics.lidar.name)
     transforms = transforms_of_bag(bag)
     for camera in camera_frames:
-        found = find_transform(transforms.usual, camera, lidar)
+        found = find_transform(transforms.between(camera, lidar), camera, lidar)
         if found is not None:
             notes = describe_transforms(transforms, found, lidar, camera)
             notes += _baseline_notes(transforms.usual, camera, calibration)
-            return found, _tilt_on_vehicle(transforms.usual, lidar), notes
+            return found, _tilt_on_vehicle(transforms, lidar), notes
     if transforms.faults:
         raise ValueError(f"{bag.path}: {transforms.faults[0]}")
     camera = camera_frames[0] if camera_frames else ""
@@ -199,13 +203,13 @@ def with_plausible_tilt(calibration: RecordingCalibration) -> RecordingCalibrati
     return calibration if is_plausible else replace(calibration, lidar_tilt=None)
 
 
-def _tilt_on_vehicle(transforms: Mapping[tuple[str, str], Rigid], lidar: str) -> Tilt | None:
+def _tilt_on_vehicle(transforms: BagTransforms, lidar: str) -> Tilt | None:
     """Find the LiDAR's tilt in a level frame of ROS (REP 105), of any angle; None: no such frame.
 
     LiDARs may be mounted upside down or on their side.
     """
     for vehicle in _LEVEL_FRAMES:
-        vehicle_from_lidar = find_transform(transforms, vehicle, lidar)
+        vehicle_from_lidar = find_transform(transforms.between(vehicle, lidar), vehicle, lidar)
         if vehicle_from_lidar is not None:
             return Tilt.from_up(vehicle_from_lidar[2, :3])
     return None

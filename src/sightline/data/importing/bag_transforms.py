@@ -1,7 +1,6 @@
 """Transforms between the coordinate frames of a bag, from its TF messages."""
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Final
@@ -66,6 +65,18 @@ class BagTransforms:
     faults: tuple[str, ...]
     """Reasons why some transforms are invalid."""
 
+    def between(self, target: str, source: str) -> dict[tuple[str, str], Rigid]:
+        """Select the transforms that never change if they connect two frames, else all.
+
+        Odometry of a sensor is a short chain to others, but its messages are of different times.
+        """
+        fixed = {
+            pair: rigid
+            for pair, rigid in self.usual.items()
+            if all(_difference(rigid, other) is None for other in self.others[pair])
+        }
+        return self.usual if find_chain(fixed, target, source) is None else fixed
+
 
 def transforms_of_bag(bag: Bag) -> BagTransforms:
     """Read all TF messages."""
@@ -120,11 +131,13 @@ def describe_transforms(
             f"left out {len(transforms.faults)} invalid transforms, the first: "
             f"{transforms.faults[0].removesuffix('; calibrate again')}"
         )
-    chain = find_chain(transforms.usual, camera, lidar) or []
+    selected = transforms.between(camera, lidar)
+    chain = find_chain(selected, camera, lidar) or []
     steps = [step for pair in pairwise(chain) for step in (pair, pair[::-1])]
     differences = [
-        _difference(used, find_transform(moved, camera, lidar))
-        for moved in _with_other_values(transforms, steps)
+        _difference(used, find_transform(selected | {step: value}, camera, lidar))
+        for step in steps
+        for value in transforms.others.get(step, ())
     ]
     moves = max((each for each in differences if each is not None), default=None)
     if moves is not None:
@@ -134,7 +147,7 @@ def describe_transforms(
             "the first"
         )
     for step in steps[: 2 * _MAX_COMPARED_TRANSFORMS]:
-        rest = {each: rigid for each, rigid in transforms.usual.items() if each != step}
+        rest = {each: rigid for each, rigid in selected.items() if each != step}
         difference = _difference(used, find_transform(rest, camera, lidar))
         if difference is not None:
             through = step if step in list(pairwise(chain)) else step[::-1]
@@ -145,15 +158,6 @@ def describe_transforms(
             )
             break
     return tuple(notes)
-
-
-def _with_other_values(
-    transforms: BagTransforms, steps: list[tuple[str, str]]
-) -> Iterator[dict[tuple[str, str], Rigid]]:
-    """Yield the transforms with each other value of each step."""
-    for step in steps:
-        for value in transforms.others.get(step, ()):
-            yield transforms.usual | {step: value}
 
 
 def _difference(used: Rigid, other: Rigid | None) -> tuple[float, float] | None:
