@@ -126,6 +126,8 @@ _CASES = {
     'HealthMonitor()([given])':
         "judge: sample is of type list, expected CameraLidarSample",
     'DriveMonitor()(given.image)': "sample is of type torch.Tensor, expected CameraLidarSample",
+    'DriveMonitor(HealthMonitor().limits)': "HealthLimits, expected HealthMonitor; make one by Hea",
+    'DriveMonitor(None, 3)': "config is of type int, expected HysteresisConfig",
     'draw_birds_eye(given.points.numpy())': "num_points fields'] or None; give torch.from_numpy(ar",
     'draw_birds_eye(torch.from_numpy(given.points.numpy())).shape': "(1120, 616, 3)",
     'colorize_depth(np.zeros((4, 4)))':

@@ -77,9 +77,13 @@ def test_the_first_warning_of_a_kind_is_printed_at_once_and_the_others_are_count
         first = "sightline: warning: a.npy: 97 points are left out"
         assert lines_of(capsys.readouterr().err) == [first]
         warnings.warn("another\n", stacklevel=1)
+        warnings.warn("of 1 maps", stacklevel=1)
+        warnings.warn("of 2 maps", stacklevel=1)
     assert lines_of(capsys.readouterr().err) == [
         "sightline: warning: another",
+        "sightline: warning: of 1 maps",
         "sightline: warning: 2 more like this: a.npy: 97 points are left out",
+        "sightline: warning: of 2 maps",
     ]
 
 

@@ -409,6 +409,17 @@ def test_the_largest_number_for_no_value_in_a_depth_map_is_told(tmp_path, count,
     assert any(said in line for line in lines(tmp_path)) == is_told
 
 
+def test_many_missing_files_of_a_part_are_one_problem_with_their_number(tree):
+    for number in range(4, 10):
+        for folder in ("image_2", "velodyne", "calib"):
+            copied = next((tree / folder).glob("000001.*"))
+            shutil.copyfile(copied, copied.with_stem(f"{number:06}"))
+    missing = [line for line in lines(tree.parent) if "label_2: lacks" in line]
+    assert len(missing) == 1
+    assert "lacks files of 6 of 9 frames: 000004, 000005, 000006, 000007, 000008 and" in missing[0]
+    assert not [line for line in lines(tree.parent) if "is missing" in line]
+
+
 def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):
     write_selection(tmp_path, "0000000005")
     write_selection(tmp_path, "0000000008", seed=2)

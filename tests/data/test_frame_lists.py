@@ -139,6 +139,15 @@ def refusal(folder) -> str:
     return str(caught.value)
 
 
+def test_labels_are_not_named_as_results(tmp_path):
+    labels = tmp_path / "training" / "label_2"
+    labels.mkdir(parents=True)
+    (labels / "000000.txt").write_text("")
+    assert refusal(tmp_path).endswith(f"they are probably in {labels}; name that folder")
+    with pytest.raises(ValueError, match=r"frames, the first is 000000\.txt: write them"):
+        require_frame_files(tmp_path, ["000000"], "result", "write them", other_than=labels)
+
+
 def test_results_in_the_folder_data_are_found_and_named(tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "000000.txt").write_text("")

@@ -85,6 +85,9 @@ def test_a_folder_above_a_data_set_names_it(tmp_path):
     assert f"{place} in it looks like one, and 1 more; give that folder" in told(tmp_path / "mine")
     place = tmp_path / "trees" / "mine"
     assert f"{place} in it looks like one; give that folder" in told(tmp_path / "trees")
+    write_object_frame(tmp_path / "export", "000000", "mini_train")
+    said = told(tmp_path / "export")
+    assert "mini_train: holds the parts of an object split; rename it to training" in said
 
 
 def test_archives_unpacked_apart_and_not_unpacked_are_told(tmp_path):

@@ -153,6 +153,19 @@ def test_depths_by_any_other_large_factor_are_doubted(tmp_path, factor, doubt):
         evaluate_depth(*paths)
 
 
+@pytest.mark.parametrize("kind", ["predictions", "ground truth"])
+def test_millimetres_whose_far_pixels_saturate_are_told_as_such(tmp_path, kind):
+    paths = tmp_path / "found.png", tmp_path / "true.png"
+    depth_m = np.random.default_rng(0).uniform(5, 80, (20, 30)).astype(np.float32)
+    for path in paths:
+        write_depth_png(path, depth_m * (1 + 0.01 * (path == paths[0])))
+    wrong = paths[0] if kind == "predictions" else paths[1]
+    cv2.imwrite(str(wrong), np.rint(depth_m * 1000).clip(1, 65535).astype(np.uint16))
+    with pytest.warns(UserWarning, match=f"because of {kind} in millimetres: write") as told:
+        evaluate_depth(*paths)
+    assert len(told) == 1
+
+
 def street(rng, size=(40, 60)):
     """Depths of a road below a wall on the left side and an open right side, 0.1 % of noise."""
     rows, columns = np.mgrid[: size[0], : size[1]]

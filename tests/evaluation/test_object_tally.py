@@ -128,6 +128,14 @@ def test_boxes_of_another_convention_are_told(tmp_path, change, expected):
     assert notes.count("WARNING") == 1
 
 
+def test_a_result_without_an_alpha_that_costs_all_orientations_is_told(tmp_path):
+    found = [replace(line, score=line.x1) for line in SPACED]
+    notes = notes_of(tmp_path, SPACED, [*found[:-1], replace(found[-1], alpha=-10.0)])
+    assert "WARNING: alpha of 1 of 50 results is -10, KITTI's number for none: orient" in notes
+    without = notes_of(tmp_path, SPACED, [replace(line, alpha=-10.0) for line in found])
+    assert "WARNING" not in without
+
+
 TURNED = [spaced(n, y=1.7, z=20.0, ry=0.4) for n in range(50)]
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from sightline.export.engines import open_engine
 from sightline.export.openvino import convert_to_openvino, ir_files
+from sightline.files.atomic import DiskError
 from tests.export.networks import METADATA
 
 
@@ -70,6 +71,18 @@ def test_two_files_are_written_together_or_not_at_all(tmp_path):
         _write_and_fail(path)
     assert path.read_text() == "older"
     assert [entry.name for entry in tmp_path.iterdir()] == ["toy.xml"]
+
+
+def test_a_disk_without_room_is_told_in_one_line(onnx_file, tmp_path, monkeypatch):
+    import openvino
+
+    def fail(*_, **__):
+        raise RuntimeError("basic_ios::clear: iostream error\nat src")
+
+    monkeypatch.setattr(openvino, "save_model", fail)
+    with pytest.raises(DiskError, match=r"^[^\n]*toy\.xml cannot be written: OpenVINO says 'basic"):
+        convert_to_openvino(onnx_file, tmp_path / "toy.xml")
+    assert not any(tmp_path.iterdir())
 
 
 def _write_and_fail(path):

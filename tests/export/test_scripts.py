@@ -420,6 +420,8 @@ def test_a_file_of_another_task_or_stage_is_refused_in_one_line(tmp_path, depth_
     frame = frames()[0][0]
     (depth,) = export(DEPTH, depth_weights, tmp_path)
     first, second = export(DETECTION_3D, "detection3d-fast-cpu", tmp_path)
+    (tmp_path / "best").mkdir()
+    _, other = export(DETECTION_3D, "detection3d-best", tmp_path / "best")
     for run, message in (
         (lambda: detect_2d(depth, frame), "task 'depth-completion', expected detection2d; name"),
         (lambda: complete(first, frame), "task 'detection3d', expected depth-completion; name"),
@@ -427,6 +429,10 @@ def test_a_file_of_another_task_or_stage_is_refused_in_one_line(tmp_path, depth_
         (lambda: detect_3d(first, depth, frame), "'depth-completion', expected detection3d"),
         (lambda: detect_3d(second, first, frame), "expected pillars; name the other file"),
         (lambda: detect_3d(first, first, frame), "takes pillars, expected points; name the other"),
+        (
+            lambda: detect_3d(first, other, frame),
+            "are of different weights; name both files of one",
+        ),
     ):
         with pytest.raises(SystemExit, match=f"^[^\\n]*{message}[^\\n]*$"):
             run()

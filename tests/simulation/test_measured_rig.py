@@ -139,6 +139,14 @@ def test_frames_of_several_lidars_are_told(sample_of):
     assert not measure_rig(Samples(sample, sample), "own").notes
 
 
+def test_rings_of_any_sweep_go_before_a_larger_one_without_rings(sample_of):
+    sample, solid = sample_of("robot-vlp16"), sample_of("livox-horizon")
+    more = replace(solid, points=solid.points.repeat(3, 1))
+    measured = measure_rig(Samples(more, sample, sample), "own")
+    assert len(measured.rig.lidar.elevations_deg) == 16
+    assert "no rings are found in 1 of the sweeps measured, the largest" in measured.notes
+
+
 def test_parts_of_one_ring_are_joined_and_sound_rings_are_not():
     parts = [0.72, 0.64, 0.53, -1.98, -2.01, -4.51, -4.68, -4.66, -7.28, -7.32, -7.37]
     assert sorted(_joined_parts(parts)) == [-7.32, -4.66, -1.99, 0.64]

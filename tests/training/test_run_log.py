@@ -65,6 +65,9 @@ def test_folders_without_logs_and_damaged_ones_are_refused_in_one_sentence(tmp_p
     (tmp_path / "metrics.csv").write_text("loss\n0.5\n")
     with pytest.raises(FileError, match="is no table of a CSV logger with a column step"):
         read_run_log(tmp_path)
+    (tmp_path / "metrics.csv").write_text(f"step,loss\n{10**19},0.5\n")
+    with pytest.raises(FileError, match="is no table of a CSV logger with a column step"):
+        read_run_log(tmp_path)
 
 
 def test_a_damaged_picture_is_refused_by_its_folder(tmp_path):

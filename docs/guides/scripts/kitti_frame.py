@@ -95,4 +95,5 @@ def open_graph(path: str, task: str, *inputs: str) -> tuple[Any, Steps]:
     if not names.issuperset(inputs):
         given, expected = ", ".join(sorted(names)), ", ".join(inputs)
         sys.exit(f"{path} takes {given}, expected {expected}; name the other file or other weights")
-    return session, json.loads(metadata["sightline.processing"])
+    weights = json.loads(metadata.get("sightline.provenance", "{}")).get("sha256")
+    return session, json.loads(metadata["sightline.processing"]) | {"weights": weights}

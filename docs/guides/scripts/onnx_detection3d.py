@@ -3,6 +3,7 @@
 python onnx_detection3d.py NAME-proposals.onnx NAME-refinement.onnx IMAGE.png VELODYNE.bin CALIB.txt
 """
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from kitti_frame import Array, Frame, Steps, arguments, open_graph, read_frame, seen_points, single
 from pillars import Proposals, propose
 from regions import cut_regions, decode_regions, run_network, turn_regions
-from rotated_boxes import mean_of_two, suppress, wrap
+from rotated_boxes import mean_of_two, suppress, turn_to_axes
 
 Session = Any  # onnxruntime's
 Detections = list[tuple[str, float, Array]]
@@ -20,11 +21,11 @@ Answer = tuple[Array, Array, Array]  # boxes, scores, and the log-odds that thei
 def detect(first: str, second: str, frame: Frame) -> Detections:
     """Find class, score and x, y, z, length, width, height, yaw (LiDAR frame), the surest first."""
     session, steps = open_graph(first, "detection3d", "pillars")
+    refiner, rules = open_graph(second, "detection3d", "points")
+    if rules["weights"] != steps["weights"]:
+        sys.exit(f"{first} and {second} are of different weights; name both files of one export")
     xyz = seen_points(frame, steps["sweep"])
-    if not len(xyz):
-        return []
-    proposals = propose(session, steps, xyz)
-    return refined(*open_graph(second, "detection3d", "points"), xyz, proposals)
+    return refined(refiner, rules, xyz, propose(session, steps, xyz)) if len(xyz) else []
 
 
 def refined(session: Session, steps: Steps, xyz: Array, given: Proposals) -> Detections:
@@ -45,7 +46,9 @@ def refine(session: Session, steps: Steps, xyz: Array, given: Proposals) -> tupl
     """Apply the network pass after pass; give boxes and scores."""
     axes, results = steps["axes"], []
     if axes is not None:  # from several axes first, of which the surest goes on
-        turned, origins, numbers = turn_to_axes(given, axes, steps["classes"])
+        is_turned = np.isin(np.array(steps["classes"])[given.classes], axes["class_names"])
+        boxes, origins, numbers = turn_to_axes(given.boxes, is_turned, axes["number"])
+        turned = Proposals(boxes, given.classes[origins], given.scores[origins])
         results = run_passes(session, steps, xyz, turned, axes["passes"])
         worth = np.where(numbers > 0, results[-1][1] / (1 + axes["least_gain"]), results[-1][1])
         table = np.full((axes["number"], len(given.boxes)), -1.0)
@@ -61,17 +64,6 @@ def refine(session: Session, steps: Steps, xyz: Array, given: Proposals) -> tupl
     mean = mean_of_two((one, boxes), (odds_one, odds))
     boxes = np.where(is_mean[:, None], mean, boxes)
     return boxes, np.where(is_mean, (score_one + scores) / 2, scores)
-
-
-def turn_to_axes(given: Proposals, axes: Steps, names: list[str]) -> tuple[Proposals, Array, Array]:
-    """Repeat the boxes of some classes with other axes; also where each is from and its axis."""
-    again = np.flatnonzero(np.isin(np.array(names)[given.classes], axes["class_names"]))
-    numbers = np.repeat(np.arange(1, axes["number"]), len(again))
-    numbers = np.concatenate((np.zeros(len(given.boxes), int), numbers))
-    origins = np.concatenate((np.arange(len(given.boxes)), np.tile(again, axes["number"] - 1)))
-    boxes, classes, scores = (each[origins] for each in given)
-    boxes[:, 6] = wrap(boxes[:, 6] + np.float32(numbers * (np.pi / axes["number"])))
-    return Proposals(boxes, classes, scores), origins, numbers
 
 
 def run_passes(

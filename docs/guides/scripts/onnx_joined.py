@@ -28,8 +28,7 @@ def open_folder(folder: str) -> tuple[Steps, list[str]]:
         sys.exit(f"{folder} is no folder of `sightline export FOLDER --weights joined`: {error!r}")
     for path, name in zip(paths, GRAPHS, strict=True):
         task = name.partition("-")[0]
-        metadata = open_graph(path, task)[0].get_modelmeta().custom_metadata_map
-        if json.loads(metadata["sightline.provenance"]).get("sha256") != fitted[task]:
+        if open_graph(path, task)[1]["weights"] != fitted[task]:
             sys.exit(f"{path} is not of the weights of joined.json; export the folder again")
     return rule, paths
 

@@ -67,3 +67,14 @@ def mean_of_two(boxes: tuple[Array, Array], fronts: tuple[Array, Array]) -> Arra
     axes = np.arctan2(np.sin(2 * yaws).sum(axis=0), np.cos(2 * yaws).sum(axis=0)) / 2
     front = np.where(np.cos(yaws - axes) >= 0, odds, -odds).sum(axis=0)
     return np.column_stack((centers, sizes, wrap(axes + np.where(front >= 0, 0, np.pi))))
+
+
+def turn_to_axes(boxes: Array, is_turned: Array, number: int) -> tuple[Array, Array, Array]:
+    """Append some boxes with so many axes; also where each box is from, and its axis."""
+    again = np.flatnonzero(is_turned)
+    numbers = np.repeat(np.arange(1, number), len(again))
+    numbers = np.concatenate((np.zeros(len(boxes), int), numbers))
+    origins = np.concatenate((np.arange(len(boxes)), np.tile(again, number - 1)))
+    turned = boxes[origins]
+    turned[:, 6] = wrap(turned[:, 6] + np.float32(numbers * (np.pi / number)))
+    return turned, origins, numbers

@@ -115,7 +115,7 @@ def _read(path: Path) -> Mapping[str, object]:
 def _parsed(path: Path, text: str) -> Mapping[str, object]:
     try:
         settings = load_value(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: a number of thousands of digits
         raise FileError(path, str(error), "correct the settings") from error
     if not isinstance(settings, dict) or not settings:
         raise FileError(path, "holds no settings", "write a line for each, as in workers: 2")

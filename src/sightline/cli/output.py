@@ -134,7 +134,9 @@ def first_of_each_kind() -> Iterator[None]:
             yield
         finally:
             for first, *others in by_kind.values():
-                if others:
+                if len(others) == 1:
+                    warn(f"warning: {others[0]}")
+                elif others:
                     warn(f"warning: {len(others)} more like this: {first}")
 
 

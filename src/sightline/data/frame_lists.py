@@ -125,7 +125,13 @@ def doubt_about_names(missing: Iterable[str]) -> str | None:
 
 
 def require_frame_files(
-    folder: Path, names: Sequence[str], kind: str, remedy: str, suffix: str = _SUFFIX
+    folder: Path,
+    names: Sequence[str],
+    kind: str,
+    remedy: str,
+    suffix: str = _SUFFIX,
+    *,
+    other_than: Path | None = None,
 ) -> None:
     """Check that every frame has its file, before any is read.
 
@@ -135,6 +141,7 @@ def require_frame_files(
         kind: Kind of the files, for errors.
         remedy: Remedy for a missing file, for errors.
         suffix: Suffix of the files, with its dot, in lower case.
+        other_than: Folder of other files with the same names, which no error suggests.
 
     Raises:
         ValueError: There is no such folder, or frames have no file in it; contains their number.
@@ -145,7 +152,9 @@ def require_frame_files(
     missing = [name for name in names if f"{name}{suffix}" not in present]
     if missing:
         none = len(missing) == len(names)
-        elsewhere = locate_frame_files(folder, names, suffix) if none else None
+        elsewhere = (
+            locate_frame_files(folder, names, suffix, other_than=other_than) if none else None
+        )
         capitals = capital_suffixes(present, missing, suffix)
         elsewhere = doubt_about_names(missing) or capitals or elsewhere
         raise ValueError(
@@ -240,16 +249,27 @@ LABEL_PLACES: Final = ("training/label_2", "label_2", "labels")
 """Folders of labels in data sets, whose calibrations have the same names."""
 
 
-def locate_frame_files(folder: Path, names: Sequence[str], suffix: str = _SUFFIX) -> str | None:
-    """Remedy for a folder without files of the frames: their folder, or the names found."""
+def locate_frame_files(
+    folder: Path, names: Sequence[str], suffix: str = _SUFFIX, *, other_than: Path | None = None
+) -> str | None:
+    """Remedy for a folder without files of the frames: their folder, or the names found.
+
+    Args:
+        folder: The folder.
+        names: Names of the frames.
+        suffix: Suffix of the files.
+        other_than: Folder of other files with the same names, such as labels for results.
+    """
     entries = [each for each in sorted(folder.iterdir()) if not is_leftover(each.name)]
-    for below in (folder / place for place in LABEL_PLACES):
+    places = [folder / place for place in LABEL_PLACES]
+    for below in (each for each in places if not _is_same(each, other_than)):
         if any((below / f"{name}{suffix}").is_file() for name in names[:_MAX_SEARCHED]):
             return f"they are probably in {below}; name that folder"
     found = [
         below
         for below in _folders_below(entries)
-        if any((below / f"{name}{suffix}").is_file() for name in names[:_MAX_SEARCHED])
+        if not _is_same(below, other_than)
+        and any((below / f"{name}{suffix}").is_file() for name in names[:_MAX_SEARCHED])
     ]
     if len(found) > 1:
         listed = ", ".join(
@@ -283,6 +303,10 @@ def locate_frame_files(folder: Path, names: Sequence[str], suffix: str = _SUFFIX
             f"write one NAME{suffix} for each frame"
         )
     return None
+
+
+def _is_same(folder: Path, other: Path | None) -> bool:
+    return other is not None and folder.resolve() == other.resolve()
 
 
 def _folders_below(entries: Sequence[Path]) -> list[Path]:

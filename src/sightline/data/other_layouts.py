@@ -288,6 +288,10 @@ def _below(path: Path) -> Problem | None:
     found = [each for each in dict.fromkeys(found) if each != path]  # once for both splits
     if not found:
         return None
+    if len(found) == 1 and _odometry(found[0]) is None:
+        misnamed = misnamed_split(found[0])
+        if misnamed is not None:
+            return misnamed
     name = shortened(str(found[0]), 200)
     more = "" if len(found) == 1 else f", and {len(found) - 1} more"
     return Problem(

@@ -44,6 +44,7 @@ from sightline.data.kitti_trees import (
     ObjectFrame,
     Part,
     SelectedSplit,
+    describe_absent,
     describe_raw_drives,
     find_velodyne,
     list_drive,
@@ -98,6 +99,7 @@ from sightline.files.safe_names import unusable_names
 
 TRACKLETS = "tracklet_labels.xml"
 """File with labels of a raw drive, in their own format."""
+_MAX_GAPS = 5  # missing files of a part that are told one by one
 _REMEDY = "extract the archive again"
 _DRIVE_REMEDY = f"{_REMEDY}, or name a list of the other frames if it lacks the file"
 _RECORDING_REMEDY = "add the missing files in a format of docs/recordings.md"
@@ -426,6 +428,20 @@ def _check_raw_calibration(drive: Path, files: DriveFiles) -> list[Problem]:
     return problems + unread_calibration(drive, folder)
 
 
+def _gaps_of_part(
+    part: _ExpectedPart, absent: Sequence[str], total: int, remedy: str
+) -> list[Problem]:
+    """Problems of missing files of a part: one for each frame, or one if there are many."""
+    if len(absent) > _MAX_GAPS:
+        problem = f"lacks files of {len(absent):,} of {total:,} frames: {describe_absent(absent)}"
+        return [Problem(path=part.folder, problem=problem, remedy=remedy)]
+    if part.suffix:
+        paths = [part.folder / f"{sample_id}{part.suffix}" for sample_id in absent]
+        return [Problem(path=path, problem="is missing", remedy=remedy) for path in paths]
+    problems = [f"lacks a file of {sample_id}" for sample_id in absent]
+    return [Problem(path=part.folder, problem=each, remedy=remedy) for each in problems]
+
+
 def _tree(
     folder: Path,
     kind: str,
@@ -450,14 +466,8 @@ def _tree(
             copying = shared_calibration_remedy(folder) if part.attribute == "calibration" else None
             problem = "holds no files of the frames"
             gaps.append(Problem(path=part.folder, problem=problem, remedy=copying or remedy))
-        elif part.suffix:
-            paths = (part.folder / f"{sample_id}{part.suffix}" for sample_id in absent)
-            gaps += [Problem(path=path, problem="is missing", remedy=remedy) for path in paths]
         else:
-            gaps += [
-                Problem(path=part.folder, problem=f"lacks a file of {sample_id}", remedy=remedy)
-                for sample_id in absent
-            ]
+            gaps += _gaps_of_part(part, absent, len(frames), remedy)
     return Tree(
         summary=TreeSummary(
             folder=folder,

@@ -59,7 +59,7 @@ class ComparedDepths:
     predicted: int
     """Number of pixels with a prediction."""
     wrong_ratios: Int64[np.ndarray, " ratios"]
-    """Number of these pixels with about each ratio of `_WRONG_RATIOS`."""
+    """Number of these pixels with about each ratio of `_WRONG_RATIOS`, none of them 65535."""
     far: int
     """Number of these pixels with a ratio beyond `_FAR_RATIO` either way."""
     highest: Int64[np.ndarray, "2"]
@@ -90,17 +90,17 @@ def compare_depths(
     has_both = predicted_m > 0
     ratios = predicted_m[has_both] / true_m[has_both]
     logs = np.stack([np.log(predicted_m[has_both]), true_logs[has_both]]).astype(np.float64)
+    is_highest = np.stack([each_m[has_both] == MAX_DEPTH_M for each_m in (predicted_m, true_m)])
+    others = ratios[~is_highest.any(axis=0)]
     turned = (prediction_m[turn][rows, columns] for turn in _ORIENTATIONS.values())
     return ComparedDepths(
         pixels=len(ratios),
         predicted=int((prediction_m > 0).sum()),
         wrong_ratios=np.array(
-            [(abs(ratios / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
+            [(abs(others / each - 1) < _RATIO_TOLERANCE).sum() for each in _WRONG_RATIOS]
         ),
         far=int((abs(logs[0] - logs[1]) > np.log(_FAR_RATIO)).sum()),
-        highest=np.array(
-            [(each_m[has_both] == MAX_DEPTH_M).sum() for each_m in (predicted_m, true_m)]
-        ),
+        highest=is_highest.sum(axis=1),
         log_sums=np.array([*logs.sum(axis=1), *(logs**2).sum(axis=1), logs.prod(axis=0).sum()]),
         errors=np.array([_log_error(each_m, true_logs) for each_m in (predicted_m, *turned)]),
     )
@@ -157,8 +157,9 @@ def _doubts_about_highest(summed: ComparedDepths, predictions: Path, truth: Path
 
     Depths in a wrong unit may end there, too, but most others are then wrong as well.
     """
-    num_highest = summed.highest.sum()
-    if 2 * (summed.far - num_highest) >= summed.pixels - num_highest:
+    num_others = summed.pixels - summed.highest.sum()
+    num_far = summed.far - summed.highest.sum()
+    if 2 * max(num_far, summed.wrong_ratios.max()) >= num_others:
         return
     for folder, count in zip((predictions, truth), summed.highest, strict=True):
         if count >= max(MIN_HIGHEST_PX, MIN_HIGHEST_SHARE * summed.pixels):
@@ -170,7 +171,7 @@ def _doubts_about_highest(summed: ComparedDepths, predictions: Path, truth: Path
 
 def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path) -> Iterator[str]:
     """Name the first of several wrong conventions that explains the depths."""
-    half = summed.pixels / 2
+    half = (summed.pixels - summed.highest.sum()) / 2
     for (ratio, (kind, unit)), count in zip(
         _WRONG_RATIOS.items(), summed.wrong_ratios, strict=True
     ):

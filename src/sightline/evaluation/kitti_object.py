@@ -221,7 +221,7 @@ def _read_submission(
 ) -> _Submission:
     results_dir, labels_dir = data_path(results_dir), data_path(labels_dir)
     names = frame_names(labels_dir, sample_list)
-    missing = _missing_results(results_dir, names) if missing_as_empty else set()
+    missing = _missing_results(results_dir, labels_dir, names) if missing_as_empty else set()
     frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)
     tally = ObjectTally()
     parts: list[MatchingData] = []
@@ -272,6 +272,7 @@ def read_frames(
         "result",
         "write an empty one where nothing was found (`evaluate objects --missing-as-empty` takes "
         "missing ones as empty), or name a list of the frames to score",
+        other_than=labels_dir,
     )
     tracked: Iterable[str] = track(names, description="reading results") if progress else names
     return (
@@ -282,10 +283,14 @@ def read_frames(
     )
 
 
-def _missing_results(results_dir: Path, names: Sequence[str]) -> set[str]:
+def _missing_results(results_dir: Path, labels_dir: Path, names: Sequence[str]) -> set[str]:
     missing = {name for name in names if not (results_dir / f"{name}.txt").exists()}
     if len(missing) == len(names):
-        elsewhere = locate_frame_files(results_dir, names) if results_dir.is_dir() else None
+        elsewhere = (
+            locate_frame_files(results_dir, names, other_than=labels_dir)
+            if results_dir.is_dir()
+            else None
+        )
         raise ValueError(
             f"{results_dir} has no result file of any of {len(names):,} frames; "
             f"{elsewhere or 'name the folder of the results'}"

@@ -84,12 +84,15 @@ class ResultConventions:
     counts_repeats: bool = True
     """Whether a remark counts the results that occur twice in their frame."""
 
-    has_headings: bool = True
-    """True while every result has an alpha; only then is orientation scored."""
+    total: int = 0
+    """Number of results of all classes."""
+    without_alpha: int = 0
+    """Number of these without an alpha; with one of them no orientation is scored."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""
-        self.has_headings &= bool((results.alpha != NO_ALPHA).all())
+        self.total += len(results)
+        self.without_alpha += int(np.count_nonzero(results.alpha == NO_ALPHA))
         self.results.append(scored_boxes(results))
         self.impossible.append(count_impossible(results))
         self.labels.append(scored_boxes(labels))
@@ -114,10 +117,16 @@ class ResultConventions:
         scores = (*remarks_on_scores(self.results),)
         yield from scores or compared.remarks_on_order()
         yield from in_space
+        if 0 < self.without_alpha < self.total:
+            yield (
+                f"alpha of {self.without_alpha:,} of {self.total:,} results is {NO_ALPHA:g}, "
+                "KITTI's number for none: orientation is scored only where all results have one, "
+                f"those of other classes too; {ALPHA_REMEDY}, or leave these results out."
+            )
         if not self.in_degrees:
             rotations = () if in_space else (*compared.remarks_on_rotations(),)
             doubt = doubt_about_labels(labels)
-            if doubt is not None and (self.has_headings or rotations):
+            if doubt is not None and (not self.without_alpha or rotations):
                 yield f"{doubt}: scores of orientation compare it with results'; {ALPHA_REMEDY}."
                 if np.ptp(labels.alphas):  # they tell that rotation_y of labels may be at fault
                     rotations = ()

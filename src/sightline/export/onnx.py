@@ -2,6 +2,7 @@
 
 import importlib
 import logging
+import tempfile
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -55,6 +56,7 @@ def export_onnx(
     check_inputs(example_inputs, names, metadata.stride)
     with torch.inference_mode():
         output_names = tuple(named_outputs(module(**example_inputs)))
+    tempfile.gettempdir()  # the exporter hides the lack of one behind errors of its own
     with _quiet_exporter():
         program = torch.onnx.export(
             _Flat(module, names).eval(),

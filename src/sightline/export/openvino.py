@@ -12,7 +12,8 @@ from torch import Tensor, nn
 from sightline.export.extra import import_extra
 from sightline.export.metadata import KEYS, ExportMetadata, parse_metadata
 from sightline.export.onnx import export_onnx, read_onnx_metadata
-from sightline.files.atomic import atomic_path, scratch_folder
+from sightline.files.atomic import DiskError, atomic_path, scratch_folder
+from sightline.files.plain_text import shortened
 from sightline.files.problem import SetupError
 
 
@@ -73,6 +74,7 @@ def convert_to_openvino(onnx_path: Path, path: Path) -> None:
 
     Raises:
         ValueError: `onnx_path` is not written by Sightline, or `path` does not end in .xml.
+        DiskError: OpenVINO cannot write the files, as on a full disk.
     """
     openvino = import_extra("openvino")
     metadata = read_onnx_metadata(onnx_path)
@@ -81,7 +83,13 @@ def convert_to_openvino(onnx_path: Path, path: Path) -> None:
     for key, value in metadata.to_properties().items():
         model.set_rt_info(value, key.split("."))
     with ir_files(path) as aside:
-        openvino.save_model(model, str(aside), compress_to_fp16=False)
+        try:
+            openvino.save_model(model, str(aside), compress_to_fp16=False)
+        except RuntimeError as error:  # a full or broken disk, of which it gives no number
+            raise DiskError(
+                f"{path} cannot be written: OpenVINO says '{shortened(str(error), 80)}'; make room "
+                "or choose another output folder"
+            ) from error
 
 
 def read_openvino_metadata(model: Any, path: Path) -> ExportMetadata:  # noqa: ANN401 - an extra's

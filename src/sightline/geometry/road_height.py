@@ -131,7 +131,7 @@ def mount_doubts(
                 MountDoubt(
                     problem=f"lidar_height_m is {height_m:g}, but the road in the sweeps gives "
                     f"{measured_m:.2f}",
-                    remedy="correct it, or omit it",
+                    remedy="correct it, or omit it; keep it if clouds lack the road",
                 )
             )
     return tuple(doubts)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from sightline.geometry.arguments import wrong_type
 from sightline.geometry.wrong_types import named_fields
 from sightline.health.monitor import HealthMonitor
 from sightline.health.yaw_error import EdgeMatch
@@ -89,7 +90,14 @@ class DriveMonitor:
         Args:
             monitor: The monitor. None: one with the limits included in Sightline.
             config: Settings of the alarms.
+
+        Raises:
+            TypeError: `monitor` is no monitor, or `config` no settings.
         """
+        if not isinstance(monitor, HealthMonitor | None):
+            raise wrong_type("monitor", monitor, "HealthMonitor; make one by HealthMonitor(limits)")
+        if not isinstance(config, HysteresisConfig | None):
+            raise wrong_type("config", config, "HysteresisConfig")
         self.monitor = monitor or HealthMonitor()
         self.config = config or HysteresisConfig()
         self._alarms = tuple(Alarm(self.config) for _ in range(3))

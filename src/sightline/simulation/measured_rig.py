@@ -240,10 +240,14 @@ def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple
         "reflectance": float(any(sweep[:, 3].any() for sweep in sweeps)),
     }
     notes = []
-    sweep = max(sweeps, key=len)
-    try:
-        rings, steps = _measure_rings(sweep)
-    except ValueError:
+    measured, sweep = None, max(sweeps, key=len)
+    for number, each in enumerate(sorted(sweeps, key=len, reverse=True)):
+        with contextlib.suppress(ValueError):  # without rings
+            measured = _measure_rings(each)
+            if number:
+                notes.append(f"no rings are found in {number} of the sweeps measured, the largest")
+            break
+    if measured is None:
         xyz = sweep[:, :3] @ own_from_ahead
         azimuth_deg, elevation_deg = _angles_deg(xyz)
         notes.append("no rings are found: a pattern without rings is simulated")
@@ -253,6 +257,7 @@ def measure_lidar(samples: Sequence[CameraLidarSample]) -> tuple[LidarRig, tuple
             points=len(sweep),
         )
         return LidarRig(rosette=rosette, **common), tuple(notes)
+    rings, steps = measured
     if not steps:
         raise ValueError(f"no ring of its LiDAR has {_MIN_RING_POINTS} points")
     whole = _joined_parts(rings)

@@ -133,11 +133,11 @@ def _read_table(path: Path, values: dict[str, list[tuple[int, float]]]) -> None:
     try:
         with path.open(newline="") as file:
             for row in csv.DictReader(file):
-                step = int(row[_STEP])
+                step = int(np.int64(int(row[_STEP])))
                 for name, cell in row.items():
                     if name != _STEP and cell:
                         values.setdefault(name, []).append((step, float(cell)))
-    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
+    except (OSError, KeyError, TypeError, ValueError, OverflowError, csv.Error) as error:
         raise FileError(path, "is no table of a CSV logger with a column step", _REMEDY) from error
 
 

@@ -565,3 +565,9 @@ def test_pointers_of_git_lfs_in_place_of_tables_are_told(data, tmp_path):
     (data / "v1.0-mini" / "ego_pose.json").write_text("version https://git-lfs.github.com/spec/v1")
     with pytest.raises(FileError, match=r"ego_pose\.json: is a pointer of Git LFS.*git lfs pull"):
         import_recording(data, tmp_path / "out")
+
+
+def test_folders_of_files_with_a_further_word_are_named_with_what_the_tables_have(data, tmp_path):
+    (data / "samples").rename(data / "train_samples")  # as Kaggle packs Lyft's
+    with pytest.raises(ValueError, match=r"; rename train_samples to samples, as the tables have"):
+        import_recording(data, tmp_path / "out")

@@ -1,5 +1,6 @@
 """Import of nuScenes' key frames of a camera and the LiDAR as a recording with labels."""
 
+import glob
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -172,9 +173,19 @@ def _no_files_error(root: Path, moments: Sequence[Moment], camera: str, lidar: s
         for channel, paths in files.items()
     }
     channels = [channel for channel, path in absent.items() if path is not None]
+    remedy = f"extract the archives with {' and '.join(channels)} into it"
+    folders = {path.relative_to(root).parts[0] for path in absent.values() if path is not None}
+    renamed = [
+        f"{shortened(each.name)} to {folder}"
+        for folder in sorted(folders)
+        for each in sorted(root.glob(f"*_{glob.escape(folder)}"))  # as Kaggle packs Lyft's
+        if each.is_dir() and not (root / folder).exists()
+    ]
+    if renamed:
+        remedy = f"rename {' and '.join(renamed)}, as the tables have them, or {remedy}"
     return ValueError(
         f"{root} lacks files of all {len(moments)} key frames of {camera} and {lidar}, e.g. "
-        f"{absent[channels[0]]}; extract the archives with {' and '.join(channels)} into it"
+        f"{absent[channels[0]]}; {remedy}"
     )
 
 
