@@ -125,9 +125,13 @@ def test_an_onnx_file_of_another_tool_is_refused(tmp_path, onnx_file):
         read_onnx_metadata(tmp_path / "other.onnx")
 
 
-def test_damaged_metadata_is_refused():
-    properties = {**METADATA.to_properties(), "sightline.stride": "eight"}
-    with pytest.raises(ValueError, match=r"toy\.onnx holds damaged metadata .*'eight'"):
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [("stride", "eight", "'eight'"), ("config", "[" * 100_000, "recursion")],
+)
+def test_damaged_metadata_is_refused(key, value, reason):
+    properties = {**METADATA.to_properties(), f"sightline.{key}": value}
+    with pytest.raises(ValueError, match=rf"toy\.onnx holds damaged metadata .*{reason}"):
         parse_metadata(properties, "toy.onnx")
 
 

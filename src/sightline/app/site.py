@@ -214,7 +214,7 @@ class _Writer:
             return False
         try:
             named = list(map(str, json.loads(content)["files"].values()))
-        except (ValueError, LookupError, TypeError, AttributeError):
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
             return False  # a damaged file of an older export
         if not all(map(self._aside.has, named)):
             return False

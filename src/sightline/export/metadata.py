@@ -81,7 +81,7 @@ def parse_metadata(properties: Mapping[str, str], source: str) -> ExportMetadata
             sightline_version=written_by,
             processing=json.loads(properties.get(PROCESSING_KEY, "{}")),
         )
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(
             f"{source} holds damaged metadata ({error}); export the weights again"
         ) from error
