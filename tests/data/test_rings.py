@@ -321,6 +321,19 @@ def test_rings_of_kitti_are_found_wherever_they_begin(kitti_root, begin):
         assert np.mean(found == rings[order]) >= 0.999
 
 
+@pytest.mark.parametrize("turn_deg", [5, 77, -137, 271])
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_rings_of_kitti_are_found_in_a_lidar_that_is_mounted_turned(kitti_root, turn_deg, mirror):
+    cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    for points in real_sweeps(kitti_root, "full_sweeps/*.bin"):
+        turned = points.copy()
+        turned[:, :2] = points[:, :2] @ np.array(
+            [[cosine, sine * mirror], [-sine, cosine * mirror]]
+        )
+        found, _ = rings_of_any_order(turned)
+        assert np.mean(found == ring_numbers(points)) >= 0.999
+
+
 def test_whole_sweeps_of_kitti_are_numbered_by_their_own_order(kitti_root):
     for points in real_sweeps(kitti_root, "full_sweeps/*.bin"):
         rings, is_kittis = rings_of_any_order(points)

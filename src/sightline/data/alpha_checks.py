@@ -1,6 +1,7 @@
 """Doubts about alpha, the observation angle of objects, in results and in labels."""
 
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import Final, Literal
 
 import numpy as np
@@ -73,12 +74,16 @@ def _doubt(boxes: ScoredBoxes, kind: Literal["results", "labels"]) -> str | None
         "negated": bearing - rotations,
         "rotation_y plus the bearing": rotations + bearing,
     }
+    found: list[tuple[int, str]] = []
     for name, expected in others.items():
         other = angle_between(alphas, expected)
         better = int(((other < _EQUAL_ANGLES_RAD) & (error > 2 * _EQUAL_ANGLES_RAD)).sum())
         worse = int(((error < _EQUAL_ANGLES_RAD) & (other > 2 * _EQUAL_ANGLES_RAD)).sum())
         if is_clearly_better(better, worse, len(alphas)):
-            return f"alpha of {better:,} of {len(alphas):,} {kind} is probably {name}"
+            found.append((better, name))
+    if found:
+        better, name = max(found, key=itemgetter(0))
+        return f"alpha of {better:,} of {len(alphas):,} {kind} is probably {name}"
     contradicting = int((error > _CONTRADICTION_RAD).sum())
     if len(alphas) >= MIN_RESULTS and contradicting > len(alphas) / 2:
         return (

@@ -262,7 +262,8 @@ def _first_fault(data: bytes, source: Path | str, *, with_scores: bool) -> FileE
     expected = FIELDS if with_scores else FIELDS[:_LABEL_FIELDS]
     kind = "result" if with_scores else "label"
     for number, fields in _lines(data):
-        if other := _no_object(fields) or _other_format(fields):
+        other = _no_object(fields) or _other_format(fields) or _spaced_class(fields, len(expected))
+        if other:
             return FileError(source, f"line {number} {other[0]}", other[1])
         count = f"line {number} has {len(fields)} fields, but a {kind} has {len(expected)}"
         if len(fields) < len(expected):
@@ -321,6 +322,23 @@ def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
             "convert them to class names and x_min, y_min, x_max, y_max in pixels",
         )
     return None
+
+
+def _spaced_class(fields: Sequence[bytes], num_expected: int) -> tuple[str, str] | None:
+    """Problem and remedy for a line whose further fields are words of its class; or None."""
+    num_words = len(fields) - num_expected + 1
+    words = [each.decode(errors="replace") for each in fields[: max(num_words, 0)]]
+    are_words = all(map(_is_word, fields[:num_words])) and all(map(_has_letter, words))
+    if num_words < 2 or not are_words or not all(map(_is_number, fields[num_words:])):
+        return None
+    return (
+        f"has spaces in its class '{shortened(' '.join(words), 24)}', expected one word",
+        f"write {shortened('_'.join(words), 24)}, or the class of KITTI's that is meant",
+    )
+
+
+def _has_letter(text: str) -> bool:
+    return any(map(str.isalpha, text))
 
 
 def _is_word(token: bytes) -> bool:

@@ -97,9 +97,10 @@ def _scaling(*factors: float) -> Float64[np.ndarray, "4 4"]:
     return np.diag([*np.broadcast_to(factors, 3), 1.0])
 
 
-def _lower_to_bottoms(objects: KittiObjects) -> KittiObjects:
+def _lowered(objects: KittiObjects, *, heights: float) -> KittiObjects:
+    """Lower objects by a number of their heights."""
     locations = objects.locations.copy()
-    locations[:, 1] += objects.dimensions_hwl[:, 0] / 2
+    locations[:, 1] += heights * objects.dimensions_hwl[:, 0]
     return replace(objects, locations=locations)
 
 
@@ -170,8 +171,14 @@ _KINDS: Final = (
             (
                 "written with the y of the box's centre",
                 0.85,
-                _lower_to_bottoms,
+                partial(_lowered, heights=0.5),
                 "write the bottom's y: add half the height",
+            ),
+            (
+                "written half of their height too low",
+                0.85,
+                partial(_lowered, heights=-0.5),
+                "write the bottom's y: half the height was added to it",
             ),
             (
                 "written with a negated rotation_y",

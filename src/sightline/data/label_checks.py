@@ -165,8 +165,12 @@ def is_empty_box2d(
 
 
 def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
+    """Mask of the objects with a 3D part; tools for 2D labels fill its fields by one number."""
     names = np.array(objects.class_names, dtype=object)
-    return np.asarray((objects.locations != NO_LOCATION).any(axis=1) & (names != _REGION))
+    is_filled = (objects.dimensions_hwl <= 0).all(axis=1)
+    is_filled &= np.ptp(objects.locations, axis=1) == 0
+    is_given = (objects.locations != NO_LOCATION).any(axis=1)
+    return np.asarray(is_given & ~is_filled & (names != _REGION))
 
 
 def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:

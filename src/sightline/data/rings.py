@@ -29,8 +29,9 @@ _MAX_NEIGHBOUR_SHARE = 0.004  # of the spread of elevations; KITTI's neighbours:
 _MAX_RING_SPREAD_DEG = 3.0  # of a single ring; its laser may sit above the origin
 _MIN_EXPLAINED_SHARE = 0.5  # of the elevations' variance, explained by ring numbers
 _MAX_START_DEG = 5.0  # largest usual start azimuth of whole sweeps in KITTI's order
+_MIN_FALL_DEG, _MAX_FALLS = 0.1, 3  # of the elevation from ring to ring, and azimuths tried
 _MAX_STUB_POINTS = 3  # at a seam, where azimuths alternate
-_MIN_STEP_RATIO = 0.5  # share of another order's step between rings that KITTI's order must reach
+_MIN_STEP_RATIO = 0.25  # share of the best order's step between rings that others must reach
 _SECTOR_DEG, _MIN_TURN_SHARE = 10.0, 0.9  # of a whole turn, in which points must lie
 _MIN_CORRELATION = 0.9  # correlation of ordered numbers with elevations
 
@@ -141,14 +142,22 @@ def _rings_by_order(
     kitti_rings = _ring_numbers_or_none(points)
     if kitti_rings is not None and _starts_in_kitti_order(points, kitti_rings):
         return kitti_rings, True
-    found = []
-    if kitti_rings is not None and int(kitti_rings[-1]) + 1 >= MIN_RINGS:
-        found.append((_step_down_deg(points, kitti_rings) / _MIN_STEP_RATIO, kitti_rings))
+    candidates = [] if kitti_rings is None else [(kitti_rings, kitti_rings)]
     for turned in _other_orders(points):
         rings = _ring_numbers_or_none(turned)
-        if rings is not None and int(rings[-1]) + 1 >= MIN_RINGS:
-            found.append((_step_down_deg(points, rings), _without_stubs(rings)))
-    _, best = max(found, key=lambda each: each[0], default=(0.0, kitti_rings))
+        if rings is not None:
+            candidates.append((rings, _without_stubs(rings)))
+    found = [
+        (_step_down_deg(points, rings), plain)
+        for rings, plain in candidates
+        if int(rings[-1]) + 1 >= MIN_RINGS
+    ]
+    if not found:
+        return kitti_rings, True
+    # Seams inside rings cut some in two. Of equal numbers the first stays, KITTI's if it fits.
+    min_step_deg = _MIN_STEP_RATIO * max(step_deg for step_deg, _ in found)
+    sound = [rings for step_deg, rings in found if step_deg >= min_step_deg]
+    best = min(sound, key=lambda rings: int(rings[-1]))
     return best, best is kitti_rings
 
 
@@ -166,8 +175,10 @@ def _other_orders(
     points: Float[np.ndarray, "num_points fields"],
 ) -> Iterator[Float[np.ndarray, "num_points fields"]]:
     """Yield rotated and mirrored sweeps, which convert other orders by ring to KITTI's."""
-    start_deg = float(_azimuth_deg(points)[0])
-    seams_deg = (0.0, 90.0, 180.0, 270.0, start_deg) if is_whole_turn(points) else (0.0,)
+    seams_deg = [0.0]
+    if is_whole_turn(points):
+        start_deg = float(_azimuth_deg(points)[0])
+        seams_deg += [90.0, 180.0, 270.0, start_deg, *_usual_falls_deg(points)]
     for mirror in (1, -1):
         for seam_deg in seams_deg:
             turn = np.radians(-seam_deg)
@@ -176,6 +187,27 @@ def _other_orders(
             turned[:, 0] = np.cos(turn) * x - np.sin(turn) * y
             turned[:, 1] = mirror * (np.sin(turn) * x + np.cos(turn) * y)
             yield turned
+
+
+def _usual_falls_deg(points: Float[np.ndarray, "num_points fields"]) -> Iterator[float]:
+    """Yield azimuths at which the elevation falls most often from point to point.
+
+    It falls from ring to ring, though rings start some degrees later where their first points have
+    no return; and at edges of near objects, as lasers are beside the origin.
+    """
+    azimuth_deg = _azimuth_deg(points)
+    step_deg = (np.diff(azimuth_deg) + 180) % 360 - 180
+    is_fall = -np.diff(elevations_deg(points)) > _MIN_FALL_DEG
+    middles_deg = (azimuth_deg[:-1] + step_deg / 2)[is_fall] % 360
+    for _ in range(_MAX_FALLS):
+        if not len(middles_deg):
+            return
+        counts, _ = np.histogram(middles_deg, 360, (0.0, 360.0))
+        peak_deg = 1.0 + int((counts + np.roll(counts, -1)).argmax())  # between two bins
+        from_peak_deg = (middles_deg - peak_deg + 180) % 360 - 180
+        is_near = np.abs(from_peak_deg) <= 1.0
+        yield peak_deg + float(np.median(from_peak_deg[is_near]))
+        middles_deg = middles_deg[~is_near]
 
 
 def _ring_numbers_or_none(

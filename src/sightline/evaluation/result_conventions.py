@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64
 
 from sightline.data.alpha_checks import ALPHA_REMEDY, doubt_about_labels, remarks_on_alphas
 from sightline.data.kitti_labels import NO_ALPHA, KittiObjects
-from sightline.data.label_checks import scale_of_sizes
+from sightline.data.label_checks import order_of_sizes, scale_of_sizes
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
     MATCH_IOU,
@@ -158,9 +158,14 @@ def _remarks_on_sizes(results: ScoredBoxes, labels: ScoredBoxes) -> Iterator[str
         }
         best = min(misfits, key=lambda order: misfits[order])
         if misfits[0, 1, 2] - misfits[best] > _SIZE_MARGIN:
-            order = ", ".join(_SIZE_NAMES[column] for column in best)
+            order, kind = ", ".join(_SIZE_NAMES[column] for column in best), "results"
+            is_class = labels.names == name
+            if (wrong := order_of_sizes(labels.sizes_hwl[is_class], labels.names[is_class])) and (
+                order_of_sizes(written[None], np.array([name])) is None
+            ):
+                order, kind = wrong, "labels"
             yield (
-                f"sizes of {name} in the results are probably in the order {order}: "
+                f"sizes of {name} in the {kind} are probably in the order {order}: "
                 "they were taken for height, width, length, as KITTI's files have them."
             )
         elif (scale := scale_of_sizes(written, name, expected)) is not None:
@@ -176,12 +181,19 @@ def _median(values: Float64[np.ndarray, "num 3"]) -> Float64[np.ndarray, "3"] | 
 def _remarks_on_places(results: ScoredBoxes, compared: "_ComparedResults") -> Iterator[str]:
     behind = tuple(remarks_on_depths(results))
     yield from behind
-    rise = None if behind else compared.median_rise()
-    if rise is not None and abs(rise - 0.5) < _HEIGHT_TOLERANCE:
-        yield (
-            f"3D boxes of results lie {rise:.2f} of their height above those of labels: their y is "
-            "probably that of the centre, KITTI's is that of the bottom."
-        )
+    if behind:
+        return
+    for names in (CLASSES, *([name] for name in CLASSES)):
+        rise = compared.median_rise(names)
+        if rise is not None and abs(abs(rise) - 0.5) < _HEIGHT_TOLERANCE:
+            higher, lower = ("results", "labels") if rise > 0 else ("labels", "results")
+            of_class = "" if names is CLASSES else f" of {names[0]}"
+            yield (
+                f"3D boxes{of_class} of {higher} lie {abs(rise):.2f} of their height above those "
+                f"of {lower}: their y is probably that of the centre, KITTI's is that of the "
+                "bottom."
+            )
+            return
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,16 +237,17 @@ class _ComparedResults:
             if better >= min_better and is_clearly_better(better, worse, total):
                 yield (
                     f"{cause}: read so they match {better:,} of {len(ious):,} labelled objects "
-                    f"clearly better in the image, and {worse:,} worse."
+                    f"clearly better in the image, and {worse:,} worse; or labels are at fault."
                 )
                 return
 
-    def median_rise(self) -> float | None:
-        """Compute how far results lie above their labels, in heights; None with too few."""
+    def median_rise(self, names: Sequence[str]) -> float | None:
+        """Compute how far results of classes lie above their labels, in heights; None: too few."""
         rises = [
             (labels.locations[label, 1] - results.locations[result, 1]) / labels.sizes_hwl[label, 0]
             for results, labels in self.frames
             for label, result in _nearest_results(results, labels)
+            if labels.names[label] in names
         ]
         return float(np.median(rises)) if len(rises) >= MIN_RESULTS else None
 

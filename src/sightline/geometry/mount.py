@@ -70,13 +70,15 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
     if turn_deg <= _IDENTITY_DEG:
         return (
             "has the identity for its rotation, so the camera's axes equal the LiDAR's "
-            "(forward, left, up), expected right, down, forward: give the camera's optical frame"
+            "(forward, left, up), expected right, down, forward: give the camera's optical frame; "
+            "if the points have the camera's axes, convert both, points and transform"
         )
     if turn_deg <= _SMALL_TURN_DEG:
         return (
             f"turns by only {turn_deg:.2f} degrees, so the camera's axes are about the LiDAR's "
             "(forward, left, up), expected right, down, forward: give the camera's optical frame, "
-            "not its body's (ROS: camera_link), or angles in degrees if they are in radians"
+            "not its body's (ROS: camera_link), or angles in degrees if they are in radians; if "
+            "the points have the camera's axes, convert both, points and transform"
         )
     if _tilt_deg(rotation.T) <= _MAX_TILT_DEG and _aside_deg(rotation.T) <= _MAX_ASIDE_DEG:
         return "is probably inverted (lidar_from_camera): give its inverse"

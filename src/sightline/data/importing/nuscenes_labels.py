@@ -25,6 +25,7 @@ from sightline.data.kitti_labels import (
 )
 from sightline.files.plain_text import shortened
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
+from sightline.geometry.mount import MAX_RANGE_M
 
 _CLASSES: Final = {
     # nuScenes
@@ -110,6 +111,8 @@ class LabelTally:
     """Annotations of categories without a class of KITTI."""
     outside: int = 0
     """Annotations of known categories outside the image."""
+    far: int = 0
+    """Annotations of known categories farther away than any LiDAR sees."""
     leaning: int = 0
     """Annotations of known categories that do not stand upright."""
     visibility_unknown: int = 0
@@ -126,6 +129,7 @@ class LabelTally:
             classes=self.classes + other.classes,
             categories_left_out=self.categories_left_out + other.categories_left_out,
             outside=self.outside + other.outside,
+            far=self.far + other.far,
             leaning=self.leaning + other.leaning,
             visibility_unknown=self.visibility_unknown + other.visibility_unknown,
             compared=self.compared + other.compared,
@@ -166,7 +170,13 @@ class LabelTally:
                 "in their boxes, so labels are probably misplaced: correct ego_pose and "
                 "calibrated_sensor, or extract nuScenes' archives again"
             )
-        if not labels:
+        if not labels and 2 * self.far > self.annotations:
+            lines.append(
+                f"warning: {self.far} of {self.annotations} annotations lie over {MAX_RANGE_M:g} m "
+                "from the LiDAR, so none became a label: translations in sample_annotation and "
+                "ego_pose are both in the world's frame"
+            )
+        elif not labels:
             lines.append(
                 "warning: no annotation became a label; see the counts above, and name another "
                 "camera by --camera-topic if its image shows other objects"
@@ -251,7 +261,12 @@ def kitti_from_annotations(
         if has_label
     )
     return objects, replace(
-        counts, leaning=leaning, visibility_unknown=unseen, compared=len(compared), empty=empty
+        counts,
+        far=int(np.count_nonzero(np.hypot(boxes[:, 0], boxes[:, 1]) > MAX_RANGE_M)),
+        leaning=leaning,
+        visibility_unknown=unseen,
+        compared=len(compared),
+        empty=empty,
     )
 
 
