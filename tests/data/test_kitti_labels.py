@@ -118,6 +118,10 @@ def test_columns_cannot_be_written_to():
         ("Car 0".encode("utf-16"), "is text in UTF-16, expected UTF-8; save it as plain text in U"),
         ("Car 0".encode("utf-16-le"), "holds a NUL byte at position 1: .* UTF-16"),
         (RESULT + b" 7", "line 1 has 17 fields, but a label has 15; remove the fields after rotat"),
+        (
+            LABEL.replace(b"Car", b"Person sitting"),
+            "line 1 has spaces in its class 'Person sitting', .*; write Person_sitting, or the",
+        ),
         (LABEL.replace(b"182.46", b"1x2"), "line 1: y_min is '1x2', not a number; write a"),
         (LABEL.replace(b"182.46", b"1_0"), "line 1: y_min is '1_0', not a number"),
         (LABEL.replace(b"182.46", b"0x1p3"), "line 1: y_min is '0x1p3', not a number"),
@@ -153,6 +157,8 @@ def test_a_result_line_without_score_says_so():
         ValueError, match="17 fields, but a result has 16; remove the fields after sc"
     ):
         results(RESULT + b" 1")
+    with pytest.raises(ValueError, match="has spaces in its class 'big red Car', expected one"):
+        results(RESULT.replace(b"Car", b"big red Car"))
     with pytest.raises(ValueError, match="score is 'nan', not finite"):
         results(LABEL + b" nan")
 

@@ -153,6 +153,14 @@ def test_labels_of_another_convention_are_told_as_faults_of_the_labels(tmp_path,
     assert problem.path == labels
 
 
+def test_labels_half_a_height_too_low_are_named_beside_a_move_of_the_clouds(tmp_path):
+    frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)
+    frames = [replace(frame, sample_id=str(number)) for number in range(12)]
+    (problem,) = found(frames, write=lambda y, rotation: (y + 0.75, rotation))
+    assert "off by -0.8 m along the LiDAR's z axis" in problem.problem  # all are of one height
+    assert "other possible faults: written half of their height too low" in problem.remedy
+
+
 @pytest.mark.parametrize(("degrees", "is_limit"), [(3.0, False), (8.0, True)])
 def test_at_the_limit_of_the_search_more_is_said_to_be_possible(tmp_path, degrees, is_limit):
     frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)

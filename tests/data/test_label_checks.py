@@ -149,6 +149,14 @@ def test_sizes_below_those_of_every_road_user_are_doubted():
     assert doubts(CAR.replace("1.50 1.60 3.90", "0.0015 0.0016 0.0039"), WALKER) == []
 
 
+@pytest.mark.parametrize("fill", ["-1 -1 -1 -1 -1 -1 -1", "0 0 0 0 0 0 0", "0 0 0 -1 -1 -1 0"])
+def test_fields_filled_by_tools_for_2d_labels_are_no_3d_boxes(fill):
+    filled = [" ".join(each.split()[:8]) + f" {fill}" for each in (CAR, WALKER)]
+    assert doubts(*filled) == []
+    (doubt,) = doubts(CAR.replace("1.50 1.60 3.90", "0 0 0"))
+    assert "has a 3D box of a size that is not positive" in doubt
+
+
 def test_placeholders_of_regions_are_no_3d_boxes():
     assert doubts(CAR, REGION.replace("-1 -1 -1 -1000 -1000 -1000", "0 0 0 0 0 0")) == []
     assert doubts(CAR, REGION.replace("-1000 -1000", "-1000 1000")) == []

@@ -211,3 +211,18 @@ def test_a_mount_of_calibration_files_that_the_road_contradicts_is_told(
     assert all(f"calib of {tmp_path / 'training'}: {told}" in each for each in said)
     assert len(problems) == (told is not None)
     assert all(f"{tmp_path / 'training' / 'calib'}: {told}" in each for each in problems)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "told"), [(1.73, None), (1.2, "lidar_height_m is 1.2, but the road in the sweeps")]
+)
+def test_a_drives_calibration_may_give_its_mount(tmp_path, height_m, told):
+    write_frames(tmp_path, "drive", LEVEL)
+    path = tmp_path / "calib_velo_to_cam.txt"
+    path.write_text(f"{path.read_text()}lidar_height_m: {height_m}\nlidar_tilt_deg: 0 1.5\n")
+    dataset, said = opened(tmp_path)
+    assert dataset[0].lidar_height_m == height_m
+    assert dataset[0].level_from_lidar is not None
+    problems = [str(problem) for problem in check_tree(tmp_path)]
+    assert len(said) == len(problems) == (told is not None)
+    assert all(f"{path}: {told}" in each for each in (*said, *problems))

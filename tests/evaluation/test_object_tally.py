@@ -159,6 +159,14 @@ def test_boxes_that_face_another_way_than_labels_are_told(tmp_path, ry, expected
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
+        (
+            lambda line: replace(line, y=line.y - line.h / 2),
+            "3D boxes of labels lie 0.50 of their height above those of results: their y is",
+        ),
+        (
+            lambda line: replace(line, h=line.l, l=line.h),
+            "sizes of Car in the labels are probably in the order length, width, height",
+        ),
         (lambda line: replace(line, alpha=0.0), "alpha of all 50 labels is 0: scores of orien"),
         (lambda line: replace(line, alpha=-10.0), "alpha of all 50 labels is -10, KITTI's number"),
         (lambda line: replace(line, alpha=-line.alpha), "50 labels is probably negated: scores"),
@@ -166,9 +174,7 @@ def test_boxes_that_face_another_way_than_labels_are_told(tmp_path, ry, expected
         (lambda line: replace(line, ry=-line.ry), "50 labels is probably that of a negated rot"),
     ],
 )
-def test_alphas_of_labels_that_contradict_their_boxes_are_told_of_labels(
-    tmp_path, change, expected
-):
+def test_labels_of_another_convention_are_told_of_labels(tmp_path, change, expected):
     labels = [change(line) for line in TURNED]
     notes = notes_of(tmp_path, labels, [replace(line, score=line.x1) for line in TURNED])
     assert expected in notes
@@ -254,3 +260,12 @@ def test_hidden_files_are_none_that_were_left_out(tmp_path):
         (folder / "._000000.txt").write_bytes(b"\0")
         (folder / ".000000.TXT").write_bytes(b"\0")
     assert "left out" not in " ".join(evaluate_objects(*folders).notes())
+
+
+def test_boxes_of_one_class_by_their_centres_are_told_with_the_class(tmp_path):
+    walkers = [replace(line, name="Pedestrian", h=1.7, w=0.6, l=0.8) for line in SPACED[:25]]
+    labels = [*walkers, *SPACED[25:]]
+    found = [replace(line, score=line.x1) for line in labels]
+    raised = [replace(line, y=line.y - line.h / 2) for line in found[:25]]
+    notes = notes_of(tmp_path, labels, [*raised, *found[25:]])
+    assert "3D boxes of Pedestrian of results lie 0.50 of their height above" in notes

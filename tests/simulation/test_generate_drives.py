@@ -13,6 +13,8 @@ from sightline.files.problem import FileError
 from sightline.geometry.transforms import transform_points
 from sightline.jobs.run import JobResult
 from sightline.simulation.generate import DriveLayout
+from sightline.simulation.rigs import named_rig
+from sightline.simulation.settings import SimulationConfig
 from tests.simulation.data_sets import DRIVES, content, make
 
 
@@ -118,3 +120,10 @@ def test_drives_are_not_reduced_or_split(tmp_path: Path):
 def test_drives_are_not_made_without_the_camera(tmp_path: Path):
     with pytest.raises(ValueError, match="drives have images"):
         make(tmp_path, 2, replace(DRIVES, camera=False))
+
+
+def test_drives_of_another_rig_give_their_lidars_mount(tmp_path: Path):
+    make(tmp_path, 1, SimulationConfig(sequence_length=2, rig=named_rig("robot-vlp16")), workers=1)
+    sample = KittiRawDrive(next((tmp_path / "2000_01_01").glob("*_sync")))[0]
+    assert sample.lidar_height_m == 1.25
+    assert sample.level_from_lidar is not None

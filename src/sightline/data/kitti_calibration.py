@@ -215,13 +215,15 @@ def object_calibration_text(matrices: CalibrationMatrices, pose: LidarPose | Non
         ("Tr_velo_to_cam", matrices.camera_from_lidar[:3]),
         ("Tr_imu_to_velo", identity[:3]),
     ]
-    if pose is not None and pose.height_m is not None:
-        tilt_deg = (0.0, 0.0) if pose.tilt is None else (pose.tilt.roll_deg, pose.tilt.pitch_deg)
-        entries += [
-            (_HEIGHT_ENTRY, np.array([pose.height_m])),
-            (_TILT_ENTRY, np.array(tilt_deg)),
-        ]
-    return _entries_text(entries)
+    return _entries_text([*entries, *_pose_entries(pose)])
+
+
+def _pose_entries(pose: LidarPose | None) -> list[tuple[str, Float64[np.ndarray, "..."]]]:
+    """Entries that `read_object_pose` reads; empty: the pose is not known."""
+    if pose is None or pose.height_m is None:
+        return []
+    tilt_deg = (0.0, 0.0) if pose.tilt is None else (pose.tilt.roll_deg, pose.tilt.pitch_deg)
+    return [(_HEIGHT_ENTRY, np.array([pose.height_m])), (_TILT_ENTRY, np.array(tilt_deg))]
 
 
 def read_object_pose(path: Path | str) -> LidarPose | None:
@@ -252,15 +254,23 @@ def read_object_pose(path: Path | str) -> LidarPose | None:
     return LidarPose(height_m=height_m, tilt=tilt)
 
 
-def raw_calibration_texts(matrices: CalibrationMatrices) -> tuple[str, str]:
+def read_drive_pose(folder: Path | str) -> LidarPose | None:
+    """Read the mount of a drive's LiDAR from `calib_velo_to_cam.txt`; see `read_object_pose`."""
+    return read_object_pose(as_path(folder) / "calib_velo_to_cam.txt")
+
+
+def raw_calibration_texts(
+    matrices: CalibrationMatrices, pose: LidarPose | None = None
+) -> tuple[str, str]:
     """The texts of `calib_cam_to_cam.txt` and `calib_velo_to_cam.txt`, exact to the last bit.
 
-    As in `object_calibration_text` the rectification is the identity.
+    As in `object_calibration_text` the rectification is the identity, and a known mount follows.
     """
     cameras = [("R_rect_00", np.eye(3)), ("P_rect_02", matrices.image_from_camera)]
     lidar = [
         ("R", matrices.camera_from_lidar[:3, :3]),
         ("T", matrices.camera_from_lidar[:3, 3]),
+        *_pose_entries(pose),
     ]
     return _entries_text(cameras), _entries_text(lidar)
 

@@ -13,7 +13,7 @@ from sightline.data.drive_poses import list_oxts, read_oxts_poses, read_poses
 from sightline.data.drive_times import drive_times, drive_times_doubts
 from sightline.data.entry_checks import select_spread
 from sightline.data.image_header import read_image_size
-from sightline.data.kitti_calibration import read_raw_matrices
+from sightline.data.kitti_calibration import read_drive_pose, read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
 from sightline.data.kitti_trees import (
     RAW_CALIBRATION,
@@ -22,7 +22,7 @@ from sightline.data.kitti_trees import (
     describe_absent,
     list_drive,
 )
-from sightline.data.lidar_mount import pose_of_tree, warn_of_mount
+from sightline.data.lidar_mount import drive_pose_doubts, pose_of_tree, warn_of_mount
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
@@ -77,8 +77,12 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self.matrices = read_raw_matrices(files.calibration)
         self.calibration = read_raw_calibration(files.calibration)
         """Calibration of every frame."""
-        self.take_pose(pose_of_tree(files.frames))
-        warn_of_mount(self._pose, self.folder)
+        self._stated_pose = read_drive_pose(files.calibration)
+        self.take_pose(self.estimate_pose(files.frames))
+        if self._stated_pose is None:
+            warn_of_mount(self._pose, self.folder)
+        for difference in drive_pose_doubts(files.frames, self._stated_pose):
+            warnings.warn(f"{files.calibration / RAW_CALIBRATION[1]}: {difference}", stacklevel=2)
         self._times = drive_times(files)
         doubts = unread_calibration(self.folder, files.calibration)
         doubts += [] if self._times is None else drive_times_doubts(files, self._times)
@@ -97,8 +101,8 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         return select_spread(range(num_frames))
 
     def estimate_pose(self, frames: Sequence[DriveFrame]) -> LidarPose:
-        """See `PosedDataset`."""
-        return pose_of_tree(frames)
+        """See `PosedDataset`; a mount in the calibration goes before an estimate."""
+        return self._stated_pose or pose_of_tree(frames)
 
     def take_pose(self, pose: LidarPose) -> None:
         """See `PosedDataset`."""

@@ -171,10 +171,29 @@ def stated_mount_doubts(frames: Sequence[ObjectFrame]) -> tuple[MountDoubt, ...]
     """
     if frames and _record_of(frames[0]) is not None:
         return ()
+    return _usual_doubts([(frame.points, stated_pose(frame)) for frame in _with_clouds(frames)])
+
+
+def drive_pose_doubts(
+    frames: Sequence[DriveFrame], pose: LidarPose | None
+) -> tuple[MountDoubt, ...]:
+    """Describe a mount in a drive's calibration that the road contradicts; None: none is given."""
+    return _usual_doubts([(frame.points, pose) for frame in _with_clouds(frames)])
+
+
+def _with_clouds(frames: Sequence[Item]) -> Sequence[Item]:
+    """Select the first frame with a cloud, the last and one between."""
+    return select_spread([each for each in frames if getattr(each, "points", None) is not None])
+
+
+def _usual_doubts(
+    clouds: Sequence[tuple[Path | None, LidarPose | None]],
+) -> tuple[MountDoubt, ...]:
+    """Describe a given mount that the road in most of some clouds contradicts; empty: none."""
     found: list[MountDoubt] = []
     given = 0
-    for frame in select_spread([each for each in frames if each.points is not None]):
-        pose, sweep = stated_pose(frame), read_or_note(read_sweep, frame.points, [])
+    for path, pose in clouds:
+        sweep = None if pose is None else read_or_note(read_sweep, path, [])
         if pose is not None and sweep is not None:
             given += 1
             found += mount_doubts([sweep], pose.height_m, pose.tilt or _LEVEL)[:1]

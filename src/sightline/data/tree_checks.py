@@ -32,11 +32,13 @@ from sightline.data.frame_checks import (
 )
 from sightline.data.kitti_calibration import (
     CalibrationMatrices,
+    read_drive_pose,
     read_object_matrices,
     read_raw_matrices,
 )
 from sightline.data.kitti_trees import (
     CORRUPTED,
+    RAW_CALIBRATION,
     DepthFrame,
     DriveFiles,
     DriveFrame,
@@ -58,6 +60,7 @@ from sightline.data.kitti_trees import (
 from sightline.data.lidar_mount import (
     describe_height,
     describe_mount,
+    drive_pose_doubts,
     pose_of_tree,
     stated_mount_doubts,
 )
@@ -301,7 +304,9 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     checks += _frame_checks(partial(examine_drive_frame, matrices=matrices), files.frames)
     checks.append(_between_frames(partial(check_drive_frames, files.frames)))
     tree = _tree(folder, "raw frames", files.frames, expected, checks, remedy=_DRIVE_REMEDY)
-    tree = _with_notes(tree, *_describe_pose(files.frames, matrices))
+    stated = read_or_note(read_drive_pose, files.calibration, [])
+    if stated is None:
+        tree = _with_notes(tree, *_describe_pose(files.frames, matrices))
     if (folder / TRACKLETS).is_file():
         tree = _with_notes(tree, f"{TRACKLETS} is not read: a raw drive has no labels")
     return _with_unread(tree, drive_folders(folder))
@@ -423,6 +428,10 @@ def _check_raw_calibration(drive: Path, files: DriveFiles) -> list[Problem]:
         return [Problem(path=path, problem="is missing, here and one folder up", remedy=_REMEDY)]
     try:
         problems = drive_matrices_doubts(read_raw_matrices(folder), folder, files.first_image)
+        problems += [
+            Problem(path=folder / RAW_CALIBRATION[1], problem=each.problem, remedy=each.remedy)
+            for each in drive_pose_doubts(files.frames, read_drive_pose(folder))
+        ]
     except FileError as error:
         problems = [error.problem]
     return problems + unread_calibration(drive, folder)

@@ -27,6 +27,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError
 from sightline.geometry.choices import check_choices
+from sightline.geometry.road_height import LidarPose
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import KITTI_SPLITS, acquire_output_dir, is_finished, is_split
@@ -197,9 +198,9 @@ class DriveLayout:
         for first in range(0, frames, self.sequence_length):
             yield first // self.sequence_length, min(self.sequence_length, frames - first)
 
-    def write_calibration(self, calibration: CalibrationMatrices) -> None:
-        """Write the day's calibration."""
-        cameras, lidar = raw_calibration_texts(calibration)
+    def write_calibration(self, calibration: CalibrationMatrices, pose: LidarPose | None) -> None:
+        """Write the day's calibration, with the LiDAR's mount if it is another than KITTI's."""
+        cameras, lidar = raw_calibration_texts(calibration, pose)
         atomic_write_text(self.root / DATE / "calib_cam_to_cam.txt", cameras)
         atomic_write_text(self.root / DATE / "calib_velo_to_cam.txt", lidar)
 
@@ -311,7 +312,8 @@ def simulate(
     if config.sequence_length > 1:
         layout = DriveLayout(root=out, sequence_length=config.sequence_length)
         drives = list(layout.drives(layout.num_planned(frames)))
-        layout.write_calibration(sensors_of(config, 0).calibration)
+        sensors = sensors_of(config, 0)
+        layout.write_calibration(sensors.calibration, sensors.lidar_pose)
         indices: list[int] = []
         for drive, length in shard(drives, shard_index, num_shards):
             first = drive * layout.sequence_length
