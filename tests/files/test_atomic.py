@@ -32,6 +32,21 @@ def test_the_file_appears_under_its_name_only_when_the_block_ends(tmp_path):
     assert names(tmp_path) == ["scores.json"]
 
 
+def test_the_content_is_on_the_disk_before_the_file_has_its_name(tmp_path, monkeypatch):
+    target, flushed = tmp_path / "scores.json", []
+
+    def flush(file):
+        assert not target.exists()
+        flushed.append(os.fstat(file).st_size)
+
+    monkeypatch.setattr(os, "fsync", flush)
+    atomic_write_text(target, "whole")
+    assert flushed == [5]
+    monkeypatch.setattr(os, "fsync", lambda _: os.stat("none"))  # as where nothing can be flushed
+    atomic_write_text(target, "other")
+    assert target.read_text() == "other"
+
+
 def test_the_temporary_file_has_the_same_name_so_that_suffixes_keep_their_meaning(tmp_path):
     with atomic_path(tmp_path / "view.png") as temporary:
         assert temporary.name == "view.png"

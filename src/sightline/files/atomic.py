@@ -29,8 +29,8 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
     depend on the suffix), and renamed if the block ends without an exception. After any exception,
     Ctrl-C included, nothing is left behind and an existing file is unchanged. Missing parent
     folders are created. A symbolic link at the target is replaced, never followed; links among the
-    parent folders are followed: see `check_links`. There is no protection against a crash of the
-    machine: nothing is flushed to the disk.
+    parent folders are followed: see `check_links`. The content is on the disk before the file has
+    its name, so that a crash of the machine leaves no empty or cut file behind.
 
     Args:
         path: Target path of the file.
@@ -43,8 +43,23 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
     check_replaceable(target)
     with temporary_folder(target) as folder, _naming_disk_faults(target):
         yield folder / target.name
+        _flush(folder / target.name)
         # Only now: the old file must survive everything up to here.
         (folder / target.name).replace(target)
+
+
+def _flush(path: Path) -> None:
+    """Write a file's content to the disk, where the file system can."""
+    if path.is_symlink() or not path.is_file() or not path.stat().st_size:
+        return
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    except OSError as error:
+        if error.errno in _DISK_FAULTS:
+            raise
+    finally:
+        os.close(file)
 
 
 def _resolved(path: Path | str) -> Path:

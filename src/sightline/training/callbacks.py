@@ -211,7 +211,7 @@ class WriteWeights(Checkpoint):
         """Write if nothing was validated, or if a complete run is resumed and has no weights."""
         if self._best is None or self._best.best_model_score is None:
             self._write(trainer, pl_module, self._last.path, {})
-        elif not self.path.is_file():
+        elif not self.path.is_file() or not self.path.stat().st_size:
             self.on_validation_end(trainer, pl_module)
 
     def _write(

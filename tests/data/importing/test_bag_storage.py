@@ -101,6 +101,30 @@ def test_chunks_whose_index_names_no_messages_are_read(tmp_path, drive, has_coun
     assert frames_of(tmp_path / "out") == frames_of(tmp_path / "expected")
 
 
+def test_a_file_whose_statistics_name_no_channels_is_read(tmp_path, drive):
+    path = next(drive.glob("*.mcap"))
+    changed = bytearray(path.read_bytes())
+    (at,) = struct.unpack_from("<Q", changed, len(changed) - 28)
+    while changed[at] != STATISTICS:
+        at += HEADER_BYTES + struct.unpack_from("<Q", changed, at + 1)[0]
+    counts = at + HEADER_BYTES + 42  # after seven numbers; its length, then channels and numbers
+    assert struct.unpack_from("<I", changed, counts)[0] > 0
+    changed[counts : counts + 4] = bytes(4)
+    (tmp_path / path.name).write_bytes(changed)
+    assert import_recording(tmp_path / path.name, tmp_path / "out").written == 3
+    import_recording(path, tmp_path / "expected")
+    assert frames_of(tmp_path / "out") == frames_of(tmp_path / "expected")
+
+
+@pytest.mark.parametrize("folder", ["images", "points"])
+def test_files_that_a_crash_of_the_machine_left_empty_are_written_again(tmp_path, drive, folder):
+    import_recording(drive, tmp_path / "out")
+    whole = frames_of(tmp_path / "out")
+    next((tmp_path / "out" / folder).iterdir()).write_bytes(b"")
+    assert import_recording(drive, tmp_path / "out").written == 1
+    assert frames_of(tmp_path / "out") == whole
+
+
 def test_messages_without_an_index_that_are_far_from_their_order_do_not_fill_the_memory(
     tmp_path, monkeypatch, drive
 ):

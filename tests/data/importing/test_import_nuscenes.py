@@ -314,19 +314,6 @@ def test_an_import_that_leaves_no_label_at_all_warns(tmp_path):
     assert "warning: no annotation became a label" in report
 
 
-def test_annotations_far_from_the_sweep_are_told_by_their_distance(tmp_path):
-    write_nuscenes(tmp_path / "data", num_samples=1)
-
-    def move(rows):
-        for row in rows:
-            row["translation"][0] += 2000.0
-
-    edit_table(tmp_path / "data", "sample_annotation", move)
-    report = str(import_recording(tmp_path / "data", tmp_path / "out"))
-    assert "annotations lie over 300 m from the LiDAR, so none became a label" in report
-    assert "name another camera" not in report
-
-
 @pytest.mark.parametrize("count", [None, -1, "absent"])
 def test_where_points_in_boxes_are_not_counted_the_sweep_is_looked_at(nuscenes, tmp_path, count):
     write_nuscenes(tmp_path / "data", num_samples=1)

@@ -571,3 +571,14 @@ def test_folders_of_files_with_a_further_word_are_named_with_what_the_tables_hav
     (data / "samples").rename(data / "train_samples")  # as Kaggle packs Lyft's
     with pytest.raises(ValueError, match=r"; rename train_samples to samples, as the tables have"):
         import_recording(data, tmp_path / "out")
+
+
+def test_annotations_far_from_the_sweep_are_told_by_their_distance(data, tmp_path):
+    def move(rows):
+        for row in rows:
+            row["translation"][0] += 2000.0
+
+    edit_table(data, "sample_annotation", move)
+    report = str(import_recording(data, tmp_path / "out"))
+    assert "annotations lie over 300 m from the LiDAR, so none became a label" in report
+    assert "name another camera" not in report

@@ -139,7 +139,7 @@ def _completed(read_index: Callable[["McapReader"], None]) -> Callable[["McapRea
     def read_completed(reader: "McapReader") -> None:
         read_index(reader)
         lacks_messages = not all(chunk.message_index_offsets for chunk in reader.chunks)
-        if lacks_messages or _lacks_channels(reader):
+        if lacks_messages or _lacks_channels(reader) or _lacks_counts(reader):
             for each in (reader.schemas, reader.channels, reader.connections):
                 each.clear()
             reader.meta_scan()
@@ -160,6 +160,14 @@ def _lacks_channels(reader: "McapReader") -> bool:
     used = {channel for chunk in reader.chunks for channel in chunk.message_index_offsets}
     has_unknown = any(each.schema == "__schemaless__" for each in reader.channels.values())
     return has_unknown or not used <= reader.channels.keys()
+
+
+def _lacks_counts(reader: "McapReader") -> bool:
+    """Test whether a file's summary leaves out the numbers of messages of each channel."""
+    counted = reader.statistics
+    return counted is not None and (
+        sum(counted.channel_message_counts.values()) != counted.message_count
+    )
 
 
 def _checked_chunk_size(size: int) -> int:

@@ -405,8 +405,17 @@ def write_or_keep_times(
 
 
 def names_present(out: Path, *folders: str) -> set[str]:
-    """Names of the frames with a file in each folder."""
-    return set.intersection(*({path.stem for path in (out / name).glob("*")} for name in folders))
+    """Names of the frames with a file in each folder; a crash of the machine leaves empty ones."""
+    return set.intersection(
+        *(
+            {
+                path.stem
+                for path in (out / name).glob("*")
+                if path.is_symlink() or path.stat().st_size
+            }
+            for name in folders
+        )
+    )
 
 
 def describe_newer_sources(out: Path, changed_s: Mapping[str, float]) -> tuple[str, ...]:
