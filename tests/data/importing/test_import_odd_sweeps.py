@@ -40,6 +40,23 @@ def distinct(points, count):
     return list(sweeps)
 
 
+def test_a_lidar_that_is_level_by_tf_and_tilted_by_the_road_is_told(tmp_path):
+    turned = FULL.copy()
+    turned[:, :3] = FULL[:, :3] @ Rotation.from_euler("y", 6, degrees=True).as_matrix().T
+    report = str(imported(tmp_path / "turned", distinct(turned, 3)))
+    assert (
+        "warning: by TF the LiDAR is level on the vehicle, by the road in its clouds it" in report
+    )
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_euler("y", -6, degrees=True).as_matrix()
+    for folder, sweep, pose in (
+        ("level", FULL, BASE_FROM_LIDAR),
+        ("right", turned, BASE_FROM_LIDAR @ mount),
+    ):
+        report = str(imported(tmp_path / folder, distinct(sweep, 3), pose))
+        assert "level on the vehicle" not in report
+
+
 @pytest.mark.parametrize(
     ("axis", "angle_deg", "said"),
     [

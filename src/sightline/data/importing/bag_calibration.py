@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -23,12 +24,14 @@ from sightline.data.importing.bag_transforms import (
 )
 from sightline.data.importing.frames import Rigid, find_transform
 from sightline.data.kitti_trees import describe_absent
+from sightline.data.lidar_mount import pose_of_recording
 from sightline.data.recording_calibration import (
     Lens,
     RecordingCalibration,
     checked_matrices,
     require_usable,
 )
+from sightline.data.recording_files import list_recording
 from sightline.files.plain_text import shortened
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
@@ -201,6 +204,25 @@ def with_plausible_tilt(calibration: RecordingCalibration) -> RecordingCalibrati
     tilt = calibration.lidar_tilt
     is_plausible = tilt is not None and _MIN_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG
     return calibration if is_plausible else replace(calibration, lidar_tilt=None)
+
+
+def doubt_about_level(tilt: Tilt | None, out: Path) -> tuple[str, ...]:
+    """Warn if the road looks tilted to a LiDAR that is level on the vehicle by TF.
+
+    Args:
+        tilt: Tilt by TF; None: TF has no level frame.
+        out: Folder of the imported recording.
+    """
+    if tilt is None or tilt.angle_deg >= _MIN_TILT_DEG:
+        return ()
+    found = pose_of_recording(list_recording(out).frames).tilt
+    if found is None:
+        return ()
+    return (
+        "warning: by TF the LiDAR is level on the vehicle, by the road in its clouds it is tilted, "
+        f"{found}: if TF is wrong, points are drawn beside their objects; look by sightline show, "
+        f"and correct TF; {CALIBRATION_REMEDY}",
+    )
 
 
 def _tilt_on_vehicle(transforms: BagTransforms, lidar: str) -> Tilt | None:

@@ -17,7 +17,11 @@ from jaxtyping import Float32, Int64
 from sightline.data.frame_checks import is_blank
 from sightline.data.image_file import write_rgb
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
-from sightline.data.importing.bag_calibration import calibration_of_bag, with_plausible_tilt
+from sightline.data.importing.bag_calibration import (
+    calibration_of_bag,
+    doubt_about_level,
+    with_plausible_tilt,
+)
 from sightline.data.importing.bag_clocks import Clock
 from sightline.data.importing.bag_files import (
     bag_changed_at,
@@ -185,6 +189,7 @@ def import_bag(
             *describe_upright_turn(upright_from_old),
             *describe_rotation(angle_deg, "clouds are written"),
             *describe_view(out),
+            *(doubt_about_level(given.lidar_tilt, out) if calibration is None else ()),
         ),
     )
 
