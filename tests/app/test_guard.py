@@ -27,7 +27,15 @@ def test_this_machine_s_names_are_answered(host):
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8000", "127.0.0.1.evil.example", ""]
+    "host",
+    [
+        "evil.example",
+        "evil.example:8000",
+        "127.0.0.1.evil.example",
+        "127.0.0.1:@evil.example",
+        "127.0.0.1:8000.evil.example",
+        "",
+    ],
 )
 def test_other_names_are_refused_as_a_page_could_have_rebound_them(host):
     refused = client().get("/api", headers={"host": host})

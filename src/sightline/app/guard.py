@@ -1,5 +1,6 @@
 """Guard of the page's server: hosts, tokens, headers, sizes."""
 
+import re
 import secrets
 from http.cookies import CookieError, SimpleCookie
 from typing import Final
@@ -21,6 +22,7 @@ HEADERS: Final = {
 }
 """Headers of every answer."""
 
+_HOST: Final = re.compile(r"(\[[^\]]*\]|[^:]*)(?::\d*)?")  # and its port
 _MAX_TARGET: Final = 8000
 
 
@@ -50,7 +52,8 @@ class Guard:
     def _refusal(self, scope: Scope) -> Response | None:
         headers = Headers(scope=scope)
         host = headers.get("host", "").lower()
-        name = host if host.endswith("]") else host.rpartition(":")[0] or host
+        named = _HOST.fullmatch(host)
+        name = host if named is None else named[1]
         # Another site's page that has rebound its name to this address has no token's cookie.
         if self._token is None and name not in self._hosts:
             return _refused(421, "this server is not called so; open the address that it prints")
