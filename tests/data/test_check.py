@@ -409,6 +409,14 @@ def test_the_largest_number_for_no_value_in_a_depth_map_is_told(tmp_path, count,
     assert any(said in line for line in lines(tmp_path)) == is_told
 
 
+def test_labels_without_3d_boxes_are_counted_in_the_summary(tree):
+    assert "3D box" not in str(summarize_tree(tree.parent)[0])
+    path = tree / "label_2" / "000001.txt"
+    path.write_text(f"{path.read_text().rstrip()}\nCar 0 0 -1.5 1 2 30 11 -1 -1 -1 -1 -1 -1 -1\n")
+    assert lines(tree.parent) == []
+    assert "; 1 of 4 labelled objects have no 3D box" in str(summarize_tree(tree.parent)[0])
+
+
 def test_many_missing_files_of_a_part_are_one_problem_with_their_number(tree):
     for number in range(4, 10):
         for folder in ("image_2", "velodyne", "calib"):

@@ -26,7 +26,7 @@ from sightline.data.kitti_trees import (
     describe_absent,
 )
 from sightline.data.label_alignment import LabelledSweep, check_label_alignment
-from sightline.data.label_checks import doubts_in_space
+from sightline.data.label_checks import doubts_in_space, lacks_box3d
 from sightline.data.label_fit import visible_objects
 from sightline.data.map_png import read_depth_png
 from sightline.data.point_files import holds_no_point, read_cloud
@@ -98,6 +98,17 @@ def _check_labels(frames: Sequence[ObjectFrame]) -> list[Problem]:
         *_check_counted(labels),
         *_check_alphas(labels),
     ]
+
+
+def describe_flat_labels(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
+    """Count the labelled objects without a 3D box, in a clause; empty: all have one."""
+    total, flat = 0, 0
+    for frame in frames:
+        objects = read_or_note(read_labels, frame.objects, [])
+        if objects is not None:
+            total += sum(name in CLASS_NAMES for name in objects.class_names)
+            flat += int(lacks_box3d(objects).sum())
+    return (f"{flat:,} of {total:,} labelled objects have no 3D box",) if flat else ()
 
 
 def _check_counted(paths: Sequence[Path]) -> Iterator[Problem]:

@@ -173,6 +173,12 @@ def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
     return np.asarray(is_given & ~is_filled & (names != _REGION))
 
 
+def lacks_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
+    """Mask of the objects of KITTI's classes without a 3D part."""
+    names = np.array(objects.class_names, dtype=object)
+    return np.asarray(np.isin(names, CLASS_NAMES) & ~_has_box3d(objects))
+
+
 def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
     """Mask of the objects with an angle beyond two pi, which cannot be in radians."""
     angles = np.stack((objects.rotation_y, objects.alpha), axis=1)

@@ -1,7 +1,7 @@
 """Rings of a spinning LiDAR, from KITTI's order of the points or from elevations."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, Shaped
@@ -32,6 +32,7 @@ _MAX_START_DEG = 5.0  # largest usual start azimuth of whole sweeps in KITTI's o
 _MIN_FALL_DEG, _MAX_FALLS = 0.1, 3  # of the elevation from ring to ring, and azimuths tried
 _MAX_STUB_POINTS = 3  # at a seam, where azimuths alternate
 _MIN_STEP_RATIO = 0.25  # share of the best order's step between rings that others must reach
+_MIN_RING_RATIO = 0.9  # share of its number of rings, likewise
 _SECTOR_DEG, _MIN_TURN_SHARE = 10.0, 0.9  # of a whole turn, in which points must lie
 _MIN_CORRELATION = 0.9  # correlation of ordered numbers with elevations
 
@@ -154,11 +155,29 @@ def _rings_by_order(
     ]
     if not found:
         return kitti_rings, True
-    # Seams inside rings cut some in two. Of equal numbers the first stays, KITTI's if it fits.
-    min_step_deg = _MIN_STEP_RATIO * max(step_deg for step_deg, _ in found)
-    sound = [rings for step_deg, rings in found if step_deg >= min_step_deg]
-    best = min(sound, key=lambda rings: int(rings[-1]))
+    best = _fewest_rings(found)
     return best, best is kitti_rings
+
+
+def _fewest_rings(
+    found: Sequence[tuple[float, Int64[np.ndarray, " num_points"]]],
+) -> Int64[np.ndarray, " num_points"]:
+    """Choose the numbering with the fewest rings, as seams inside rings cut some in two.
+
+    Args:
+        found: Median decrease of elevation between rings [degrees] and numbers of each candidate.
+            Small ones are noise. Of equal numbers the first stays if none has a larger decrease.
+    """
+    best_step_deg, clearest = max(found, key=lambda each: each[0])
+    if best_step_deg <= _MIN_FALL_DEG:
+        return min(found, key=lambda each: (int(each[1][-1]), -each[0]))[1]
+    sound = [
+        rings
+        for step_deg, rings in found
+        if step_deg >= _MIN_STEP_RATIO * best_step_deg
+        and int(rings[-1]) >= _MIN_RING_RATIO * int(clearest[-1])
+    ]
+    return min(sound, key=lambda rings: int(rings[-1]))
 
 
 def _starts_in_kitti_order(

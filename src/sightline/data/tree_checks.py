@@ -11,6 +11,7 @@ from sightline.data.between_frames import (
     check_drive_frames,
     check_object_frames,
     check_recording_frames,
+    describe_flat_labels,
 )
 from sightline.data.depth_trees import (
     DRIVE_SPLITS,
@@ -477,13 +478,14 @@ def _tree(
             gaps.append(Problem(path=part.folder, problem=problem, remedy=copying or remedy))
         else:
             gaps += _gaps_of_part(part, absent, len(frames), remedy)
+    flat = describe_flat_labels([each for each in frames if isinstance(each, ObjectFrame)])
     return Tree(
         summary=TreeSummary(
             folder=folder,
             kind=kind,
             num_frames=len(frames),
             parts=tuple(parts),
-            note="; ".join(describe_grey(frame.image for frame in frames)),
+            note="; ".join((*describe_grey(frame.image for frame in frames), *flat)),
         ),
         gaps=tuple(gaps),
         checks=tuple(checks),

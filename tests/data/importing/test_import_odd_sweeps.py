@@ -55,6 +55,10 @@ def test_a_lidar_that_is_level_by_tf_and_tilted_by_the_road_is_told(tmp_path):
     ):
         report = str(imported(tmp_path / folder, distinct(sweep, 3), pose))
         assert "level on the vehicle" not in report
+    calibration = tmp_path / "turned" / "out" / "calibration.yaml"
+    calibration.write_text(calibration.read_text() + "lidar_tilt_deg: {roll: 0, pitch: 6}\n")
+    again = str(import_recording(tmp_path / "turned" / "drive", tmp_path / "turned" / "out"))
+    assert "level on the vehicle" not in again
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from sightline.data.frame_checks import read_or_note
 from sightline.data.importing.bag import Bag, plain_frame
 from sightline.data.importing.bag_camera_info import (
     CALIBRATION_REMEDY,
@@ -29,6 +30,7 @@ from sightline.data.recording_calibration import (
     Lens,
     RecordingCalibration,
     checked_matrices,
+    read_recording_calibration,
     require_usable,
 )
 from sightline.data.recording_files import list_recording
@@ -215,7 +217,9 @@ def doubt_about_level(tilt: Tilt | None, out: Path) -> tuple[str, ...]:
     """
     if tilt is None or tilt.angle_deg >= _MIN_TILT_DEG:
         return ()
-    found = pose_of_recording(list_recording(out).frames).tilt
+    frames = list_recording(out).frames
+    kept = read_or_note(read_recording_calibration, frames[0].calibration if frames else None, [])
+    found = None if kept is None or kept.lidar_tilt else pose_of_recording(frames).tilt
     if found is None:
         return ()
     return (

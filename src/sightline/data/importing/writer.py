@@ -405,13 +405,17 @@ def write_or_keep_times(
 
 
 def names_present(out: Path, *folders: str) -> set[str]:
-    """Names of the frames with a file in each folder; a crash of the machine leaves empty ones."""
+    """Names of the frames with a file in each folder.
+
+    An empty image, which copies on a full disk leave behind, does not count; clouds without a point
+    and labels without an object are empty.
+    """
     return set.intersection(
         *(
             {
                 path.stem
                 for path in (out / name).glob("*")
-                if path.is_symlink() or path.stat().st_size
+                if name != IMAGES or path.is_symlink() or path.stat().st_size
             }
             for name in folders
         )
