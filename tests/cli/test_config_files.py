@@ -86,6 +86,13 @@ def test_settings_on_the_command_line_itself_that_are_none_are_refused(capsys):
     assert "--config names a file without settings" in capsys.readouterr().err
 
 
+def test_a_number_of_thousands_of_digits_is_told_with_its_file(tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text(f"beams: {'9' * 5000}\n")
+    with pytest.raises(FileError, match=rf"^{re.escape(str(path))}: .*; correct the settings$"):
+        with_config_first(["show", "--config", str(path)], COMMANDS)
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [

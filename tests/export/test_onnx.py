@@ -1,4 +1,5 @@
 import os
+import tempfile
 from pathlib import Path
 
 import jaxtyping
@@ -74,6 +75,16 @@ def test_a_module_in_training_mode_is_refused(tmp_path):
 def test_an_example_that_the_stride_does_not_divide_is_refused(tmp_path):
     with pytest.raises(ValueError, match="multiples of 8, got 24x41; pad the image"):
         export_onnx(toy_network(), toy_inputs(24, 41), tmp_path / "toy.onnx", metadata=METADATA)
+
+
+def test_without_a_temporary_folder_the_export_says_so(tmp_path, monkeypatch):
+    def find_none():
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "gettempdir", find_none)
+    with pytest.raises(FileNotFoundError, match=r"^No usable temporary directory found$"):
+        export_onnx(toy_network(), toy_inputs(24, 40), tmp_path / "toy.onnx", metadata=METADATA)
+    assert not any(tmp_path.iterdir())
 
 
 class _Pair(nn.Module):

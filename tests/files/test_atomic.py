@@ -41,7 +41,9 @@ def test_the_content_is_on_the_disk_before_the_file_has_its_name(tmp_path, monke
 
     monkeypatch.setattr(os, "fsync", flush)
     atomic_write_text(target, "whole")
-    assert flushed == [5]
+    target.rename(tmp_path / "other.json")
+    assert atomic_create_text(target, "claim..")
+    assert flushed == [5, 7]
     monkeypatch.setattr(os, "fsync", lambda _: Path("none").stat())  # nothing can be flushed
     atomic_write_text(target, "other")
     assert target.read_text() == "other"

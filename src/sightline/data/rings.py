@@ -166,7 +166,8 @@ def _fewest_rings(
 
     Args:
         found: Median decrease of elevation between rings [degrees] and numbers of each candidate.
-            Small ones are noise. Of equal numbers the first stays if none has a larger decrease.
+            If all decreases are noise, the largest decides between equal numbers of rings, else
+            the order of the candidates.
     """
     best_step_deg, clearest = max(found, key=lambda each: each[0])
     if best_step_deg <= _MIN_FALL_DEG:

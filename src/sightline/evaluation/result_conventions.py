@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Shaped
 
 from sightline.data.alpha_checks import ALPHA_REMEDY, doubt_about_labels, remarks_on_alphas
 from sightline.data.kitti_labels import NO_ALPHA, KittiObjects
@@ -183,11 +183,12 @@ def _remarks_on_places(results: ScoredBoxes, compared: "_ComparedResults") -> It
     yield from behind
     if behind:
         return
-    for names in (CLASSES, *([name] for name in CLASSES)):
-        rise = compared.median_rise(names)
-        if rise is not None and abs(abs(rise) - 0.5) < _HEIGHT_TOLERANCE:
+    names, rises = compared.rises()
+    groups = {"": rises} | {f" of {name}": rises[names == name] for name in CLASSES}
+    for of_class, group in groups.items():
+        rise = float(np.median(group)) if len(group) >= MIN_RESULTS else 0.0
+        if abs(abs(rise) - 0.5) < _HEIGHT_TOLERANCE:
             higher, lower = ("results", "labels") if rise > 0 else ("labels", "results")
-            of_class = "" if names is CLASSES else f" of {names[0]}"
             yield (
                 f"3D boxes{of_class} of {higher} lie {abs(rise):.2f} of their height above those "
                 f"of {lower}: their y is probably that of the centre, KITTI's is that of the "
@@ -241,15 +242,18 @@ class _ComparedResults:
                 )
                 return
 
-    def median_rise(self, names: Sequence[str]) -> float | None:
-        """Compute how far results of classes lie above their labels, in heights; None: too few."""
-        rises = [
-            (labels.locations[label, 1] - results.locations[result, 1]) / labels.sizes_hwl[label, 0]
+    def rises(self) -> tuple[Shaped[np.ndarray, " pairs"], Float64[np.ndarray, " pairs"]]:
+        """Compute how far results lie above their labels, in heights, beside their classes."""
+        pairs = [
+            (
+                labels.names[label],
+                (labels.locations[label, 1] - results.locations[result, 1])
+                / labels.sizes_hwl[label, 0],
+            )
             for results, labels in self.frames
             for label, result in _nearest_results(results, labels)
-            if labels.names[label] in names
         ]
-        return float(np.median(rises)) if len(rises) >= MIN_RESULTS else None
+        return np.array([name for name, _ in pairs]), np.array([rise for _, rise in pairs], float)
 
     def remarks_on_rotations(self) -> Iterator[str]:
         """Yield a sentence on 3D boxes at labels that face another way."""

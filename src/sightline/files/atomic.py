@@ -248,6 +248,7 @@ def atomic_create_text(path: Path | str, text: str) -> bool:
     check_replaceable(target)
     with temporary_folder(target) as folder, _naming_disk_faults(target):
         (folder / target.name).write_bytes(text.encode())
+        _flush(folder / target.name)
         try:
             os.link(folder / target.name, target)
         except FileExistsError:
