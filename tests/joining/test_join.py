@@ -151,3 +151,15 @@ def test_a_share_outside_its_range_is_refused():
     for name in ("min_iou", "projected_share", "own_share", "min_proposed_score", "max_iou"):
         with pytest.raises(ValueError, match=name):
             JoinConfig(**{name: 1.5})
+
+
+def test_returns_are_counted_outside_the_view_too_and_the_scores_stay():
+    """An object behind the vehicle has its returns; evidence is of those in view, as fitted."""
+    inside = [[x, y, -0.9, 0.1] for x in (-20.5, -19.5, 19.5, 20.5) for y in (0.5, 1.5)]
+    whole, ahead = (
+        join(None, detections3d(CAR, BEHIND), points=points, all_around=True)
+        for points in (inside, [point for point in inside if point[0] > 0])
+    )
+    assert whole.num_points.tolist() == [4, 4]
+    assert ahead.num_points.tolist() == [4, 0]
+    assert whole.scores.tolist() == ahead.scores.tolist()

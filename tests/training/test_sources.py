@@ -359,6 +359,35 @@ def test_objects_whose_names_are_no_classes_are_counted_over_all_training_frames
     )
 
 
+@pytest.mark.filterwarnings("ignore:.*(far outside the image|no 3D part|3D box with a size)")
+def test_objects_of_a_learned_class_that_lack_the_learned_box_are_told(tree, capsys):
+    """Sources labelled in space and in images alone: those of the latter become background."""
+    flat = f"{' '.join(LABEL.format('Car').split()[:8])} -1 -1 -1 -1000 -1000 -1000 -10"
+    (tree / "training" / "label_2" / "000001.txt").write_text(f"{flat}\n")
+    write_label(tree, 0, "Car", "Van")
+    write_list(tree, "some", (0, 1))
+    some = (SourceConfig(path=Path(), sample_list="some"),)
+
+    class Learning(toy.ToyPreparation):
+        learned_box = "3D"
+        parts = frozenset({"image", "points", "objects"})
+
+        def learned_classes(self):
+            return ("Car",)
+
+    class LearningImages(Learning):
+        learned_box = "2D"
+
+    for preparation, expected in ((Learning(), 1), (LearningImages(), 0)):
+        data = CameraLidarData(preparation, root=tree, batch_size=1, workers=0, training=some)
+        data.train_dataloader()
+        told = capsys.readouterr().err
+        assert (
+            told.count("have no 3D box for 1 of the 3 objects that were read (Car 1): th")
+            == expected
+        )
+
+
 @pytest.mark.filterwarnings("ignore:.*far outside the image")  # the pictures are small
 def test_labels_on_a_server_are_read_until_each_class_has_been_found(tree):
     for number in range(12):

@@ -16,7 +16,7 @@ from sightline.joining.evidence import ALONE_COLUMNS, Evidence, gather_evidence,
 from sightline.joining.lifting import Lifted, lift
 from sightline.joining.models import JoinModels, LogisticModel
 from sightline.joining.refining import Refine, add_refined
-from sightline.joining.scene import Scene, make_scene, with_sweep_boxes
+from sightline.joining.scene import Scene, count_all_returns, make_scene, with_sweep_boxes
 from sightline.structures.level import mounted_detections
 from sightline.structures.objects import Objects, Origin
 from sightline.structures.predictions import Detections2D, Detections3D
@@ -61,7 +61,8 @@ def join_detections(
         pairs = _pair(with_sweep_boxes(pairs.scene, sample, more.found), models, config)
         lifted = _lift_unmatched(pairs, config, lifted)
     scene, scores3d, scores2d, partner, kind = pairs
-    rows = _measured(scene, scores3d, scores2d, partner, is_proposed, config)
+    num_points = count_all_returns(scene, sample)
+    rows = _measured(scene, num_points, scores3d, scores2d, partner, is_proposed, config)
     alone = np.setdiff1d(np.arange(len(scores2d)), partner)
     rows += _unmatched(scene, scores2d, alone, lifted if config.lift else {}, models)
     if config.rescore and config.calibrate:
@@ -184,6 +185,7 @@ def _scores(
 
 def _measured(
     scene: Scene,
+    num_points: Int64[np.ndarray, " num_sweep"],
     scores3d: Float64[np.ndarray, " num_sweep"],
     scores2d: Float64[np.ndarray, " num_image"],
     partner: Int64[np.ndarray, " num_sweep"],
@@ -218,7 +220,7 @@ def _measured(
                 score3d=float(scores3d[index]),
                 image_support=support,
                 lidar_support=float(scene.sweep.scores[index]),
-                num_points=int(scene.sweep.num_points[index]),
+                num_points=int(num_points[index]),
             )
         )
     return rows

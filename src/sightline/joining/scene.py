@@ -28,7 +28,7 @@ class Boxes:
     in_image: Float64[np.ndarray, "num_boxes 4"]
     """x_min, y_min, x_max, y_max [px] within the image; NaN: outside."""
     num_points: Int64[np.ndarray, " num_boxes"]
-    """Number of returns in the 3D box; for detections in the image, in the image box."""
+    """Number of returns in view in the 3D box; for detections in the image, in the image box."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -94,6 +94,18 @@ def count_returns(
     """Count the returns in boxes of the same frame, which are enlarged a little."""
     counts = roi_points(points[None], boxes.tensor[None], margin_m=_MARGIN_M, count=1, seed=0)
     return counts.num_inside[0]
+
+
+def count_all_returns(scene: Scene, sample: CameraLidarSample) -> Int64[np.ndarray, " num_sweep"]:
+    """Count the returns in the sweep detector's boxes, also outside the camera's view."""
+    level = level_sample(sample)
+    if level.points is None:
+        return np.zeros(len(scene.boxes3d), dtype=np.int64)
+    boxes = Boxes3D(torch.from_numpy(scene.boxes3d))
+    counts: Int64[np.ndarray, " num_sweep"] = count_returns(
+        boxes, level.points[:, :3].double()
+    ).numpy()
+    return counts
 
 
 def project_upright(boxes: Boxes3D, level: CameraLidarSample) -> Float64[np.ndarray, "num_boxes 4"]:

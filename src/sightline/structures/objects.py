@@ -68,7 +68,7 @@ class Objects:
     lidar_support: Float64[Tensor, " num_objects"]
     """Score of the sweep detector's own box; 0: it has none for the object."""
     num_points: Int64[Tensor, " num_objects"]
-    """Number of LiDAR returns in the 3D box, or else in the image box."""
+    """Number of LiDAR returns in the 3D box, with a margin of 5 cm, or else in the image box."""
 
     def __post_init__(self) -> None:
         """Check lengths and origins."""

@@ -441,7 +441,7 @@ class CameraLidarData(lightning.LightningDataModule):
         ]
 
     def _print_labelled_classes(self, name: str, datasets: Sequence[SampleDataset]) -> None:
-        """Print the classes that no frame shows, and in training the names that are no classes."""
+        """Print the classes that no frame shows, and in training what is learned as background."""
         learned = self.preparation.learned_classes()
         check_collection(f"{type(self.preparation).__name__}.learned_classes()", learned)
         box = self.preparation.learned_box
@@ -449,27 +449,12 @@ class CameraLidarData(lightning.LightningDataModule):
             return
         is_training = name == "training"
         labelled = labelled_classes(datasets, learned, box, count_all=is_training)
-        if is_training and labelled.unknown:  # scores ignore case
-            self._print_once(
-                f"warning: in the labels of the training frames {labelled.describe_unknown()}: "
-                "they are learned as background; correct the names (sightline check)"
-            )
-        if absent := labelled.absent:
-            with_box = "" if box is None else f" with a {box} box"
-            are_all = len(absent) == len(learned)
-            if is_training:
-                effect = (
-                    "there is nothing to learn"
-                    if are_all
-                    else "these classes are learned as background"
-                )
-            else:
-                effect = f"the scores{'' if are_all else ' of these classes'} say nothing"
-            self._print_once(
-                f"warning: the labels of the {name} frames have no object of "
-                f"{', '.join(absent)}{with_box}: {effect}; check the labels and the names of "
-                "their classes (sightline check)"
-            )
+        for line in (
+            labelled.training_warnings(learned, box)
+            if is_training
+            else labelled.scoring_warnings(name, learned, box)
+        ):
+            self._print_once(line)
 
     def _print_num_trained(self, name: str, sample_ids: Sequence[str], tree: Path) -> None:
         """Print the number of scored frames that are training frames, if any."""

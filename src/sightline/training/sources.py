@@ -170,17 +170,57 @@ class LabelledClasses:
 
     absent: tuple[str, ...]
     """Learned classes of which there is no object, in order; none if a data set has no labels."""
+    without_box: dict[str, int]
+    """Numbers of the objects of learned classes that lack the learned box, by class."""
     unknown: dict[str, int]
     """Numbers of the objects by names that are no classes of KITTI, and are not learned."""
     num_objects: int
     """Number of objects, and regions DontCare, in the files that were read."""
 
-    def describe_unknown(self) -> str:
-        """Describe the numbers of objects whose names are no classes of KITTI."""
-        return (
-            f"{sum(self.unknown.values()):,} of the {self.num_objects:,} objects that were read "
-            f"have names that are no classes of KITTI ({listed(self.unknown)}; capitals count)"
-        )
+    def training_warnings(self, learned: Sequence[str], box: LearnedBox | None) -> list[str]:
+        """Describe what training learns as background, or cannot learn.
+
+        Args:
+            learned: Learned classes.
+            box: Kind of box that is learned.
+        """
+        found = []
+        if self.unknown:  # scores ignore case
+            found.append(
+                f"warning: in the labels of the training frames {sum(self.unknown.values()):,} of "
+                f"the {self.num_objects:,} objects that were read have names that are no classes "
+                f"of KITTI ({listed(self.unknown)}; capitals count): they are learned as "
+                "background; correct the names (sightline check)"
+            )
+        partly = {name: n for name, n in self.without_box.items() if name not in self.absent}
+        if partly:
+            found.append(
+                f"warning: the labels of the training frames have no {box} box for "
+                f"{sum(partly.values()):,} of the {self.num_objects:,} objects that were read "
+                f"({listed(partly)}): they are learned as background; add their boxes, or leave "
+                "out their frames by the sample_list of their source"
+            )
+        effect = "these classes are learned as background"
+        if len(self.absent) == len(learned):
+            effect = "there is nothing to learn"
+        return found + self._absence_warnings("training", box, effect)
+
+    def scoring_warnings(
+        self, name: str, learned: Sequence[str], box: LearnedBox | None
+    ) -> list[str]:
+        """Describe which scores of `name` (validation, test) say nothing."""
+        of_these = "" if len(self.absent) == len(learned) else " of these classes"
+        return self._absence_warnings(name, box, f"the scores{of_these} say nothing")
+
+    def _absence_warnings(self, name: str, box: LearnedBox | None, effect: str) -> list[str]:
+        if not self.absent:
+            return []
+        with_box = "" if box is None else f" with a {box} box"
+        return [
+            f"warning: the labels of the {name} frames have no object of "
+            f"{', '.join(self.absent)}{with_box}: {effect}; check the labels and the names of "
+            "their classes (sightline check)"
+        ]
 
 
 @named_arguments
@@ -206,18 +246,21 @@ def labelled_classes(
         FileError: A label file is damaged.
     """
     listed_files = [[label_file(each, index) for index in range(len(each))] for each in datasets]
-    absent, counts = set(class_names), Counter[str]()
+    absent, counts, without_box = set(class_names), Counter[str](), Counter[str]()
     for file in dict.fromkeys(file for files in listed_files for file in files if file is not None):
         if not absent and (not count_all or stored_file(file) is None):
             continue
         objects = read_labels(file)
         counts.update(objects.class_names)
-        absent -= set(compress(objects.class_names, _has_box(objects, box).tolist()))
+        has_box = _has_box(objects, box)
+        absent -= set(compress(objects.class_names, has_box.tolist()))
+        without_box.update(compress(objects.class_names, (~has_box).tolist()))
     known = {*CLASS_NAMES, "DontCare", *class_names}
     return LabelledClasses(
         absent=tuple(name for name in class_names if name in absent)
         if all(map(any, listed_files))
         else (),
+        without_box={name: count for name, count in without_box.items() if name in class_names},
         unknown={name: count for name, count in counts.items() if name not in known},
         num_objects=counts.total(),
     )
