@@ -1,12 +1,13 @@
 """Limits of health for JPEG and few beams: `python -m benchmarks.health_limits DATA OUT`.
 
 Limits for PNG pictures and 64 beams (`limits.json`) are made by `sightline health-limits`. The
-frames here are sound simulated ones, too, re-encoded as JPEG or thinned to every second or fourth
-ring.
+frames here are sound simulated ones, too: re-encoded as JPEG, or thinned to every second or fourth
+ring, together with frames of an HDL-32E or a VLP-16, whose rings look higher up.
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -34,6 +35,8 @@ _EVERY_RING = {"limits_jpeg": 1, "limits_32": 2, "limits_16": 4}
 def main(
     data: Path,
     out: Path,
+    hdl_32e: Path,
+    vlp_16: Path,
     sample_list: str | None = None,
     velodyne: Velodyne = "velodyne_reduced",
     frames: int = 400,
@@ -42,34 +45,42 @@ def main(
     """Write limits_jpeg.json, limits_32.json and limits_16.json.
 
     Args:
-        data: KITTI object tree of simulated frames.
+        data: KITTI object tree of simulated frames, 64 beams.
         out: Output folder.
+        hdl_32e: The same of an HDL-32E.
+        vlp_16: The same of a VLP-16.
         sample_list: List of frames.
         velodyne: Folder of the sweeps, cut to the camera's view.
-        frames: Number of frames, from the first.
+        frames: Number of frames of each tree, from the first.
         seed: Seed of the qualities and of the first ring kept.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    dataset = open_dataset(
-        data, sample_list=sample_list, velodyne=velodyne, parts={"image", "points"}
-    )
-    count = min(frames, len(dataset))
-    for name, every_ring in _EVERY_RING.items():
-        is_jpeg = name == "limits_jpeg"
+    trees = {"limits_jpeg": None, "limits_32": hdl_32e, "limits_16": vlp_16}
+    for name, own in trees.items():
+        is_jpeg, every_ring = own is None, _EVERY_RING[name]
+        opened = [
+            open_dataset(
+                tree, sample_list=sample_list, velodyne=velodyne, parts={"image", "points"}
+            )
+            for tree in (data, *([own] if own is not None else []))
+        ]
+        counts = [min(frames, len(dataset)) for dataset in opened]
         provenance: dict[str, str | int] = {
-            "data": data.resolve().name,
-            "sample_list": sample_list or f"the first {count}",
-            "sweeps": sweeps_folder(dataset),
-            "frames": count,
+            "data": " and ".join(tree.resolve().name for tree in (data, own) if tree is not None),
+            "sample_list": sample_list or f"the first {' and '.join(map(str, counts))}",
+            "sweeps": sweeps_folder(opened[0]),
+            "frames": sum(counts),
             "seed": seed,
             "transfer": 1,
             "images": f"JPEG {_QUALITIES[0]} to {_QUALITIES[1]}" if is_jpeg else "PNG",
             "every_ring": every_ring,
         }
-        samples = _changed(dataset, count, np.random.default_rng(seed), every_ring, is_jpeg=is_jpeg)
+        rng = np.random.default_rng(seed)
+        thinned = _changed(opened[0], counts[0], rng, every_ring, is_jpeg=is_jpeg)
+        sound = (dataset[index] for dataset in opened[1:] for index in range(counts[1]))
         limits = fit_on_samples(
-            track(samples, description=name, total=count),
+            track(chain(thinned, sound), description=name, total=sum(counts)),
             provenance,
             transfer=True,
             camera_spreads=(

@@ -57,7 +57,7 @@ def test_the_yaw_turns_the_points_counter_clockwise(sample):
 def test_the_commands_of_an_object_tree_make_the_same_sensors(tmp_path, monkeypatch, sample):
     monkeypatch.chdir(tmp_path)
     state = parse_state("fault=lidar_beams.4.7&fault=camera_jpeg.2.1", FRAMES)
-    lines = reproducing_commands(state, PACKAGED_FRAMES, dataset(), "auto").splitlines()
+    lines = reproducing_commands(state, PACKAGED_FRAMES, dataset(), "auto").split(" &&\n")
     assert lines[0] == "printf '%s\\n' 000000 > frame.txt"
     (tmp_path / "frame.txt").write_text("000000\n")
     for line in lines[1:-1]:
@@ -156,7 +156,7 @@ def test_commands_read_the_sweeps_of_the_page(reduced_tree, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     data = open_dataset(reduced_tree, velodyne="velodyne_reduced")
     state = parse_state(f"fault={fault}" if fault else "", FRAMES)
-    lines = reproducing_commands(state, reduced_tree, data, "auto").splitlines()
+    lines = reproducing_commands(state, reduced_tree, data, "auto").split(" &&\n")
     (tmp_path / "frame.txt").write_text("000000\n")
     for line in lines[1:-1]:
         assert main(shlex.split(line)[1:]) == 0

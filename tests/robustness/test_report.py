@@ -247,6 +247,10 @@ def test_runs_that_do_not_compare_are_refused_in_one_line(two, tmp_path, capsys)
         (["--data", "x", "out", "--healthy", "lidar=A", "lidar=B"], "two methods of the lidar"),
         (["out", "--compare", str(two[0]), path], "--compare reads finished runs"),
         (["--data", "x", "out", "--results", "y", "z"], "--results is one folder, got y z"),
+        (
+            ["--data", "x", "out", "--results", "y"],
+            "what its files are; name it by --task detection",
+        ),
     ):
         try:
             status = main(["robustness", *arguments])

@@ -64,7 +64,7 @@ def reproducing_commands(
         f"sightline perceive {shlex.quote(folder)} found --sample-list {_LIST} "
         f"{weights}{from_sweeps}{by_engine}"
     )
-    return "\n".join(lines)
+    return " &&\n".join(lines)  # a refused step must not go on with an earlier state's frames
 
 
 def _chosen_sweeps(dataset: SampleDataset) -> Velodyne | None:

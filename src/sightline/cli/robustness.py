@@ -98,6 +98,8 @@ def robustness(
             f"robustness needs a {lacking}; give the folder before options with several values, as "
             "in sightline robustness OUT --data DATA --cases camera_blank lidar_blank"
         )
+    if results:
+        _check_results(results, task, weights, method)
     by_sensor = _by_sensor(healthy or ())
     files = [named_file(each) for each in (weights, baseline, sample_list)]
     only_read = [data, *files, *by_sensor.values()]
@@ -134,15 +136,26 @@ def robustness(
         )
         announce_engine(engine, report.record.made_by.get("engine"), device)
     else:
-        if method is not None or weights is not None:
-            raise ValueError("--results needs no method and no weights; leave them out")
-        if len(results) > 1:
-            raise ValueError(
-                f"--results is one folder, got {' '.join(results)}; give the run's own folder first"
-            )
         report = score_results(chosen, data, Path(results[0]), out_folder, settings)
     deliver(report, None)
     say(*(out_folder / name for name in report.files))
+
+
+def _check_results(
+    results: tuple[str, ...], task: str | None, weights: str | None, method: str | None
+) -> None:
+    """Refuse options that do not go with --results, or lack."""
+    if method is not None or weights is not None:
+        raise ValueError("--results needs no method and no weights; leave them out")
+    if len(results) > 1:
+        raise ValueError(
+            f"--results is one folder, got {' '.join(results)}; give the run's own folder first"
+        )
+    if task is None:
+        raise ValueError(
+            "--results does not tell what its files are; name it by --task detection2d or "
+            "--task detection3d"
+        )
 
 
 def _chosen_task(task: str | None, weights: str | None) -> "BenchTask":

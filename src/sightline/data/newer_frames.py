@@ -14,7 +14,7 @@ from sightline.data.sample_files import all_sample_ids, list_sample_files
 from sightline.files.shard_index import index_path
 from sightline.files.shard_path import ShardPath, stored_file
 
-ADD_OVERWRITE: Final = "to make them anew, add --overwrite"
+ADD_OVERWRITE: Final = "to make them anew, add --overwrite (overwrite=True)"
 """Remedy of a command that has this option."""
 
 _IN_DEPTH_TREES = {"points": "sparse", "calibration": "intrinsics", "depth": "truth"}

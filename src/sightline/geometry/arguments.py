@@ -39,6 +39,14 @@ def wrong_type(name: str, value: object, expected: str) -> TypeError:
     return TypeError(f"{name} is of type {type_name(value)}, expected {expected}")
 
 
+def json_number(value: object) -> int | float | bool:
+    """Convert NumPy's numbers and switches; `default` of `json.dumps`."""
+    if isinstance(value, np.number | np.bool):
+        number: int | float | bool = value.item()
+        return number
+    raise wrong_type("a setting", value, "a number, text, or a list of them")
+
+
 def plain_text(name: str, value: object) -> str:
     """Check that a value is text.
 

@@ -92,8 +92,11 @@ MIN_SPREADS = LidarChecks(
 )
 """Minimum spreads for limits that also serve other sensors: variation of each check between sound
 LiDARs of other makes."""
-FEW_RINGS_MIN_SPREADS = MIN_SPREADS._replace(sparse=0.8, ringless=0.3, holes=0.3)
-"""Minimum spreads for LiDARs of 32 and 16 beams, which differ more in their beam directions."""
+FEW_RINGS_MIN_SPREADS = MIN_SPREADS._replace(
+    sparse=0.8, ringless=0.3, holes=0.3, spiky=1.8, stray=2.0, faded=1.5
+)
+"""Minimum spreads for LiDARs of 32 and 16 beams, which differ more in their beam directions, in the
+share of beams that pass trees and poles, and in the scale of their reflectances."""
 
 
 def check_lidar(points: Float32[np.ndarray, "num_points 4"]) -> LidarChecks:

@@ -14,6 +14,7 @@ from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened, shortened_pair
 from sightline.files.problem import escaped
 from sightline.files.shard_index import MANIFEST, index_path, read_manifest
+from sightline.geometry.arguments import json_number
 
 KITTI_SPLITS: Final = ("training", "testing")
 """Folders of KITTI's object data set; an output in one lies inside the data set, too."""
@@ -182,7 +183,7 @@ def _manifest_text(path: Path) -> str:
 
 
 def _manifest(settings: Mapping[str, object]) -> str:
-    return json.dumps(dict(settings), indent=2) + "\n"
+    return json.dumps(dict(settings), indent=2, default=json_number) + "\n"
 
 
 def check_outputs(
@@ -381,7 +382,7 @@ def _difference(existing: str, settings: Mapping[str, object]) -> str:
         before = json.loads(existing)
     if not isinstance(before, dict):
         return "a damaged manifest"
-    described = list(_differences(before, json.loads(json.dumps(dict(settings)))))
+    described = list(_differences(before, json.loads(_manifest(settings))))
     if not described:
         return "files made with the same settings, written otherwise"
     more = len(described) - _MAX_DIFFERENCES

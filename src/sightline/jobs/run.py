@@ -116,7 +116,8 @@ def run_job(
             error, _, remedy = outcome.rpartition("\n")
             if error:
                 if not keep_going or remedy == _RUN_AGAIN:
-                    raise ValueError(f"{error}{_progress(num_done, len(works), remedy)}")
+                    progress = _progress(num_done, len(works), workers, remedy)
+                    raise ValueError(f"{error}{progress}")
                 failed.append(error)
             elif remedy:
                 notes[remedy] += 1
@@ -164,10 +165,15 @@ def _crew(piece: Piece, driver: Driver) -> Crew:
     return RayCrew(piece)
 
 
-def _progress(num_done: int, total: int, way_on: str) -> str:
-    """Describe the state of a job that a fault has stopped; empty: it had one piece."""
+def _progress(num_done: int, total: int, workers: int, way_on: str) -> str:
+    """Describe the state of a job that a fault has stopped; empty: it had one piece.
+
+    Of several workers, the others may have done later pieces.
+    """
     if total == 1:
         return ""
+    if workers > 1:
+        return f". At least {num_done:,} of {total:,} are done and stay: {way_on}"
     left = f"{total - num_done:,} are left"
     return f". {num_done:,} of {total:,} are done and stay, {left}: {way_on}"
 

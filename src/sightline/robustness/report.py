@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import markdown_text
+from sightline.geometry.arguments import json_number
 from sightline.robustness.comparable import notes_on_files
 from sightline.robustness.measured import Measures, measure
 from sightline.robustness.page import run_page
@@ -163,7 +164,8 @@ class RobustnessReport:
             self.record, self.measured, self.baseline, self.healthy, out, notes=self.notes()
         )
         atomic_write_text(out / PAGE_NAME, page)
-        atomic_write_text(out / RECORD_NAME, json.dumps(self.to_json(), indent=2) + "\n")
+        record = json.dumps(self.to_json(), indent=2, default=json_number) + "\n"
+        atomic_write_text(out / RECORD_NAME, record)
 
 
 def _named(record: Record) -> dict[str, object]:
