@@ -283,6 +283,7 @@ def test_objects_without_the_box_that_a_network_learns_do_not_count_for_their_cl
     names = ("Car", "Cyclist")
     assert labelled_classes([dataset], names).absent == ()
     assert labelled_classes([dataset], names, "2D").absent == ("Cyclist",)
+    assert labelled_classes([dataset], names, "2D").without_box == {"Cyclist": 1}
     assert labelled_classes([dataset], names, "3D").absent == ("Car",)
 
 
@@ -386,6 +387,21 @@ def test_objects_of_a_learned_class_that_lack_the_learned_box_are_told(tree, cap
             told.count("have no 3D box for 1 of the 3 objects that were read (Car 1): th")
             == expected
         )
+
+
+def test_flags_in_place_of_truncations_are_told_where_such_objects_are_not_learned(tree):
+    for number in range(8):
+        flagged = LABEL.format("Car").replace("Car 0", "Car 1")
+        far = " ".join([*LABEL.format("Van").split()[:4], "0 0 99 99", *flagged.split()[8:]])
+        path = tree / "training" / "label_2" / f"{number:06}.txt"
+        path.write_text(f"{flagged}\n{far}\n")
+    write_list(tree, "some", range(8))
+    with warnings.catch_warnings(action="ignore"):  # of the labels themselves
+        dataset = open_with_classes(tree, sample_list="some")
+    for box, expected in (("2D", 1), ("3D", 0), (None, 0)):
+        found = labelled_classes([dataset], ("Car",), box, count_all=True)
+        told = " ".join(found.training_warnings(("Car",), box))
+        assert told.count("give 8 of 16 objects a truncation of 1 or more") == expected
 
 
 @pytest.mark.filterwarnings("ignore:.*far outside the image")  # the pictures are small

@@ -33,6 +33,7 @@ from sightline.data.point_files import holds_no_point, read_cloud
 from sightline.data.recording_calibration import read_recording_calibration
 from sightline.data.recording_files import CALIBRATION_SUFFIXES
 from sightline.data.result_boxes import join_boxes, scored_boxes
+from sightline.data.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.data.velodyne import read_sweep
 from sightline.files.problem import Problem
 
@@ -96,6 +97,7 @@ def _check_labels(frames: Sequence[ObjectFrame]) -> list[Problem]:
             "check how they were written, or remove the folder if nothing was labelled",
         ),
         *_check_counted(labels),
+        *_check_truncations(labels),
         *_check_alphas(labels),
     ]
 
@@ -130,6 +132,22 @@ def _check_counted(paths: Sequence[Path]) -> Iterator[Problem]:
             problem=f"holds {total} objects, all with an occlusion above {MAX_OCCLUSION} (3 is "
             f"unknown) or a truncation above {MAX_TRUNCATION}: none counts in KITTI's scores",
             remedy="write 0 where the occlusion is not known, and the truncation from 0 to 1",
+        )
+
+
+def _check_truncations(paths: Sequence[Path]) -> Iterator[Problem]:
+    """Yield a problem if truncations are flags or numbers, by which scores ignore objects."""
+    tally = TruncationTally()
+    for path in paths:
+        objects = read_or_note(read_labels, path, [])
+        if objects is not None:
+            tally.add(objects)
+    doubt = tally.doubt()
+    if doubt is not None:
+        yield Problem(
+            path=paths[0].parent,
+            problem=f"holds labels that {doubt}; scores ignore objects above {MAX_TRUNCATION}",
+            remedy=TRUNCATION_REMEDY,
         )
 
 

@@ -17,6 +17,7 @@ from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset, resolve_split
 from sightline.data.sample_dataset import NamedSubset, SampleDataset
 from sightline.data.sample_files import label_file
+from sightline.data.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.evaluation.object_tally import listed
 from sightline.files.plain_text import shortened
 from sightline.files.shard_path import data_path, stored_file
@@ -172,6 +173,8 @@ class LabelledClasses:
     """Learned classes of which there is no object, in order; none if a data set has no labels."""
     without_box: dict[str, int]
     """Numbers of the objects of learned classes that lack the learned box, by class."""
+    truncations: TruncationTally
+    """Counts of the truncations in the files that were read."""
     unknown: dict[str, int]
     """Numbers of the objects by names that are no classes of KITTI, and are not learned."""
     num_objects: int
@@ -199,6 +202,12 @@ class LabelledClasses:
                 f"{sum(partly.values()):,} of the {self.num_objects:,} objects that were read "
                 f"({listed(partly)}): they are learned as background; add their boxes, or leave "
                 "out their frames by the sample_list of their source"
+            )
+        doubt = self.truncations.doubt()
+        if doubt is not None and box == "2D":
+            found.append(
+                f"warning: the labels of the training frames {doubt}; the image detector does not "
+                f"learn such objects; {TRUNCATION_REMEDY}"
             )
         effect = "these classes are learned as background"
         if len(self.absent) == len(learned):
@@ -247,11 +256,13 @@ def labelled_classes(
     """
     listed_files = [[label_file(each, index) for index in range(len(each))] for each in datasets]
     absent, counts, without_box = set(class_names), Counter[str](), Counter[str]()
+    truncations = TruncationTally()
     for file in dict.fromkeys(file for files in listed_files for file in files if file is not None):
         if not absent and (not count_all or stored_file(file) is None):
             continue
         objects = read_labels(file)
         counts.update(objects.class_names)
+        truncations.add(objects)
         has_box = _has_box(objects, box)
         absent -= set(compress(objects.class_names, has_box.tolist()))
         without_box.update(compress(objects.class_names, (~has_box).tolist()))
@@ -261,6 +272,7 @@ def labelled_classes(
         if all(map(any, listed_files))
         else (),
         without_box={name: count for name, count in without_box.items() if name in class_names},
+        truncations=truncations,
         unknown={name: count for name, count in counts.items() if name not in known},
         num_objects=counts.total(),
     )
