@@ -24,16 +24,18 @@ def frame(num=6):
     ) * RNG.uniform(0.9, 1.1, size=(num, 3))
     z = RNG.uniform(9, 45, size=num)
     locations = np.stack((RNG.uniform(-8, 8, num), RNG.normal(1.65, 0.1, num), z), axis=1)
-    bottom = ROW_PX + FOCAL_PX * locations[:, 1] / (z - 1)
-    top = ROW_PX + FOCAL_PX * (locations[:, 1] - sizes[:, 0]) / z
-    left = 600 + FOCAL_PX * locations[:, 0] / z
     rotations_y = RNG.uniform(-1.5, 1.5, num)
+    camera = np.array([[FOCAL_PX, 0, 604, 0], [0, FOCAL_PX, ROW_PX, 0], [0, 0, 1, 0]])
+    boxes2d = [
+        project_box(box_corners(*each), camera, (375, 1242)).box
+        for each in zip(locations, sizes, rotations_y.tolist(), strict=True)
+    ]
     return KittiObjects(
         class_names=names,
         truncation=np.full(num, -1.0),
         occlusion=np.full(num, -1.0),
         alpha=rotations_y - np.arctan2(locations[:, 0], z),
-        boxes2d=np.stack((left, top, left + 40, bottom), axis=1),
+        boxes2d=np.array(boxes2d),
         dimensions_hwl=sizes,
         locations=locations,
         rotation_y=rotations_y,
@@ -172,7 +174,17 @@ def test_one_doubt_names_the_other_convention(change):
         (lambda each: replace(
             each, rotation_y=-each.rotation_y, alpha=-each.rotation_y - bearings(each)),
          "rotation_y of results is probably negated"),
+        (lambda each: replace(each, rotation_y=-each.rotation_y - np.pi / 2),
+         "rotation_y of results is probably the LiDAR frame's yaw"),
+        (lambda each: replace(each, rotation_y=each.rotation_y + np.pi / 2),
+         "rotation_y of results is probably a quarter turn off"),
+        (lambda each: replace(each, boxes2d=0.515 * each.boxes2d + (0, 223, 0, 223)),
+         "of another image, resized or cut (x times 0.515, y times 0.515 plus 223 px), or x, y"),
+        (lambda each: replace(each, boxes2d=each.boxes2d - (0, 23, 0, 23)), "(y minus 23 px)"),
+        (lambda each: replace(each, boxes2d=each.boxes2d[RNG.permutation(len(each))]),
+         "2D boxes of results do not fit their projected 3D boxes: the median IoU of 180 is 0 %"),
         (lambda each: replace(each, alpha=np.zeros(len(each))), "alpha of all 180 results is 0"),
+        (lambda each: replace(each, alpha=np.full(len(each), -1.0)), "of all 180 results is -1"),
         (lambda each: replace(each, alpha=each.rotation_y), "results is probably rotation_y its"),
         (lambda each: replace(each, alpha=-each.alpha), "results is probably negated"),
         (lambda each: replace(each, alpha=each.alpha + 1), "contradicts rotation_y and the loc"),
@@ -194,6 +206,7 @@ def test_boxes_angles_and_scores_that_contradict_each_other_are_told(change, exp
         (lambda boxes: boxes[:, [1, 0, 3, 2]], "read as y_min, x_min, y_max, x_max all are inside"),
         (half, "lie in the upper left quarter"),
         (lambda boxes: 2 * boxes, "read as pixels of an image of twice the size all are inside"),
+        (lambda boxes: 0.6 * boxes + (0, 90, 0, 90), "are probably pixels of a smaller image"),
     ],
 )
 def test_2d_boxes_alone_are_judged_by_the_image(convert, expected):

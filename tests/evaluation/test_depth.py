@@ -192,6 +192,10 @@ def write_street(folder, change):
         (lambda depth_m: 40 / depth_m, r"correlation of their logarithms -\d.*inverse depths or"),
         (lambda depth_m: 1.4 * depth_m, r"are 1\.4 times those of .*, with a spread of .* only"),
         (lambda depth_m: depth_m / 7, r"are 0\.143 times those of .*, with a spread of .* only"),
+        (
+            lambda depth_m: 4.2 * (depth_m - 4),
+            r"logarithms 0\.98\), but are 2\.\d+ times .* to 0\.\.65535: w",
+        ),
     ],
 )
 def test_depths_in_another_orientation_inverse_or_of_another_scale_are_doubted(
@@ -371,8 +375,15 @@ def test_folders_that_are_absent_empty_or_files_are_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="nowhere does not exist"):
         evaluate_depth(predictions, tmp_path / "nowhere")
-    with pytest.raises(ValueError, match="empty holds no PNG"):
+    with pytest.raises(ValueError, match="empty holds no PNG: write predictions as PNGs"):
         evaluate_depth(tmp_path / "empty", truth)
+    np.save(tmp_path / "empty" / "a.npy", np.ones((3, 4)))
+    with pytest.raises(ValueError, match=r"1 \.npy files and no PNG: write .*write_depth_png"):
+        evaluate_depth(tmp_path / "empty", truth)
+    with pytest.raises(
+        ValueError, match=r"holds 1 \.npy files and no PNG: name a folder of 16-bit"
+    ):
+        evaluate_depth(predictions, tmp_path / "empty")
     with pytest.raises(ValueError, match=r"a\.png is a file where the other is a folder"):
         evaluate_depth(predictions, truth / "a.png")
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):

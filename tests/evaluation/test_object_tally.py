@@ -109,13 +109,25 @@ SPACED = [spaced(n, y=1.7, z=20.0) for n in range(50)]
          "labelled objects clearly better in the image, and 0 worse"),
         (lambda line: replace(line, x1=line.x1 / 2, y1=line.y1 / 2, x2=line.x2 / 2, y2=line.y2 / 2),
          "2D boxes of results are probably pixels of an image of half the size"),
-        (lambda line: replace(line, y1=line.y1 + 200, y2=line.y2 + 200),
+        (lambda line: replace(line, y1=line.y1 / 3 + 90, y2=line.y2 / 3 + 90,
+                              x1=line.x1 / 3, x2=line.x2 / 3),
+         "probably pixels of another image, resized or cut (x times 0.333, y times 0.333 plus 90 px"
+         "): read so they match 50 of 50"),
+        (lambda line: replace(line, y1=line.y1 - 23, y2=line.y2 - 23),
+         "pixels of another image, resized or cut (y minus 23 px): read so they match 50 of 50"),
+        (lambda line: replace(line, y1=line.y1 + line.x1**2 % 997 + 200,
+                              y2=line.y2 + line.x1**2 % 997 + 200),
          "3D boxes of results match labels and 2D boxes do not: of 50 labelled objects 0 are"
          " matched"),
         (lambda line: spaced((line.x - CAR.x) / 5, y=1.7, z=60.0),
          "2D boxes of results match labels and 3D boxes do not: of 50 labelled objects 50 are"
          " matched"),
         (lambda line: replace(line, alpha=0.0), "alpha of all 50 results is 0"),
+        (lambda line: replace(line, alpha=-1.0), "alpha of all 50 results is -1"),
+        (lambda line: replace(line, z=line.z + 1.0),
+         "3D boxes of results lie 1.00 m further than those of labels (median of 50): moved back"),
+        (lambda line: replace(line, x=line.x - 0.3, y=line.y + 0.4),
+         "3D boxes of results lie 0.30 m left and 0.40 m lower than those of labels"),
         (lambda line: replace(line, x1=0.1, y1=0.2, x2=0.2, y2=0.4),
          "all 2D boxes of results lie within the first pixel"),
         (lambda line: replace(line, x1=0.0, y1=0.0, x2=0.0, y2=0.0),
@@ -144,6 +156,8 @@ TURNED = [spaced(n, y=1.7, z=20.0, ry=0.4) for n in range(50)]
     [
         (-0.4, "rotation_y of results is probably negated: of 50 results at a labelled object 50"),
         (-0.4 - math.pi / 2, "rotation_y of results is probably the LiDAR frame's yaw"),
+        (0.4 + math.pi / 2, "rotation_y of results is probably a quarter turn too large: of 50 re"),
+        (0.4 - math.pi / 2, "rotation_y of results is probably a quarter turn too small"),
         (0.4 - math.pi, "50 of 50 results at a labelled object face the opposite way"),
     ],
 )
@@ -167,7 +181,12 @@ def test_boxes_that_face_another_way_than_labels_are_told(tmp_path, ry, expected
             lambda line: replace(line, h=line.l, l=line.h),
             "sizes of Car in the labels are probably in the order length, width, height",
         ),
+        (
+            lambda line: replace(line, h=line.h / 2, w=line.w / 2, l=line.l / 2),
+            "sizes of Car in the labels are probably halves",
+        ),
         (lambda line: replace(line, alpha=0.0), "alpha of all 50 labels is 0: scores of orien"),
+        (lambda line: replace(line, alpha=-1.0), "alpha of all 50 labels is -1: scores of orien"),
         (lambda line: replace(line, alpha=-10.0), "alpha of all 50 labels is -10, KITTI's number"),
         (lambda line: replace(line, alpha=-line.alpha), "50 labels is probably negated: scores"),
         (lambda line: replace(line, ry=line.ry - math.pi), "of 50 labels is probably half a turn"),
@@ -179,6 +198,33 @@ def test_labels_of_another_convention_are_told_of_labels(tmp_path, change, expec
     notes = notes_of(tmp_path, labels, [replace(line, score=line.x1) for line in TURNED])
     assert expected in notes
     assert notes.count("WARNING") == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"x2": CAR.x1 - 1}, "50 have a 2D box with its maximum below its minimum"),
+        ({"truncation": 2.0}, "50 have a truncation other than -1 or 0 to 1"),
+        ({"occlusion": 4}, "50 have an occlusion other than -1 to 3"),
+        ({}, "49 repeat an earlier one of their frame"),
+    ],
+)
+def test_labels_that_check_finds_are_counted(tmp_path, changes, expected):
+    labels = [replace(CAR, **changes)] * 50
+    labels = (
+        [replace(each, y=1.0 + 0.01 * n) for n, each in enumerate(labels)] if changes else labels
+    )
+    notes = notes_of(tmp_path, labels, [replace(CAR, score=0.5)])
+    assert f"WARNING: of 50 labels {expected}: they count as missed, twice or not at all; " in notes
+
+
+@pytest.mark.parametrize("fill", [0.0, -1.0])
+def test_3d_parts_that_are_filled_with_one_number_are_told_once(tmp_path, fill):
+    filled = dict.fromkeys(("h", "w", "l", "x", "y", "z", "ry"), fill)
+    found = [replace(line, score=line.x1, **filled) for line in SPACED]
+    notes = notes_of(tmp_path, SPACED, found)
+    assert "50 of 50 results of scored classes have no 3D part" in notes
+    assert "WARNING" not in notes
 
 
 def test_alphas_of_labels_matter_only_where_orientation_is_scored(tmp_path):

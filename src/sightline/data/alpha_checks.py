@@ -27,7 +27,7 @@ def remarks_on_alphas(results: ScoredBoxes) -> Iterator[str]:
     doubt = _doubt(results, "results")
     if doubt is None:
         return
-    if not results.alphas[results.alphas != NO_ALPHA].any():
+    if not np.ptp(results.alphas[results.alphas != NO_ALPHA]):
         yield (
             f"{doubt}: orientation similarity is scored by it; {ALPHA_REMEDY}, or {NO_ALPHA:g} "
             "where it is unknown."
@@ -63,9 +63,9 @@ def _doubt(boxes: ScoredBoxes, kind: Literal["results", "labels"]) -> str | None
     rotations, (x, _, z) = boxes.rotations_y[has_3d], boxes.locations[has_3d].T
     bearing = np.arctan2(x, z)
     error = angle_between(boxes.alphas[has_3d], rotations - bearing)
-    if not alphas.any():
+    if not np.ptp(alphas):
         is_sound = len(error) and np.median(error) <= _EQUAL_ANGLES_RAD
-        return None if is_sound else f"alpha of all {len(alphas):,} {kind} is 0"
+        return None if is_sound else f"alpha of all {len(alphas):,} {kind} is {alphas[0]:g}"
     alphas = boxes.alphas[has_3d]
     others = {
         "rotation_y itself": rotations,

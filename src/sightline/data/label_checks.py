@@ -164,7 +164,7 @@ def is_empty_box2d(
     return np.asarray((boxes2d[:, :2] == boxes2d[:, 2:]).all(axis=1))
 
 
-def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
+def gives_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
     """Mask of the objects with a 3D part; tools for 2D labels fill its fields by one number."""
     names = np.array(objects.class_names, dtype=object)
     is_filled = (objects.dimensions_hwl <= 0).all(axis=1)
@@ -176,7 +176,7 @@ def _has_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
 def lacks_box3d(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
     """Mask of the objects of KITTI's classes without a 3D part."""
     names = np.array(objects.class_names, dtype=object)
-    return np.asarray(np.isin(names, CLASS_NAMES) & ~_has_box3d(objects))
+    return np.asarray(np.isin(names, CLASS_NAMES) & ~gives_box3d(objects))
 
 
 def in_degrees(objects: KittiObjects) -> Bool[np.ndarray, " num_objects"]:
@@ -192,7 +192,7 @@ def doubts_in_space(objects: KittiObjects) -> list[tuple[str, str]]:
     Returns:
         Problems, as the rest of a sentence about the file, with their remedies.
     """
-    has_box3d = _has_box3d(objects)
+    has_box3d = gives_box3d(objects)
     sizes = objects.dimensions_hwl
     names = np.array(objects.class_names, dtype=object)
     faults = []
@@ -351,14 +351,24 @@ def _likely_orders(
     )
 
 
+def impossible_values(objects: KittiObjects) -> dict[str, Bool[np.ndarray, " num_objects"]]:
+    """Masks of the objects with values that no label has and evaluation relies on, by the fault."""
+    return {
+        "a 2D box with its maximum below its minimum": _is_inside_out(objects.boxes2d),
+        "an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
+        "a truncation other than -1 or 0 to 1": (objects.truncation != UNKNOWN)
+        & ((objects.truncation < 0) | (objects.truncation > 1)),
+    }
+
+
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
     is_misread = _misread_boxes2d(objects, size) is not None  # reported once for all
-    has_box3d = _has_box3d(objects)
+    has_box3d = gives_box3d(objects)
     alphas = np.where(objects.alpha == NO_ALPHA, 0.0, objects.alpha)
     rotations = np.stack((objects.rotation_y, alphas), axis=1)
+    inside_out, *others = impossible_values(objects).items()
     faults = {
-        "has a 2D box with its maximum below its minimum": _is_inside_out(objects.boxes2d)
-        & (not is_misread),
+        f"has {inside_out[0]}": inside_out[1] & (not is_misread),
         "has a 2D box far outside the image": _is_far_outside(objects.boxes2d, size)
         & (not is_misread),
         "has a 3D box of a size that is not positive": has_box3d
@@ -366,9 +376,7 @@ def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path)
         "has an angle outside -pi to pi": has_box3d
         & (np.abs(rotations) > _MAX_ANGLE).any(axis=1)
         & ~in_degrees(objects),
-        "has an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
-        "has a truncation other than -1 or 0 to 1": (objects.truncation != UNKNOWN)
-        & ((objects.truncation < 0) | (objects.truncation > 1)),
+        **{f"has {fault}": faulty for fault, faulty in others},
     }
     problems = []
     for fault, faulty in faults.items():

@@ -15,7 +15,7 @@ from sightline.data.label_checks import is_empty_box2d
 from sightline.data.result_boxes import BOX2D_CONVENTIONS, image_ious
 from sightline.files.problem import Problem
 
-_MIN_MEDIAN_IOU: Final = 0.4
+MIN_MEDIAN_IOU: Final = 0.4
 """Lowest median IoU of a sound file; KITTI's, with two objects or more, have 0.49 or more."""
 _MIN_CAUSE_IOU: Final = 0.6
 """Median IoU from which another convention is named as the cause."""
@@ -107,7 +107,7 @@ def _check_image(
     boxes2d = objects.boxes2d[chosen]
     projected = _projections(objects, chosen, matrices, size)
     median = _median_iou(projected, boxes2d)
-    if median >= _MIN_MEDIAN_IOU:
+    if median >= MIN_MEDIAN_IOU:
         return []
     medians = {
         f"2D boxes are {name}": _median_iou(projected, convert(boxes2d))
@@ -124,7 +124,7 @@ def _check_image(
             path=path,
             problem=f"has 3D boxes whose projections do not fit its 2D boxes: the median IoU of "
             f"{len(chosen)} objects is {100 * median:.0f} %, expected at least "
-            f"{100 * _MIN_MEDIAN_IOU:.0f} %{cause}",
+            f"{100 * MIN_MEDIAN_IOU:.0f} %{cause}",
             remedy="give labels and calibration of the same camera and image size, the "
             "centre of each box's bottom in the camera's frame (x right, y down, z forward), and "
             "rotation_y about y",

@@ -21,6 +21,7 @@ SCORED_CLASSES: Final = ("Car", "Pedestrian", "Cyclist")
 """Classes that KITTI scores; they stand on the road."""
 
 Boxes = Float64[np.ndarray, "num_boxes 4"]
+Angles = Float64[np.ndarray, " num"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -102,6 +103,17 @@ BOX2D_CONVENTIONS: Final[Mapping[str, Callable[[Boxes], Boxes]]] = {
 }
 """Conversions to x_min, y_min, x_max, y_max [px], by the convention of the boxes."""
 
+ROTATIONS: Final[Mapping[str, Callable[[Angles], Angles]]] = {
+    "negated": lambda angles: -angles,
+    "the LiDAR frame's yaw": lambda angles: -np.pi / 2 - angles,
+    "a quarter turn too large": lambda angles: angles - np.pi / 2,
+    "a quarter turn too small": lambda angles: angles + np.pi / 2,
+}
+"""Conversions to rotation_y, by what is written in its place."""
+ROTATION_CONVENTION: Final = (
+    "KITTI's is 0 towards x and positive from z to x, clockwise from above."
+)
+
 
 def image_ious(
     boxes: Float64[np.ndarray, "*shape 4"], others: Float64[np.ndarray, "*other_shape 4"]
@@ -141,3 +153,22 @@ def is_clearly_better(num_better: int, num_worse: int, total: int) -> bool:
     holds by chance once in 30 times for 5 objects, and once in 300 for 15.
     """
     return num_better >= 4 * num_worse + 5 and num_better >= _MIN_SHARE * total
+
+
+def best_reading(
+    written: Float64[np.ndarray, " num"], readings: Mapping[str, Float64[np.ndarray, " num"]]
+) -> str | None:
+    """Choose the first convention that fits clearly better than the boxes as they are written.
+
+    A later one is taken in its place if it fits clearly better again.
+
+    Args:
+        written: IoU of each box with what it is compared with, as it is written.
+        readings: These IoUs by convention.
+    """
+    best, ious = None, written
+    for name, others in readings.items():
+        better = int(matches_better(others, ious).sum())
+        if is_clearly_better(better, int(matches_better(ious, others).sum()), len(ious)):
+            best, ious = name, others
+    return best

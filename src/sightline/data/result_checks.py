@@ -2,27 +2,34 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Final
+from dataclasses import replace
+from typing import Final, Literal
 
 import numpy as np
 from jaxtyping import Float64
 
 from sightline.data.alpha_checks import remarks_on_alphas
+from sightline.data.image_fits import OTHER_IMAGE, ImageFit, fit_image
 from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.label_checks import (
     MIN_LARGEST_M,
+    gives_box3d,
     in_degrees,
     is_empty_box2d,
     order_of_sizes,
     scale_of_sizes,
 )
+from sightline.data.label_fit import MIN_MEDIAN_IOU
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
     MIN_RESULTS,
+    ROTATION_CONVENTION,
+    ROTATIONS,
     SCORED_CLASSES,
     Boxes,
     ScoredBoxes,
+    best_reading,
     image_ious,
     is_clearly_better,
     join_boxes,
@@ -36,16 +43,28 @@ _IMAGE_FROM_CAMERA: Final = np.array(
 """Camera of most of KITTI's drives; those of the others differ by up to 2 % and 13 px."""
 _IMAGE_SIZE: Final = (376, 1242)
 """Largest height and width [px] of KITTI's images."""
+_MAX_FOCAL_CHANGE: Final = 0.04
+_MAX_CENTRE_CHANGE_PX: Final = 15.0
+"""Largest change of the focal length and of the centre that may be those of another drive."""
 _IMAGE_HEIGHT_PX: Final = 370  # boxes that end lower are cut
 _OUTSIDE_SHARE: Final = 0.1
 """Share of the image's size by which boxes may exceed it, as those of labels do."""
 _MAX_PROJECTED: Final = 500
 """Maximum number of projected boxes, spread evenly."""
 _ROTATION_IOU: Final = 0.03
-"""Difference of IoU from which a box shows the sign of its rotation."""
+"""Difference of IoU from which a box shows its rotation."""
+_ROTATIONS: Final = {
+    "negated": "negated",
+    "the LiDAR frame's yaw": "the LiDAR frame's yaw",
+    "a quarter turn too large": "a quarter turn off",
+}
+"""Names in `ROTATIONS`, with their description where half turns look alike."""
 _MIN_HALF_SIZE: Final = 20
 """Minimum number of boxes that all lie in the upper left quarter only if the image is of half the
 size."""
+_MIN_NARROW: Final = 100
+_NARROW_SHARE: Final = 0.7
+"""Minimum number of boxes that all end within this share of the width only in a smaller image."""
 _CENTRE_SHARES: Final = (0.42, 0.75)
 """Median of (end of the 2D box - bottom of the 3D box) over the 2D box's height. Of 3,000 draws of
 KITTI's labels in 10 frames or more, bottoms are at 0.28 at most, and centres taken for them at 0.51
@@ -78,28 +97,33 @@ def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
     boxes = join_boxes(scored)
     yield from remarks_on_repeats(sum(each.num_repeated() for each in scored), len(boxes.names))
     yield from remarks_on_impossible([count_impossible(each) for each in frames], len(boxes.names))
-    yield from _remarks_on_sizes(boxes)
+    sizes = (*_remarks_on_sizes(boxes),)
+    yield from sizes
     num_degrees = sum(int(in_degrees(each).sum()) for each in frames)
     if num_degrees:
         yield (
             f"{num_degrees:,} results have angles beyond two pi, probably degrees: KITTI's files "
             "have radians, from -pi to pi."
         )
-    in_image = (*remarks_on_boxes2d(boxes),) or (*_remarks_on_projection(boxes),)
+    in_image = (*remarks_on_boxes2d(boxes),) or (
+        *_remarks_on_projection(boxes, has_sound_sizes=not sizes),
+    )
     yield from in_image or remarks_on_far_boxes2d(boxes)
     behind = (*remarks_on_depths(boxes),)
     locations = behind or (() if in_image else (*_remarks_on_bottoms(boxes, len(frames)),))
     yield from locations
     if not num_degrees:
-        rotations = () if in_image or locations else (*_remarks_on_rotations(boxes),)
-        yield from rotations or (() if behind else remarks_on_alphas(boxes))
+        in_space = in_image or locations or sizes
+        angles = () if in_space else (*_remarks_on_rotations(boxes),)
+        angles = angles or (() if behind else (*remarks_on_alphas(boxes),))
+        yield from angles or (() if in_space else _remarks_on_agreement(boxes))
     yield from remarks_on_scores(scored)
     yield from _remarks_on_rank(boxes)
 
 
 def count_impossible(objects: KittiObjects) -> Counter[str]:
     """Count the results of scored classes with values that no road user has, by a description."""
-    has_3d = (objects.locations != NO_LOCATION).all(axis=1)
+    has_3d = gives_box3d(objects) & (objects.locations != NO_LOCATION).all(axis=1)
     sizes = objects.dimensions_hwl
     is_scored = np.isin([name.capitalize() for name in objects.class_names], SCORED_CLASSES)
     masks = {
@@ -221,35 +245,68 @@ def _remarks_on_sizes(boxes: ScoredBoxes) -> Iterator[str]:
     yield from (remark_on_scale(names, scale) for scale, names in scales.items() if scale)
 
 
-def remark_on_scale(names: Sequence[str], scale: str) -> str:
+def remark_on_scale(
+    names: Sequence[str], scale: str, kind: Literal["results", "labels"] = "results"
+) -> str:
     """Sentence on classes whose sizes have another scale; see `scale_of_sizes`."""
     return (
-        f"sizes of {', '.join(names)} in the results are probably {scale}: KITTI's are whole "
+        f"sizes of {', '.join(names)} in the {kind} are probably {scale}: KITTI's are whole "
         "height, width, length in metres."
     )
 
 
-def _remarks_on_projection(boxes: ScoredBoxes) -> Iterator[str]:
+def _remarks_on_projection(boxes: ScoredBoxes, *, has_sound_sizes: bool) -> Iterator[str]:
     """Yield a sentence on 2D boxes that are not where KITTI's images or the 3D boxes are."""
     ending = "KITTI's are x_min, y_min, x_max, y_max in pixels of the image as it was delivered."
     projected, boxes2d = _projected(boxes)
     ious = image_ious(projected, boxes2d)
-    for name, convert in BOX2D_CONVENTIONS.items():
-        other = image_ious(projected, convert(boxes2d))
+    readings = {name: convert(boxes2d) for name, convert in BOX2D_CONVENTIONS.items()}
+    fit = fit_image(projected, boxes2d) if has_sound_sizes else None
+    if fit is not None and _is_other_image(fit, boxes):
+        name = f"{OTHER_IMAGE} ({fit.describe()}), or x, y, z are of another camera"
+        readings[name] = fit.to_expected(boxes2d)
+    others = {name: image_ious(projected, each) for name, each in readings.items()}
+    best = best_reading(ious, others)
+    if best is not None:
         better, worse = (
-            int(matches_better(*pair).sum()) for pair in ((other, ious), (ious, other))
+            int(matches_better(*pair).sum())
+            for pair in ((others[best], ious), (ious, others[best]))
         )
-        if is_clearly_better(better, worse, len(ious)):
-            yield (
-                f"2D boxes of results are probably {name}: read so {better:,} of {len(ious):,} "
-                f"agree with their 3D boxes, which {worse:,} do as they are written; {ending}"
-            )
-            return
+        yield (
+            f"2D boxes of results are probably {best}: read so {better:,} of {len(ious):,} "
+            f"agree with their 3D boxes, which {worse:,} do as they are written; {ending}"
+        )
+        return
     yield from _remarks_on_bounds(boxes.boxes2d, ending)
 
 
+def _is_other_image(fit: ImageFit, boxes: ScoredBoxes) -> bool:
+    """Check if a fit is of another image, not of another drive's camera or of moved 3D boxes."""
+    height, width = _IMAGE_SIZE
+    centre = np.array((width, height)) / 2
+    moved_px = np.abs(fit.scales * centre + fit.shifts_px - centre)
+    is_scaled = np.abs(fit.scales - 1) > _MAX_FOCAL_CHANGE
+    if is_scaled[0]:
+        return True
+    if not (is_scaled[1] or (moved_px > _MAX_CENTRE_CHANGE_PX).any()):
+        return False
+    half_height = np.array((0, 0.5, 0)) * boxes.sizes_hwl[:, :1]
+    projected, boxes2d = _projected(boxes)
+    fitted = _mean_overlap_in_y(projected, fit.to_expected(boxes2d))
+    return all(
+        fitted > _mean_overlap_in_y(_projected(replace(boxes, locations=locations))[0], boxes2d)
+        for locations in (boxes.locations + half_height, boxes.locations - half_height)
+    )
+
+
+def _mean_overlap_in_y(projected: Boxes, boxes2d: Boxes) -> float:
+    same_x = np.array((0.0, np.nan, 1.0, np.nan))
+    ious = image_ious(*(np.where(np.isnan(same_x), each, same_x) for each in (projected, boxes2d)))
+    return float(ious.mean())
+
+
 def _remarks_on_bounds(boxes2d: Boxes, ending: str) -> Iterator[str]:
-    """Yield a sentence on 2D boxes beyond KITTI's images, or all in a quarter of them."""
+    """Yield a sentence on 2D boxes beyond KITTI's images, or all in a part of them."""
     total, outside = len(boxes2d), _num_outside(boxes2d)
     height, width = _IMAGE_SIZE
     quarter = (width / 2 + 1, height / 2 + 1)
@@ -267,7 +324,12 @@ def _remarks_on_bounds(boxes2d: Boxes, ending: str) -> Iterator[str]:
     elif total >= _MIN_HALF_SIZE and (boxes2d[:, 2:] <= quarter).all():
         yield (
             f"all {total:,} 2D boxes of results lie in the upper left quarter and are probably "
-            f"pixels of an image of half the size; {ending}"
+            f"pixels of an image of half the size, or less; {ending}"
+        )
+    elif total >= _MIN_NARROW and (right := boxes2d[:, 2].max()) < _NARROW_SHARE * width:
+        yield (
+            f"all {total:,} 2D boxes of results end {right:.0f} px from the left or before, in "
+            f"images of about {width} px, and are probably pixels of a smaller image; {ending}"
         )
 
 
@@ -279,21 +341,41 @@ def _num_outside(boxes2d: Boxes) -> int:
 
 
 def _remarks_on_rotations(boxes: ScoredBoxes) -> Iterator[str]:
-    """Yield a sentence on 3D boxes that fit their 2D boxes when they are turned the other way."""
+    """Yield a sentence on 3D boxes that fit their 2D boxes better when they are turned."""
     projected, boxes2d = _projected(boxes)
-    mirrored, _ = _projected(boxes, rotation_sign=-1)
-    ious, other = image_ious(projected, boxes2d), image_ious(mirrored, boxes2d)
-    better = int(((other > ious + _ROTATION_IOU) & (other > 0.5)).sum())
-    worse = int(((ious > other + _ROTATION_IOU) & (ious > 0.5)).sum())
-    if is_clearly_better(better, worse, better + worse) and better >= 2 * MIN_RESULTS:
+    ious = image_ious(projected, boxes2d)
+    found = []
+    for name in _ROTATIONS:
+        convert = ROTATIONS[name]
+        turned = replace(boxes, rotations_y=convert(boxes.rotations_y))
+        other = image_ious(_projected(turned)[0], boxes2d)
+        better = int(((other > ious + _ROTATION_IOU) & (other > 0.5)).sum())
+        worse = int(((ious > other + _ROTATION_IOU) & (ious > 0.5)).sum())
+        if is_clearly_better(better, worse, better + worse) and better >= 2 * MIN_RESULTS:
+            found.append((float(other.mean()), better, worse, name))
+    if found:
+        _, better, worse, name = max(found)
         yield (
-            f"rotation_y of results is probably negated: of {better + worse:,} boxes that show the "
-            f"sign, {better:,} fit their 2D boxes better when turned the other way; KITTI's is "
-            "positive from z to x, clockwise from above."
+            f"rotation_y of results is probably {_ROTATIONS[name]}: of {better + worse:,} boxes "
+            f"that show it, {better:,} fit their 2D boxes better if read so; {ROTATION_CONVENTION}"
         )
 
 
-def _projected(boxes: ScoredBoxes, *, rotation_sign: int = 1) -> tuple[Boxes, Boxes]:
+def _remarks_on_agreement(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on 2D boxes that are not where the projected 3D boxes are."""
+    projected, boxes2d = _projected(boxes)
+    is_seen = np.isfinite(projected).all(axis=1)
+    ious = image_ious(projected[is_seen], boxes2d[is_seen])
+    if len(ious) >= 2 * MIN_RESULTS and np.median(ious) < MIN_MEDIAN_IOU:
+        yield (
+            f"2D boxes of results do not fit their projected 3D boxes: the median IoU of "
+            f"{len(ious):,} is {100 * np.median(ious):.0f} %, expected at least "
+            f"{100 * MIN_MEDIAN_IOU:.0f} %; look at x_min, y_min, x_max, y_max, at the image's "
+            "size, and at location, sizes and rotation_y."
+        )
+
+
+def _projected(boxes: ScoredBoxes) -> tuple[Boxes, Boxes]:
     """Project the 3D boxes ahead of the camera; the second array is of their 2D boxes."""
     locations = np.nan_to_num(boxes.locations)
     is_near = (np.abs(locations) <= _MAX_AWAY_M).all(axis=1)
@@ -304,7 +386,7 @@ def _projected(boxes: ScoredBoxes, *, rotation_sign: int = 1) -> tuple[Boxes, Bo
             box_corners(
                 boxes.locations[index],
                 boxes.sizes_hwl[index],
-                rotation_sign * float(boxes.rotations_y[index]),
+                float(boxes.rotations_y[index]),
             ),
             _IMAGE_FROM_CAMERA,
             _IMAGE_SIZE,

@@ -36,6 +36,9 @@ _MAX_SPREAD: Final = 0.25
 """Largest spread of the logarithms of the ratios about a common one, as a share of its own."""
 _INVERSE_CORRELATION: Final = -0.5
 """Correlation of the logarithms of predicted and true depths below which they are inverse."""
+_OWN_RATIO, _OWN_CORRELATION = 1.5, 0.9
+"""Smallest geometric mean of the ratios, or its inverse, and correlation of these logarithms of
+depths with a scale and offset of their own."""
 _BETTER: Final = 0.5
 """Largest error of turned predictions, as a share of that as written, for a doubt."""
 _MIN_PIXELS: Final = 100
@@ -203,6 +206,13 @@ def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path)
         yield (
             f"{predictions}: depths are {np.exp(bias):.3g} times those of {truth}, with a spread "
             f"of {np.expm1(spread):.1%} only, probably because of a scale of their own: {_AS_KITTI}"
+        )
+    elif abs(bias) > np.log(_OWN_RATIO) and correlation > _OWN_CORRELATION:
+        yield (
+            f"{predictions}: depths rise with those of {truth} (correlation of their logarithms "
+            f"{correlation:.2f}), but are {np.exp(bias):.3g} times as large (geometric mean), "
+            "probably because of a scale or an offset of their own, as of maps stretched to "
+            f"0..65535: {_AS_KITTI}"
         )
     elif summed.far > half:
         yield (

@@ -2,13 +2,14 @@
 
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from sightline.data.kitti_trees import describe_absent
-from sightline.data.map_png import read_depth_png
+from sightline.data.map_png import STEPS_PER_METRE, read_depth_png
 from sightline.files.leftovers import is_leftover
 from sightline.files.plain_text import shortened
 
@@ -18,6 +19,20 @@ _OF_DRIVE: Final = re.compile(
     r"/([^/]+)/proj_depth/(?:groundtruth|velodyne_raw)/(image_0\d)/(\d+)$"
 )
 _OF_SELECTION: Final = re.compile(r"_(?:groundtruth_depth|velodyne_raw)_(\d+_image_0\d)$")
+_SWEEPS: Final = ".bin"
+_OTHER_FORMATS: Final = (
+    *(".npy", ".npz", ".mat", ".h5"),
+    *(".tif", ".tiff", ".exr", ".pfm", ".jpg", ".jpeg", ".raw"),
+)
+"""Suffixes of depth maps that other programs write."""
+_NAME: Final = (
+    "name a folder of 16-bit depth PNGs, such as velodyne_raw or groundtruth_depth of KITTI's "
+    "depth benchmark"
+)
+_WRITE: Final = (
+    f"write predictions as PNGs of one channel with 16 bits, metres times {STEPS_PER_METRE}, under "
+    "the names of the ground truth (sightline.data.map_png.write_depth_png does)"
+)
 
 
 class DepthFiles(NamedTuple):
@@ -44,7 +59,7 @@ def match_depth_files(
         FileError: It lacks one whose ground truth is no depth map.
     """
     true = _list_maps(truth, "groundtruth")
-    predicted = _as_named(_list_maps(predictions), true)
+    predicted = _as_named(_list_maps(predictions, remedy=_WRITE), true)
     given = {} if sparse is None else _as_named(_list_maps(sparse, "velodyne_raw"), true)
     for folder, files, noun in ((predictions, predicted, "predictions"), (sparse, given, "maps")):
         missing = sorted(true.files.keys() - files.keys())
@@ -133,8 +148,12 @@ def _find_maps(folder: Path) -> Path | None:
     return found or (None if is_truth else next(folder.rglob(_TRUTH_FOLDER), None))
 
 
-def _list_maps(folder: Path, kind: str = "") -> _Maps:
-    """List depth maps; where annotated drives hold two kinds, those of `kind`."""
+def _list_maps(folder: Path, kind: str = "", *, remedy: str = _NAME) -> _Maps:
+    """List depth maps; where annotated drives hold two kinds, those of `kind`.
+
+    Raises:
+        ValueError: There is no folder, no map, or two of one frame.
+    """
     if not folder.is_dir():
         fault = "is a file where the other is a folder" if folder.exists() else "does not exist"
         raise ValueError(f"{folder} {fault}: give two folders of depth PNGs, or two files")
@@ -155,13 +174,19 @@ def _list_maps(folder: Path, kind: str = "") -> _Maps:
         maps.files[frame] = folder / path
         maps.frames[place] = frame
     if not maps.files:
-        sweeps = sum(1 for _ in folder.rglob("*.bin"))
-        found = f"{sweeps:,} .bin files, which are sweeps, and no PNG" if sweeps else "no PNG"
-        raise ValueError(
-            f"{folder} holds {found}: name a folder of 16-bit depth PNGs, such as velodyne_raw or "
-            "groundtruth_depth of KITTI's depth benchmark"
-        )
+        raise ValueError(f"{folder} holds {_describe_others(folder)}: {remedy}")
     return maps
+
+
+def _describe_others(folder: Path) -> str:
+    """Describe the files of a folder without PNGs, by the most frequent suffix of a depth map."""
+    counts = Counter(path.suffix.lower() for path in folder.rglob("*.*") if path.is_file())
+    found = [(counts[suffix], suffix) for suffix in (*_OTHER_FORMATS, _SWEEPS) if counts[suffix]]
+    if not found:
+        return "no PNG"
+    number, suffix = max(found)
+    of_sweeps = ", which are sweeps," if suffix == _SWEEPS else ""
+    return f"{number:,} {suffix} files{of_sweeps} and no PNG"
 
 
 def _frame_name(whole: str, place: str) -> str:

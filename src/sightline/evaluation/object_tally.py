@@ -14,7 +14,7 @@ from sightline.data.kitti_labels import (
     UNKNOWN,
     KittiObjects,
 )
-from sightline.data.label_checks import in_degrees
+from sightline.data.label_checks import impossible_values, in_degrees
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,
     MIN_HEIGHT_PX,
@@ -71,6 +71,10 @@ class ObjectTally:
     """Number of labels of scored classes without a 3D part."""
     labels_in_degrees: int = 0
     """Number of labels with such an angle."""
+    impossible_labels: Counter[str] = field(default_factory=Counter)
+    """Number of labels with values that no label has, by the fault."""
+    repeated_labels: int = 0
+    """Number of labels of scored classes that are equal to an earlier one of their frame."""
     conventions: ResultConventions = field(default_factory=ResultConventions)
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
@@ -82,6 +86,9 @@ class ObjectTally:
         self.labels_in_degrees += int(in_degrees(labels).sum())
         self.without_box3d += _count_without_box3d(results)
         self.labels_without_box3d += _count_without_box3d(labels)
+        faults = impossible_values(labels).items()
+        self.impossible_labels.update({fault: int(faulty.sum()) for fault, faulty in faults})
+        self.repeated_labels += self.conventions.labels[-1].num_repeated()
         levels = truth_levels(labels.truncation, labels.occlusion, labels.boxes2d)
         is_hidden = (labels.occlusion > MAX_OCCLUSION) | (labels.truncation > MAX_TRUNCATION)
         is_unknown = (labels.occlusion == UNKNOWN) & (labels.truncation == UNKNOWN)
@@ -157,6 +164,7 @@ class ObjectTally:
         self.conventions.in_degrees = self.results_in_degrees > 0
         return (
             *self._remarks_on_labels(),
+            *self._remarks_on_impossible_labels(),
             *self._remarks_on_uncounted_labels(),
             *self._remarks_on_visibility(),
             *self._remarks_on_angles(),
@@ -171,6 +179,18 @@ class ObjectTally:
         return (
             f"{sum(unknown.values()):,} of {self.labels.total():,} labels were left out: "
             f"their classes are none of KITTI's ({listed(unknown)}).",
+        )
+
+    def _remarks_on_impossible_labels(self) -> tuple[str, ...]:
+        """List a remark on labels with values that no label has; empty if there are none."""
+        faults = [f"{n:,} have {fault}" for fault, n in self.impossible_labels.items() if n]
+        if self.repeated_labels:
+            faults.append(f"{self.repeated_labels:,} repeat an earlier one of their frame")
+        if not faults:
+            return ()
+        return (
+            f"WARNING: of {self.labels.total():,} labels {', '.join(faults)}: they count as "
+            "missed, twice or not at all; run `sightline check` on their data set.",
         )
 
     def _remarks_on_uncounted_labels(self) -> Iterator[str]:
