@@ -85,6 +85,7 @@ negative. The shipped detectors have 0.03 to 0.5 on 90 real frames."""
 _REVERSED_CORRELATION: Final = 0.3
 """Rank correlation of reversed scores, negated; sound ones have 0.12 at most, with 72 cyclists."""
 _MIN_FOR_RANK: Final = 50
+_MIN_FOR_AGREEMENT: Final = 50
 
 
 def doubts_about_results(frames: Sequence[KittiObjects]) -> Iterator[str]:
@@ -366,7 +367,7 @@ def _remarks_on_agreement(boxes: ScoredBoxes) -> Iterator[str]:
     projected, boxes2d = _projected(boxes)
     is_seen = np.isfinite(projected).all(axis=1)
     ious = image_ious(projected[is_seen], boxes2d[is_seen])
-    if len(ious) >= 2 * MIN_RESULTS and np.median(ious) < MIN_MEDIAN_IOU:
+    if len(ious) >= _MIN_FOR_AGREEMENT and np.median(ious) < MIN_MEDIAN_IOU:
         yield (
             f"2D boxes of results do not fit their projected 3D boxes: the median IoU of "
             f"{len(ious):,} is {100 * np.median(ious):.0f} %, expected at least "

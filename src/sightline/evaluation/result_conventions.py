@@ -239,13 +239,12 @@ class _ComparedResults:
 
     def _pairs_in_image(self) -> tuple[Boxes, Boxes]:
         """Pair the 2D boxes of labels with those of results of their class, all with all."""
-        pairs = [
-            (labels.boxes2d[label], results.boxes2d[result])
-            for results, labels in self.frames
-            for label, result in np.argwhere(same_class(results, labels)).tolist()
-        ]
-        joined = np.array(pairs).reshape(-1, 2, 4)
-        return joined[:, 0], joined[:, 1]
+        pairs = [np.empty((2, 0, 4))]
+        for results, labels in self.frames:
+            of_labels, of_results = np.nonzero(same_class(results, labels))
+            pairs.append(np.stack((labels.boxes2d[of_labels], results.boxes2d[of_results])))
+        expected, written = np.concatenate(pairs, axis=1)
+        return expected, written
 
     def remarks_on_order(self) -> Iterator[str]:
         """Yield a sentence on scores that rank false results above true ones."""
