@@ -29,7 +29,7 @@ class ImageFit:
     """Scale and shift from pixels of the expected image to those in which boxes are written."""
 
     scales: Float64[np.ndarray, "2"]
-    """Of x and y."""
+    """Factors of x and y."""
     shifts_px: Float64[np.ndarray, "2"]
 
     def to_expected(self, boxes: Boxes) -> Boxes:
