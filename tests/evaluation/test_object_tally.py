@@ -57,6 +57,17 @@ def test_labels_that_count_nowhere_are_told(tmp_path, labels, expected):
     assert "counts at any difficulty" not in counted
 
 
+def test_labels_that_are_ignored_by_a_flag_for_the_truncation_are_told(tmp_path):
+    flagged = [replace(CAR, truncation=1.0)] * 5
+    at_the_border = replace(CAR, x1=0.0, y1=0.0, x2=1241.0, y2=374.0)
+    told = notes_of(tmp_path, [CAR, at_the_border, *flagged], [FOUND])
+    assert "WARNING: the labels give 5 of 7 objects a truncation of 1 or more and none" in told
+    (tmp_path / "sound").mkdir()
+    share = replace(CAR, truncation=0.3)
+    sound = notes_of(tmp_path / "sound", [CAR, at_the_border, share, *flagged], [FOUND])
+    assert "probably flags" not in sound
+
+
 def test_labels_without_truncation_and_occlusion_are_told_but_not_such_results(tmp_path):
     unknown = {"truncation": -1.0, "occlusion": -1}
     labels = [

@@ -15,6 +15,7 @@ from sightline.data.kitti_labels import (
     KittiObjects,
 )
 from sightline.data.label_checks import impossible_values, in_degrees
+from sightline.data.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,
     MIN_HEIGHT_PX,
@@ -75,6 +76,8 @@ class ObjectTally:
     """Number of labels with values that no label has, by the fault."""
     repeated_labels: int = 0
     """Number of labels of scored classes that are equal to an earlier one of their frame."""
+    truncations: TruncationTally = field(default_factory=TruncationTally)
+    """Counts of the labels' truncations."""
     conventions: ResultConventions = field(default_factory=ResultConventions)
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
@@ -82,6 +85,7 @@ class ObjectTally:
         self.results.update(results.class_names)
         self.labels.update(labels.class_names)
         self.conventions.add(results, labels)
+        self.truncations.add(labels)
         self.results_in_degrees += int(in_degrees(results).sum())
         self.labels_in_degrees += int(in_degrees(labels).sum())
         self.without_box3d += _count_without_box3d(results)
@@ -211,6 +215,12 @@ class ObjectTally:
                     f"No label of {CLASSES[code]} ({labelled[code]:,}) counts at any difficulty, "
                     "by occlusion, truncation or height in the image."
                 )
+        doubt = self.truncations.doubt()
+        if doubt is not None:
+            yield (
+                f"WARNING: the labels {doubt}; objects above {MAX_TRUNCATION} are ignored. In the "
+                f"labels, {TRUNCATION_REMEDY}."
+            )
         if self.labels_without_box3d:
             yield (
                 f"{self.labels_without_box3d:,} of {total:,} labels of scored classes have no 3D "
