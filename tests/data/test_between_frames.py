@@ -99,7 +99,7 @@ def test_many_repeats_are_told_in_a_few_lines(tmp_path):
         shutil.copy(
             tree / "image_2" / f"{number:06}.png", tree / "image_2" / f"{number + 1:06}.png"
         )
-    told = problems(tmp_path)
+    told = [each for each in problems(tmp_path) if "3D box" not in each[1]]
     assert len(told) == 6
     assert "and 3 more have the same picture as other frames" in told[-1][1]
 

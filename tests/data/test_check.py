@@ -11,6 +11,7 @@ from sightline.data.check import check_tree, summarize_tree
 from sightline.data.frame_checks import Findings
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_files import write_points
+from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.map_png import MAX_DEPTH_M, write_depth_png
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError, Problem
@@ -128,7 +129,28 @@ def test_a_drive_of_one_sensor_is_no_problem(tmp_path, part):
 )
 def test_a_missing_file_is_named(tree, file):
     (tree / file).unlink()
-    assert lines(tree.parent) == [f"{tree / file}: is missing; extract the archive again"]
+    (line,) = lines(tree.parent)
+    assert line.startswith(f"{tree / file}: is missing; extract the archive again")
+    is_label = file.startswith("label_2")
+    assert ("or write an empty label file for each frame without objects" in line) == is_label
+
+
+@pytest.mark.parametrize("part", ["label_2", "velodyne", "image_2"])
+def test_files_of_the_same_frames_by_another_number_are_told_once_to_be_renamed(tree, part):
+    for path in (tree / part).iterdir():
+        path.rename(path.with_name(f"{int(path.stem)}{path.suffix}"))
+    (problem,) = check_tree(tree.parent)
+    assert problem.path == tree
+    assert problem.problem.startswith(f"names 3 frames in two ways, such as 1 in {part} and 000001")
+    assert "rename 1 as 000001" in problem.remedy
+    with pytest.raises(ValueError, match="names 3 frames in two ways"):
+        KittiObjectDataset(tree.parent)
+
+
+def test_a_list_of_classes_beside_labels_is_no_frame(tree):
+    (tree / "label_2" / "labels.txt").write_text("Car\nPedestrian\n")
+    assert lines(tree.parent) == []
+    assert len(open_dataset(tree.parent)) == 3
 
 
 @pytest.mark.parametrize(
@@ -197,7 +219,6 @@ def test_a_calibration_that_no_vehicle_has_is_named_in_every_kind_of_tree(tmp_pa
         ("5.00 3.00", "-50.00 3.00", "has a 2D box far outside the image"),
         ("20.00 9.00", "4.00 9.00", "has a 2D box with its maximum below its minimum"),
         ("1.50 1.60 3.90", "1.50 0.00 3.90", "has a 3D box of a size that is not positive"),
-        ("-1.53", "-4.0", "has an angle outside -pi to pi"),
         ("Car 0.10 0", "Car 0.10 7", "has an occlusion other than -1 to 3"),
     ],
 )

@@ -147,8 +147,12 @@ def test_a_frame_lacking_a_part_says_which_as_soon_as_the_data_set_is_opened(
 ):
     write_object_tree(tmp_path, "000001", "000002")
     (tmp_path / "training" / folder / file).unlink()
-    with pytest.raises(ValueError, match=rf"lacks {folder} of 1 of 2 frames \(000002\); extract"):
+    with pytest.raises(
+        ValueError, match=rf"lacks {folder} of 1 of 2 frames \(000002\); extract"
+    ) as caught:
         KittiObjectDataset(tmp_path)
+    is_label = folder == "label_2"
+    assert ("or write an empty label file for each frame" in str(caught.value)) == is_label
     assert len(KittiObjectDataset(tmp_path, sample_list=["000001"])) == 1
 
 

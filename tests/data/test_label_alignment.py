@@ -142,6 +142,8 @@ def test_clouds_of_the_neighbouring_frame_are_told(tmp_path, step, said, drive_m
         (lambda y, rotation: (y - 0.75, rotation), "the y of the box's centre"),
         (lambda y, rotation: (y, -rotation), "a negated rotation_y"),
         (lambda y, rotation: (y, -rotation - math.pi / 2), "the LiDAR frame's yaw"),
+        (lambda y, rotation: (y, rotation + math.pi / 2), "a rotation_y that is a quarter turn"),
+        (lambda y, rotation: (y, rotation - math.pi / 2), "a rotation_y that is a quarter turn"),
     ],
 )
 def test_labels_of_another_convention_are_told_as_faults_of_the_labels(tmp_path, write, said):
@@ -151,6 +153,61 @@ def test_labels_of_another_convention_are_told_as_faults_of_the_labels(tmp_path,
     (problem,) = found(frames, write=write)
     assert f"are probably written with {said}" in problem.problem
     assert problem.path == labels
+    assert ("boxes do not tell front from rear" in problem.remedy) == ("centre" not in said)
+
+
+def in_lidar(sweep, *, heights):
+    """Write x, y, z and the yaw of the LiDAR's frame, at a part of each height over the bottom."""
+    lidar_from_camera = np.linalg.inv(CAMERA_FROM_LIDAR)
+    locations = sweep.objects.locations - np.outer(
+        heights * sweep.objects.dimensions_hwl[:, 0], (0, 1, 0)
+    )
+    objects = replace(
+        sweep.objects,
+        locations=locations @ lidar_from_camera[:3, :3].T + lidar_from_camera[:3, 3],
+        rotation_y=-sweep.objects.rotation_y - math.pi / 2,
+    )
+    return replace(sweep, objects=objects)
+
+
+@pytest.mark.parametrize(("heights", "said"), [(0.0, "of box bottoms"), (0.5, "of box centres")])
+def test_labels_in_the_frame_of_the_lidar_are_told_though_all_boxes_are_empty(
+    tmp_path, heights, said
+):
+    frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=tmp_path)
+    frames = [replace(frame, sample_id=str(number)) for number in range(12)]
+    (problem,) = check_label_alignment(
+        frames, lambda each: in_lidar(scene(int(each.sample_id)), heights=heights)
+    )
+    assert "x, y, z are in the LiDAR's frame and rotation_y is its yaw" in problem.problem
+    assert said in problem.problem
+    assert "before 0 and 0" in problem.problem
+    assert "in the camera's frame (x right, y down, z forward)" in problem.remedy
+
+
+@pytest.mark.parametrize("is_empty", [False, True])
+def test_boxes_without_points_after_every_change_are_told_unless_the_clouds_are_empty(
+    tmp_path, is_empty
+):
+    labels = tmp_path / "labels.txt"
+    frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=labels)
+    frames = [replace(frame, sample_id=str(number)) for number in range(12)]
+
+    def read(each):
+        sweep = scene(int(each.sample_id))
+        x, y, z = sweep.objects.locations.T
+        points = sweep.points[: 0 if is_empty else None]
+        return replace(
+            sweep,
+            points=points,
+            objects=replace(sweep.objects, locations=np.column_stack((x, y - 12, z / 2))),
+        )
+
+    problems = check_label_alignment(frames, read)
+    assert len(problems) == (not is_empty)
+    for problem in problems:
+        assert problem.path == labels
+        assert "at most partly hidden, 48 have no point in their 3D box" in problem.problem
 
 
 def test_labels_half_a_height_too_low_are_named_beside_a_move_of_the_clouds(tmp_path):

@@ -1,15 +1,20 @@
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sightline.data.frame_checks import examine_object_frame
 from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
 from sightline.data.kitti_labels import parse_objects
+from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_fit import check_label_fit
+from sightline.data.recording_checks import examine_recording_frame
 from sightline.data.tree_checks import find_trees
 from sightline.data.velodyne import read_sweep
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.data.recordings import write_recording
 
 FRAMES = PACKAGED_FRAMES / "training"
 SIZE = (375, 1242)
@@ -83,6 +88,48 @@ def test_cloud_of_another_frame_or_unit_is_doubted(labels, points):
     (doubt,) = doubts(labels, points=points * np.float32([3.28, 3.28, 3.28, 1]))
     assert "no point of the cloud in their 3D box" in doubt
     assert "no point of the cloud" in doubts(labels, points=points[:10])[0]
+
+
+def test_an_object_with_an_inside_out_2d_box_is_not_compared(labels):
+    rows = [line.split() for line in labels.splitlines() if not line.startswith("DontCare")][:3]
+    for row in rows[:2]:
+        row[4], row[6] = row[6], row[4]
+    assert doubts("\n".join(" ".join(row) for row in rows)) == []
+
+
+def test_other_remarks_do_not_hide_boxes_that_do_not_fit(tmp_path, labels):
+    path = tmp_path / "labels.txt"
+    text = _times(in_lidar(labels, at_centre=False), range(4, 8), 0)
+    for column, change in (
+        (1, lambda *_: 2),  # truncation
+        (2, lambda *_: 0),
+        (14, lambda _, angle: angle + 2 * np.pi * (angle < 0)),
+    ):
+        text = changed(text, column, change)
+    path.write_text(text.replace("Car", "car"))
+    frame = ObjectFrame(
+        sample_id="0",
+        points=FRAMES / "velodyne/000000.bin",
+        calibration=FRAMES / "calib/000000.txt",
+        objects=path,
+    )
+    write_recording(tmp_path, names=("labels",), cloud=".bin")
+    recorded = replace(
+        frame,
+        points=tmp_path / "points/labels.bin",
+        calibration=tmp_path / "calibration.yaml",
+        image=tmp_path / "images/labels.jpg",
+    )
+    for found in (
+        examine_object_frame(frame),
+        examine_recording_frame(recorded, reference=recorded.image),
+    ):
+        told = " ".join(each.problem for each in found.all())
+        assert "has placeholders such as 0 0 0 0" in told
+        assert "no class of KITTI" in told
+        assert "angles outside -pi to pi" in told
+        assert "truncations other than" in told
+        assert "no point of the cloud in their 3D box; if x, y, z are in the LiDAR's frame" in told
 
 
 def test_one_object_tells_too_little(labels):

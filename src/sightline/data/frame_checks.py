@@ -114,8 +114,9 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
             image_from_lidar = matrices.image_from_camera @ matrices.camera_from_lidar
             found.implausible += check_depth_fit(depth_m, points, image_from_lidar, frame.depth)
     if objects is not None and frame.objects is not None:
+        others_fit = found.is_consistent
         found.implausible += check_objects(objects, size, frame.objects)
-        if matrices is not None and found.is_consistent:
+        if matrices is not None and others_fit:
             found.implausible += check_label_fit(objects, matrices, size, points, frame.objects)
     return found
 

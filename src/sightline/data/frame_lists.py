@@ -237,7 +237,7 @@ def describe_left_out(folder: Path) -> str | None:
 
 TIMES_NAME: Final = "times.txt"
 """File with the times of a recording's frames."""
-_NOTES: Final = ("classes", "license", "notes", "readme")
+_NOTES: Final = ("classes", "labels", "license", "notes", "readme")
 
 
 def is_note(name: str) -> bool:
@@ -327,14 +327,14 @@ def _same_frame(files: Sequence[Path], names: Sequence[str]) -> str | None:
     Such names have another number of digits (15 for 000015), a prefix or a second suffix. Every
     file must name a frame of its own.
     """
-    by_number = {_number(name): name for name in names}
+    by_number = {frame_number(name): name for name in names}
     if None in by_number or len(by_number) < len(names):
         return None
-    found = [by_number.get(_number(each.stem)) for each in files]
+    found = [by_number.get(frame_number(each.stem)) for each in files]
     return found[0] if found and None not in found and len(set(found)) == len(found) else None
 
 
-def _number(name: str) -> int | None:
-    """Parse the only number in a name."""
+def frame_number(name: str) -> int | None:
+    """Parse the only number in a name; None: it has none, or several."""
     numbers = re.findall("[0-9]+", name)
     return int(numbers[0]) if len(numbers) == 1 else None

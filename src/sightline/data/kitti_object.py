@@ -21,11 +21,13 @@ from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import calibration_of, read_depth, read_image, read_points
 from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_trees import (
+    NO_LABELS_REMEDY,
     ObjectFrame,
     Part,
     Velodyne,
     describe_absent,
     list_object_frames,
+    named_in_two_ways,
     part_folder,
     remedy_for_absent,
     shared_calibration_remedy,
@@ -239,6 +241,9 @@ def _check_complete(
         ]
         if lacking:
             gaps.append((part_folder(part, velodyne), lacking))
+    renamed = named_in_two_ways(folder, found.values(), velodyne) if gaps else None
+    if renamed is not None:
+        raise FileError(renamed.path, renamed.problem, renamed.remedy)
     if gaps:
         described = ", ".join(
             f"{part} of {len(frame_ids)} of {len(requested)} frames ({describe_absent(frame_ids)})"
@@ -247,4 +252,6 @@ def _check_complete(
         remedy = shared_calibration_remedy(folder) or (
             "extract the missing archives or give a list of the complete frames"
         )
+        if 0 < len(dict(gaps).get(part_folder("objects"), ())) < len(requested):
+            remedy += f", or {NO_LABELS_REMEDY}"
         raise ValueError(f"{folder} lacks {described}; {doubt_about_names(absent) or remedy}")

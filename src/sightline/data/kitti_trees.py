@@ -1,15 +1,17 @@
 """Lists of the files in KITTI's trees, without reading: objects, depth completion, raw drives."""
 
 import difflib
-from collections.abc import Collection, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from sightline.data.frame_lists import doubt_about_names, is_note
+from sightline.data.frame_lists import doubt_about_names, frame_number, is_note
 from sightline.data.image_header import IMAGE_SUFFIXES
 from sightline.files.leftovers import is_leftover
 from sightline.files.plain_text import shortened
+from sightline.files.problem import Problem
 from sightline.jobs.output_dirs import SELECTIONS_FOLDER
 
 CORRUPTED: Final = "corruption"
@@ -112,6 +114,34 @@ def list_object_frames(
     }
 
 
+def named_in_two_ways(
+    folder: Path, frames: Iterable[ObjectFrame], velodyne: Velodyne = "velodyne"
+) -> Problem | None:
+    """Find files of one frame with different names, such as 2.txt beside 000002.png; else None."""
+    by_number: dict[int, list[ObjectFrame]] = defaultdict(list)
+    for frame in frames:
+        number = frame_number(frame.sample_id)
+        if number is not None:
+            by_number[number].append(frame)
+    pairs = [each for each in by_number.values() if len(each) > 1]
+    folders = [[_folders_with(frame, velodyne) for frame in pair] for pair in pairs]
+    if not pairs or any(len(each) > 2 or set(each[0]) & set(each[1]) for each in folders):
+        return None
+    few, many = sorted(zip(folders[0], pairs[0], strict=True), key=lambda each: len(each[0]))
+    wrong, right = (shortened(frame.sample_id) for _, frame in (few, many))
+    return Problem(
+        path=folder,
+        problem=f"names {len(pairs):,} frames in two ways, such as {wrong} in {', '.join(few[0])} "
+        f"and {right} in {', '.join(many[0])}",
+        remedy=f"give the files of a frame one name: rename {wrong} as {right}, and so on",
+    )
+
+
+def _folders_with(frame: ObjectFrame, velodyne: Velodyne) -> list[str]:
+    parts: tuple[Part, ...] = ("image", "points", "calibration", "objects", "depth")
+    return [part_folder(part, velodyne) for part in parts if getattr(frame, part) is not None]
+
+
 def list_files(folder: Path, suffixes: Sequence[str]) -> dict[str, Path]:
     """List the files of a folder with one of the suffixes, in any case, sorted by stem.
 
@@ -147,6 +177,10 @@ def shared_calibration_remedy(folder: Path) -> str | None:
     if not (folder / "calib.txt").is_file() or (folder / part_folder("calibration")).is_dir():
         return None
     return "copy calib.txt to calib/NAME.txt for each frame"
+
+
+NO_LABELS_REMEDY: Final = "write an empty label file for each frame without objects"
+"""Further remedy for missing labels: exporters such as CVAT's write no file for such frames."""
 
 
 def describe_absent(frame_ids: Sequence[str]) -> str:

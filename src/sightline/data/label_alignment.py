@@ -11,7 +11,13 @@ from jaxtyping import Float32, Float64, Int64
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import KittiObjects
 from sightline.data.kitti_trees import ObjectFrame
-from sightline.data.label_fit import heights_in_column, visible_objects
+from sightline.data.label_fit import (
+    LIDAR_FRAMES,
+    MAX_FILLED_RANGE_M,
+    count_empty_boxes,
+    heights_in_column,
+    visible_objects,
+)
 from sightline.files.problem import Problem
 
 _MAX_FRAMES: Final = 30  # spread over all; they have about a hundred objects
@@ -41,9 +47,16 @@ labels of unrelated frames do so in a fifth of the cases."""
 _DEGREES: Final = tuple(number / 2 for number in range(-12, 13))
 _METRES: Final = tuple(number / 5 for number in range(-10, 11))
 _FOOT_M: Final = 0.3048
+_NO_FRONT: Final = "boxes do not tell front from rear, look at some by sightline show"
 _EXTRINSICS: Final = (
     "correct the transform from LiDAR to camera (Tr_velo_to_cam and R0_rect; in a recording "
     "camera_from_lidar) or the clouds"
+)
+
+
+_SAME_FRAMES: Final = (
+    "give labels and clouds of the same frames and moments, in the frames and units of "
+    "docs/recordings.md; look at some by sightline show"
 )
 
 
@@ -74,7 +87,9 @@ class _Kind:
     feet 1.7 or more.
     """
     remedy: str = _EXTRINSICS
-    relabel: Callable[[KittiObjects], KittiObjects] = lambda objects: objects
+    relabel: Callable[[KittiObjects, CalibrationMatrices], KittiObjects] = lambda objects, _: (
+        objects
+    )
     """Change to the labels."""
     subject: str = "clouds"
     """Changed files."""
@@ -97,11 +112,18 @@ def _scaling(*factors: float) -> Float64[np.ndarray, "4 4"]:
     return np.diag([*np.broadcast_to(factors, 3), 1.0])
 
 
-def _lowered(objects: KittiObjects, *, heights: float) -> KittiObjects:
+def _lowered(objects: KittiObjects, _: CalibrationMatrices, *, heights: float) -> KittiObjects:
     """Lower objects by a number of their heights."""
     locations = objects.locations.copy()
     locations[:, 1] += heights * objects.dimensions_hwl[:, 0]
     return replace(objects, locations=locations)
+
+
+def _turned(
+    objects: KittiObjects, _: CalibrationMatrices, *, sign: float, offset: float
+) -> KittiObjects:
+    """Multiply rotation_y by a sign, and add an offset."""
+    return replace(objects, rotation_y=sign * objects.rotation_y + offset)
 
 
 _KINDS: Final = (
@@ -183,14 +205,31 @@ _KINDS: Final = (
             (
                 "written with a negated rotation_y",
                 0.96,  # boxes along the road stay as they are; sound frames have 0.99 or more
-                lambda objects: replace(objects, rotation_y=-objects.rotation_y),
-                "negate rotation_y: it is positive from z to x, clockwise from above",
+                partial(_turned, sign=-1.0, offset=0.0),
+                f"negate rotation_y: it is positive from z to x, clockwise from above; {_NO_FRONT}",
             ),
             (
                 "written with the LiDAR frame's yaw for rotation_y",
                 0.85,
-                lambda objects: replace(objects, rotation_y=-objects.rotation_y - np.pi / 2),
-                "write rotation_y = -yaw - pi/2",
+                partial(_turned, sign=-1.0, offset=-np.pi / 2),
+                f"write rotation_y = -yaw - pi/2; {_NO_FRONT}",
+            ),
+            (
+                "written with a rotation_y that is a quarter turn off",
+                0.85,
+                partial(_turned, sign=1.0, offset=np.pi / 2),
+                f"add or subtract pi/2: rotation_y is 0 to the right (x), -pi/2 ahead (z); "
+                f"{_NO_FRONT}",
+            ),
+            *(
+                (
+                    f"written in another frame: {name}",
+                    0.7,
+                    read,
+                    "write the centre of each box's bottom in the camera's frame (x right, y down, "
+                    "z forward), and rotation_y about y",
+                )
+                for name, read in LIDAR_FRAMES.items()
             ),
         )
     ),
@@ -209,11 +248,12 @@ def check_label_alignment(
 
     The changes are turns by up to 6 degrees about each axis of the LiDAR, quarter and half turns
     about z, moves by up to 2 m along each axis, feet for metres and back, and mirroring (y
-    negated); of the labels centres for bottoms, and rotation_y negated or of the LiDAR's frame.
-    Each is scored by the points in the boxes less twice those in the metre above, for objects
-    within 40 m that are at most partly hidden. Fewer than ten objects of twenty points or more give
-    too little evidence. Where no change fills most boxes, the fault is reported without a cause,
-    unless clouds of the neighbouring frames fill them.
+    negated); of the labels centres for bottoms, rotation_y negated, a quarter turn off or of the
+    LiDAR's frame, and places in that frame. Each is scored by the points in the boxes less twice
+    those in the metre above, for objects within 40 m that are at most partly hidden. Fewer than ten
+    objects of twenty points or more give too little evidence, unless most boxes of ten near objects
+    are empty. Where no change fills most boxes, the fault is reported without a cause, unless
+    clouds of the neighbouring frames fill them.
 
     Args:
         frames: Frames of one rig, in order.
@@ -231,7 +271,7 @@ def check_label_alignment(
         return [shifted]
     is_dense = max_counts >= _MIN_POINTS_PER_OBJECT
     if np.count_nonzero(is_dense) < _MIN_OBJECTS:
-        return []
+        return _check_emptiness(labelled, sweeps)
     doubt = _doubt(counts[is_dense], max_counts[is_dense])
     if doubt is None:
         return []
@@ -242,6 +282,25 @@ def check_label_alignment(
     found = Problem(path=path, problem=problem, remedy=remedy)
     shifted = _find_shift(complete, read_places, read)  # a small one resembles moved clouds
     return [found] if shifted is None else [shifted, found]
+
+
+def _check_emptiness(
+    frames: Sequence[ObjectFrame], sweeps: Sequence[LabelledSweep]
+) -> list[Problem]:
+    """Find labels of which most near boxes are empty after every change."""
+    filled = [sweep for sweep in sweeps if len(sweep.points)]
+    counts = [count_empty_boxes(each.objects, each.matrices, each.points) for each in filled]
+    num_empty, num_near = np.array(counts, dtype=int).reshape(-1, 2).sum(axis=0).tolist()
+    if num_near < _MIN_OBJECTS or 2 * num_empty < num_near:
+        return []
+    path = frames[0].objects
+    assert path is not None, "frames without labels are left out"
+    problem = (
+        f"and those of {len(sweeps) - 1} more frames do not fit the clouds: of {num_near} objects "
+        f"within {MAX_FILLED_RANGE_M:.0f} m, at most partly hidden, {num_empty} have no point in "
+        "their 3D box, and no single turn, move or change of convention mends it"
+    )
+    return [Problem(path=path, problem=problem, remedy=_SAME_FRAMES)]
 
 
 def _doubt(
@@ -269,8 +328,7 @@ def _doubt(
         return (
             f"do not fit the labels: their 3D boxes hold {totals[0, 0]} points and {totals[0, 1]} "
             "in the metre above, and no single turn, move or change of convention mends it",
-            "give labels and clouds of the same frames and moments, in the frames and units of "
-            "docs/recordings.md; look at some by sightline show",
+            _SAME_FRAMES,
             False,
         )
     score, best, kind, amount = causes[0]
@@ -349,15 +407,15 @@ def _count_points(
     objects, xyz = sweep.objects, sweep.points[:, :3].astype(np.float64)
     camera_from_lidar = sweep.matrices.camera_from_lidar
     lidar_from_camera = np.linalg.inv(camera_from_lidar)
-    relabelled = [objects, *(kind.relabel(objects) for kind in _KINDS)]
+    relabelled = [objects, *(kind.relabel(objects, sweep.matrices) for kind in _KINDS)]
     all_changes = list(zip(_CHANGES, relabelled, strict=True))[: 1 if unchanged_only else None]
     counts = []
     for index in visible_objects(objects, within_m=_MAX_DISTANCE_M)[:_MAX_OBJECTS_PER_FRAME]:
         height = objects.dimensions_hwl[index, 0]
         reach_m = float(np.linalg.norm(objects.dimensions_hwl[index])) + _SPACE_ABOVE_M
-        centre = lidar_from_camera @ np.append(objects.locations[index], 1.0)
-        away_m = np.linalg.norm(xyz - centre[:3], axis=1)
         for changes, boxes in all_changes:
+            centre = lidar_from_camera @ np.append(boxes.locations[index], 1.0)
+            away_m = np.linalg.norm(xyz - centre[:3], axis=1)
             # Positions that a change moves to the object, and their distances from it.
             sources = np.linalg.solve(changes, centre)[:, :3]
             far_m = np.linalg.norm(sources - centre[:3], axis=1).max()

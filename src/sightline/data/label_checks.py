@@ -49,6 +49,9 @@ _IN_PIXELS: Final = "write x_min, y_min, x_max, y_max in pixels"
 _MIN_MISREAD: Final = 3
 _MIN_MISREAD_SHARE: Final = 0.3
 """Minimum number and share of 2D boxes that no image holds, for a doubt about all of them."""
+_MIN_MISSPELT: Final = 7  # letters; of shorter names one letter makes another word: cart, track
+_MIN_LIKENESS: Final = 0.85
+"""Likeness of a misspelt class, by difflib, to KITTI's; cyclsit has 0.86, tricyclist 0.82."""
 _REGION = "DontCare"
 _MAX_LISTED: Final = 5  # faults of one kind listed one by one per file
 
@@ -64,9 +67,9 @@ _SYNONYMS: Final = {
     "human": "Pedestrian",
     "walker": "Pedestrian",
     "sitting": "Person_sitting",
-    "bicycle": "Cyclist",
+    "bicycle": "Cyclist or Misc",
     "bicyclist": "Cyclist",
-    "bike": "Cyclist",
+    "bike": "Cyclist or Misc",
     "rider": "Cyclist",
     "motorcycle": "Cyclist or Misc",
     "motorcyclist": "Cyclist or Misc",
@@ -83,7 +86,11 @@ def check_objects(objects: KittiObjects, size: tuple[int, int] | None, path: Pat
         *_check_repeated(objects, path),
         *(
             Problem(path=path, problem=problem, remedy=remedy)
-            for problem, remedy in (*doubts_in_space(objects), *_doubts_in_image(objects, size))
+            for problem, remedy in (
+                *doubts_in_space(objects),
+                *_doubts_in_image(objects, size),
+                *_doubts_about_values(objects),
+            )
         ),
         *_check_each(objects, size, path),
     ]
@@ -151,10 +158,19 @@ def _check_repeated(objects: KittiObjects, path: Path) -> list[Problem]:
 
 
 def _suggested_class(name: str) -> str | None:
-    by_word = {each.lower(): each for each in (*CLASS_NAMES, _REGION)} | _SYNONYMS
-    word = "".join(character for character in name if character.isprintable()).strip().lower()
-    close = difflib.get_close_matches(word.replace("-", "_"), by_word, n=1, cutoff=0.75)
-    return by_word[close[0]] if close else None
+    """Class of KITTI's for another data set's, such as vehicle.bus.rigid, or a misspelt one."""
+    text = "".join(character for character in name if character.isprintable()).strip().lower()
+    first, *others = text.replace("-", "_").split(".")
+    by_word = {each.lower(): each for each in (*CLASS_NAMES, _REGION)}
+    for word in reversed(others or [first]):  # the first of several is wide: vehicle, human, ..
+        singular = word.removesuffix("s")
+        known = (by_word | _SYNONYMS).get(word) or (by_word | _SYNONYMS).get(singular)
+        if known is None and len(word) >= _MIN_MISSPELT:
+            close = difflib.get_close_matches(word, by_word, n=1, cutoff=_MIN_LIKENESS)
+            known = by_word[close[0]] if close else None
+        if known is not None:
+            return known
+    return None
 
 
 def is_empty_box2d(
@@ -194,7 +210,7 @@ def doubts_in_space(objects: KittiObjects) -> list[tuple[str, str]]:
     """
     has_box3d = gives_box3d(objects)
     sizes = objects.dimensions_hwl
-    names = np.array(objects.class_names, dtype=object)
+    names = np.array([each.capitalize() for each in objects.class_names], dtype=object)
     faults = []
     if (sizes[has_box3d] > _MAX_SIZE_M).any():
         largest = sizes[has_box3d].max()
@@ -235,13 +251,53 @@ def _doubts_in_image(objects: KittiObjects, size: tuple[int, int] | None) -> lis
             "evaluation ignores objects lower than 25 px in the image, also from above and in 3D"
         )
         return [(problem, "write the projections of the 3D boxes")]
+    doubt = doubt_about_boxes2d(objects, size)
+    return [] if doubt is None else [doubt]
+
+
+def doubt_about_boxes2d(
+    objects: KittiObjects, size: tuple[int, int] | None
+) -> tuple[str, str] | None:
+    """Find 2D boxes in another unit or order, like `doubts_in_space`; None: they are in pixels."""
+    boxes = objects.boxes2d[np.array(objects.class_names, dtype=object) != _REGION]
     if size is not None and len(boxes) and (boxes.max(axis=1) <= 1).all() and min(size) > 10:
         problem = (
             "has all 2D boxes within the first pixel: they are probably relative to the image size"
         )
-        return [(problem, _IN_PIXELS)]
+        return problem, _IN_PIXELS
     misread = _misread_boxes2d(objects, size)
-    return [] if misread is None else [(misread, _IN_PIXELS)]
+    return None if misread is None else (misread, _IN_PIXELS)
+
+
+def _doubts_about_values(objects: KittiObjects) -> list[tuple[str, str]]:
+    """Find angles and truncations beyond their range, like `doubts_in_space`."""
+    faults = []
+    angles = np.where(objects.alpha == NO_ALPHA, 0.0, objects.alpha)
+    is_outside = np.maximum(np.abs(objects.rotation_y), np.abs(angles)) > _MAX_ANGLE
+    num_outside = int(np.count_nonzero(is_outside & gives_box3d(objects) & ~in_degrees(objects)))
+    if num_outside:
+        problem = f"has angles outside -pi to pi at {num_outside} of {len(objects)} objects"
+        remedy = "subtract 2 pi from those above pi, and add it to those below -pi"
+        faults.append((problem, remedy))
+    truncations = objects.truncation[objects.truncation != UNKNOWN]
+    outside = truncations[(truncations < 0) | (truncations > 1)]
+    if len(outside):
+        largest = outside[np.abs(outside).argmax()]
+        problem = (
+            f"has {len(outside)} of {len(objects)} truncations other than -1 or 0 to 1, such as "
+            f"{largest:g}"
+        )
+        faults.append((problem, _remedy_for_truncations(truncations)))
+    return faults
+
+
+def _remedy_for_truncations(given: Float64[np.ndarray, " num_given"]) -> str:
+    share = "write the share of each object outside the image, 0 to 1"
+    if np.isin(given, (0, 1, 2)).all():
+        return f"{share}: they are probably KITTI tracking's levels 0 to 2"
+    if given.min() >= 0 and 2 < given.max() <= 100:
+        return f"{share}: divide them by 100 if they are in percent"
+    return f"{share}, or -1 where it is not known"
 
 
 def _misread_boxes2d(objects: KittiObjects, size: tuple[int, int] | None) -> str | None:
@@ -267,12 +323,13 @@ def _is_no_box2d(
     boxes: Float64[np.ndarray, "num_boxes 4"], size: tuple[int, int] | None
 ) -> Bool[np.ndarray, " num_boxes"]:
     """Mask of the boxes that are inside out or far outside the image."""
-    return np.asarray(_is_inside_out(boxes) | _is_far_outside(boxes, size))
+    return np.asarray(is_inside_out(boxes) | _is_far_outside(boxes, size))
 
 
-def _is_inside_out(
+def is_inside_out(
     boxes: Float64[np.ndarray, "num_boxes 4"],
 ) -> Bool[np.ndarray, " num_boxes"]:
+    """Mask of the 2D boxes with a maximum below its minimum."""
     return np.asarray((boxes[:, 2:] < boxes[:, :2]).any(axis=1))
 
 
@@ -354,7 +411,7 @@ def _likely_orders(
 def impossible_values(objects: KittiObjects) -> dict[str, Bool[np.ndarray, " num_objects"]]:
     """Masks of the objects with values that no label has and evaluation relies on, by the fault."""
     return {
-        "a 2D box with its maximum below its minimum": _is_inside_out(objects.boxes2d),
+        "a 2D box with its maximum below its minimum": is_inside_out(objects.boxes2d),
         "an occlusion other than -1 to 3": ~np.isin(objects.occlusion, _OCCLUSIONS),
         "a truncation other than -1 or 0 to 1": (objects.truncation != UNKNOWN)
         & ((objects.truncation < 0) | (objects.truncation > 1)),
@@ -364,19 +421,14 @@ def impossible_values(objects: KittiObjects) -> dict[str, Bool[np.ndarray, " num
 def _check_each(objects: KittiObjects, size: tuple[int, int] | None, path: Path) -> list[Problem]:
     is_misread = _misread_boxes2d(objects, size) is not None  # reported once for all
     has_box3d = gives_box3d(objects)
-    alphas = np.where(objects.alpha == NO_ALPHA, 0.0, objects.alpha)
-    rotations = np.stack((objects.rotation_y, alphas), axis=1)
-    inside_out, *others = impossible_values(objects).items()
+    inside_out, occlusion, _ = impossible_values(objects).items()  # truncations: for the file
     faults = {
         f"has {inside_out[0]}": inside_out[1] & (not is_misread),
         "has a 2D box far outside the image": _is_far_outside(objects.boxes2d, size)
         & (not is_misread),
         "has a 3D box of a size that is not positive": has_box3d
         & (objects.dimensions_hwl <= 0).any(axis=1),
-        "has an angle outside -pi to pi": has_box3d
-        & (np.abs(rotations) > _MAX_ANGLE).any(axis=1)
-        & ~in_degrees(objects),
-        **{f"has {fault}": faulty for fault, faulty in others},
+        f"has {occlusion[0]}": occlusion[1],
     }
     problems = []
     for fault, faulty in faults.items():

@@ -1,6 +1,7 @@
 """Checks that labels, calibration and cloud belong to one frame."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +12,12 @@ from sightline.data.kitti_boxes import box_corners, project_box
 from sightline.data.kitti_calibration import CalibrationMatrices
 from sightline.data.kitti_labels import NO_LOCATION, KittiObjects
 from sightline.data.kitti_trees import CORRUPTED
-from sightline.data.label_checks import is_empty_box2d
+from sightline.data.label_checks import (
+    doubt_about_boxes2d,
+    doubts_in_space,
+    is_empty_box2d,
+    is_inside_out,
+)
 from sightline.data.result_boxes import BOX2D_CONVENTIONS, image_ious
 from sightline.files.problem import Problem
 
@@ -21,9 +27,11 @@ _MIN_CAUSE_IOU: Final = 0.6
 """Median IoU from which another convention is named as the cause."""
 _MIN_OBJECTS: Final = 2
 _MAX_OBJECTS: Final = 100  # checked objects per file
-_MAX_FILLED_RANGE_M: Final = 25.0
+MAX_FILLED_RANGE_M: Final = 25.0
 """Range within which a LiDAR hits every object that is at most partly hidden: on 90 real frames, 1
 of 255 such objects within 40 m has no point in its box."""
+_MIN_FILLED_SHARE: Final = 0.75
+"""Share of those objects with points from which another frame is named as the cause."""
 _VISIBLE_OCCLUSIONS: Final = (0.0, 1.0)  # visible, partly hidden
 _REGION: Final = "DontCare"
 
@@ -37,7 +45,8 @@ def check_label_fit(
 ) -> list[Problem]:
     """Find labels whose 3D boxes do not fit the 2D boxes or the points.
 
-    Corrupted trees are not checked: their parts disagree on purpose.
+    Corrupted trees are not checked: their parts disagree on purpose. Nor are boxes in units or an
+    order that `check_objects` doubts.
 
     Args:
         objects: Labels of the frame.
@@ -46,9 +55,10 @@ def check_label_fit(
         points: Cloud of the frame; None or empty: the LiDAR delivered nothing.
         path: File of the labels.
     """
-    if (path.parent.parent / CORRUPTED).is_dir():
+    if (path.parent.parent / CORRUPTED).is_dir() or doubts_in_space(objects):
         return []
-    misplaced = _check_image(objects, matrices, size, path)
+    is_misread = doubt_about_boxes2d(objects, size) is not None
+    misplaced = [] if is_misread else _check_image(objects, matrices, size, path)
     if misplaced or points is None or not len(points):
         return misplaced
     return _check_cloud(objects, matrices, points, path)
@@ -97,7 +107,7 @@ def _check_image(
     size: tuple[int, int] | None,
     path: Path,
 ) -> list[Problem]:
-    is_drawn = ~is_empty_box2d(objects.boxes2d)
+    is_drawn = ~is_empty_box2d(objects.boxes2d) & ~is_inside_out(objects.boxes2d)
     chosen = np.flatnonzero(_has_box3d(objects) & is_drawn)[:_MAX_OBJECTS].tolist()
     if len(chosen) < _MIN_OBJECTS:
         return []
@@ -151,22 +161,45 @@ def _projections(
 
 def _other_boxes3d(objects: KittiObjects, matrices: CalibrationMatrices) -> dict[str, KittiObjects]:
     """Convert 3D boxes of other conventions, by their name, the rest of a clause."""
-    camera_from_lidar = matrices.camera_from_lidar
-    from_lidar = objects.locations @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
     half_height = np.array((0, 0.5, 0)) * objects.dimensions_hwl[:, :1]
-    turned = -objects.rotation_y - np.pi / 2
-    in_lidar = "x, y, z are in the LiDAR's frame and rotation_y is its yaw, of box"
     return {
         "y is the height of box centres": replace(
             objects, locations=objects.locations + half_height
         ),
-        f"{in_lidar} centres": replace(
-            objects, locations=from_lidar + half_height, rotation_y=turned
-        ),
-        f"{in_lidar} bottoms": replace(objects, locations=from_lidar, rotation_y=turned),
-        "x, y, z are in the LiDAR's frame": replace(objects, locations=from_lidar),
+        **{name: read(objects, matrices) for name, read in LIDAR_FRAMES.items()},
         "sizes are halves": replace(objects, dimensions_hwl=2 * objects.dimensions_hwl),
     }
+
+
+def _from_lidar(
+    objects: KittiObjects, matrices: CalibrationMatrices, *, heights: float, is_yaw: bool
+) -> KittiObjects:
+    """Convert 3D boxes from the LiDAR's frame to the camera's.
+
+    Args:
+        objects: Objects with boxes in the LiDAR's frame.
+        matrices: Calibration of the frame.
+        heights: Part of an object's height from its bottom to its location.
+        is_yaw: Whether rotation_y is the yaw in the LiDAR's frame.
+    """
+    camera_from_lidar = matrices.camera_from_lidar
+    locations = objects.locations @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
+    locations[:, 1] += heights * objects.dimensions_hwl[:, 0]
+    turned = -objects.rotation_y - np.pi / 2 if is_yaw else objects.rotation_y
+    return replace(objects, locations=locations, rotation_y=turned)
+
+
+_IN_LIDAR: Final = "x, y, z are in the LiDAR's frame"
+LIDAR_FRAMES: Final = {
+    f"{_IN_LIDAR} and rotation_y is its yaw, of box centres": partial(
+        _from_lidar, heights=0.5, is_yaw=True
+    ),
+    f"{_IN_LIDAR} and rotation_y is its yaw, of box bottoms": partial(
+        _from_lidar, heights=0.0, is_yaw=True
+    ),
+    _IN_LIDAR: partial(_from_lidar, heights=0.0, is_yaw=False),
+}
+"""Conversions of boxes written in the LiDAR's frame, by their clause."""
 
 
 def _check_cloud(
@@ -175,7 +208,34 @@ def _check_cloud(
     points: Float32[np.ndarray, "num_points 4"],
     path: Path,
 ) -> list[Problem]:
-    chosen = visible_objects(objects, within_m=_MAX_FILLED_RANGE_M)
+    num_empty, num_near = count_empty_boxes(objects, matrices, points)
+    if num_empty < _MIN_OBJECTS or 2 * num_empty < num_near:
+        return []
+    others = [
+        count_empty_boxes(read(objects, matrices), matrices, points)
+        for read in LIDAR_FRAMES.values()
+    ]
+    num_filled, of_near = max((near - empty, near) for empty, near in others)
+    is_clear = num_filled >= _MIN_FILLED_SHARE * max(of_near, num_near)
+    cause = f"; if {_IN_LIDAR}, {num_filled} of {of_near} have some" if is_clear else ""
+    return [
+        Problem(
+            path=path,
+            problem=f"has {num_empty} of {num_near} objects within {MAX_FILLED_RANGE_M:.0f} m "
+            f"that are at most partly hidden but have no point of the cloud in their 3D box{cause}",
+            remedy="give labels, cloud and calibration of one frame, the cloud in metres, x "
+            "forward, y left, z up",
+        )
+    ]
+
+
+def count_empty_boxes(
+    objects: KittiObjects,
+    matrices: CalibrationMatrices,
+    points: Float32[np.ndarray, "num_points 4"],
+) -> tuple[int, int]:
+    """Count the near objects, at most partly hidden, without a point in their box; and all such."""
+    chosen = visible_objects(objects, within_m=MAX_FILLED_RANGE_M)
     camera_from_lidar = matrices.camera_from_lidar
     xyz = points[:, :3] @ camera_from_lidar[:3, :3].T + camera_from_lidar[:3, 3]
     num_empty = 0
@@ -183,17 +243,7 @@ def _check_cloud(
         heights = heights_in_column(objects, index, xyz)
         is_inside = (heights >= 0) & (heights <= objects.dimensions_hwl[index, 0])
         num_empty += not is_inside.any()
-    if num_empty < _MIN_OBJECTS or 2 * num_empty < len(chosen):
-        return []
-    return [
-        Problem(
-            path=path,
-            problem=f"has {num_empty} of {len(chosen)} objects within {_MAX_FILLED_RANGE_M:.0f} m "
-            "that are at most partly hidden but have no point of the cloud in their 3D box",
-            remedy="give labels, cloud and calibration of one frame, the cloud in metres, x "
-            "forward, y left, z up",
-        )
-    ]
+    return num_empty, len(chosen)
 
 
 def _corners(objects: KittiObjects, index: int) -> Float64[np.ndarray, "8 3"]:

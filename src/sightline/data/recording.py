@@ -24,7 +24,13 @@ from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_conversion import labels_from_kitti
 from sightline.data.kitti_files import read_depth
 from sightline.data.kitti_labels import read_labels
-from sightline.data.kitti_trees import ObjectFrame, Part, describe_absent, remedy_for_absent
+from sightline.data.kitti_trees import (
+    NO_LABELS_REMEDY,
+    ObjectFrame,
+    Part,
+    describe_absent,
+    remedy_for_absent,
+)
 from sightline.data.lidar_mount import (
     has_points,
     mount_doubts_of_recording,
@@ -354,10 +360,12 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         for part in ("calibration", *(part for part in attributes if part in needed)):
             absent = [each.sample_id for each in self.frames if getattr(each, part) is None]
             if absent:
+                some_labelled = part == "objects" and len(absent) < len(self.frames)
+                further = f", or {NO_LABELS_REMEDY}" if some_labelled else ""
                 raise ValueError(
                     f"{self.folder} lacks {attributes.get(part, part)} of {len(absent)} of "
                     f"{len(self.frames)} frames ({describe_absent(absent)}); add them or name a "
-                    "list of the complete frames"
+                    f"list of the complete frames{further}"
                 )
 
 

@@ -19,7 +19,7 @@ from sightline.data.frame_checks import (
 )
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import check_matrices
-from sightline.data.kitti_labels import KittiObjects, read_labels
+from sightline.data.kitti_labels import read_labels
 from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.label_checks import check_objects
 from sightline.data.label_fit import check_label_fit
@@ -266,6 +266,7 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
     points, is_hollow = _examine_cloud(frame.points, max_intensity, found)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     size = None if image is None else (image.shape[0], image.shape[1])
+    others_fit = found.is_consistent
     if objects is not None and frame.objects is not None:
         found.implausible += check_objects(objects, size, frame.objects)
     if calibration is None:
@@ -277,19 +278,22 @@ def examine_recording_frame(frame: ObjectFrame, *, reference: Path | None) -> Fi
         if mismatch is not None:
             found.implausible.insert(0, mismatch)  # may be the cause of boxes beyond the image
             return found
-    if not found.is_consistent or is_hollow:
+    if not others_fit or is_hollow:
         return found
+    mismatches: list[Problem] = []
     view = view_of_recording(frame)
     if view is not None and view.doubt is not None:
         # A calibration's own faults are reported once for all frames.
         if view.doubt.path == frame.points or _doubt(calibration, view.size) is None:
-            found.implausible.append(view.doubt)
+            mismatches.append(view.doubt)
     elif depth_m is not None and frame.depth is not None and points is not None:
         image_from_lidar = (
             calibration.matrices.image_from_camera @ calibration.matrices.camera_from_lidar
         )
-        found.implausible += check_depth_fit(depth_m, points, image_from_lidar, frame.depth)
-    _check_label_fit(found, frame.objects, objects, calibration, points, size)
+        mismatches += check_depth_fit(depth_m, points, image_from_lidar, frame.depth)
+    if not mismatches and objects is not None and frame.objects is not None:
+        mismatches += check_label_fit(objects, calibration.matrices, size, points, frame.objects)
+    found.implausible += mismatches
     return found
 
 
@@ -318,19 +322,6 @@ def _check_intensities(
     """Check for intensities without use; zeros mean that the LiDAR measures none."""
     doubt = intensity_doubt(points, max_intensity) if points[:, 3].any() else None
     return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
-
-
-def _check_label_fit(
-    found: Findings,
-    path: Path | None,
-    objects: KittiObjects | None,
-    calibration: RecordingCalibration,
-    points: Float32[np.ndarray, "_num_points 4"] | None,
-    size: tuple[int, int] | None,
-) -> None:
-    """Check labels against image and cloud if no other check failed."""
-    if path is not None and objects is not None and found.is_consistent:
-        found.implausible += check_label_fit(objects, calibration.matrices, size, points, path)
 
 
 def _check_hollow(points: Float32[np.ndarray, "_num_points 4"], path: Path) -> list[Problem]:

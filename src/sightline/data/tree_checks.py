@@ -39,6 +39,7 @@ from sightline.data.kitti_calibration import (
 )
 from sightline.data.kitti_trees import (
     CORRUPTED,
+    NO_LABELS_REMEDY,
     RAW_CALIBRATION,
     DepthFrame,
     DriveFiles,
@@ -54,6 +55,7 @@ from sightline.data.kitti_trees import (
     list_drive_frames,
     list_object_frames,
     list_selected_frames,
+    named_in_two_ways,
     part_folder,
     selection_folder,
     shared_calibration_remedy,
@@ -241,7 +243,8 @@ def _object_tree(folder: Path) -> Tree | None:
             Problem(path=folder / "calib", problem=each.problem, remedy=each.remedy)
             for each in stated_mount_doubts(frames)
         )
-        tree = replace(tree, gaps=(*tree.gaps, *doubts))
+        renamed = named_in_two_ways(folder, frames, velodyne)  # instead of all missing files
+        tree = replace(tree, gaps=(*(tree.gaps if renamed is None else (renamed,)), *doubts))
     matrices = read_or_note(read_object_matrices, calibration_file, [])
     try:
         tree = _with_notes(tree, *_describe_pose(frames, matrices))
@@ -477,7 +480,8 @@ def _tree(
             problem = "holds no files of the frames"
             gaps.append(Problem(path=part.folder, problem=problem, remedy=copying or remedy))
         else:
-            gaps += _gaps_of_part(part, absent, len(frames), remedy)
+            further = f", or {NO_LABELS_REMEDY}" if part.attribute == "objects" else ""
+            gaps += _gaps_of_part(part, absent, len(frames), remedy + further)
     flat = describe_flat_labels([each for each in frames if isinstance(each, ObjectFrame)])
     return Tree(
         summary=TreeSummary(
