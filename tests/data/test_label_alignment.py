@@ -185,9 +185,9 @@ def test_labels_in_the_frame_of_the_lidar_are_told_though_all_boxes_are_empty(
     assert "in the camera's frame (x right, y down, z forward)" in problem.remedy
 
 
-@pytest.mark.parametrize("is_empty", [False, True])
-def test_boxes_without_points_after_every_change_are_told_unless_the_clouds_are_empty(
-    tmp_path, is_empty
+@pytest.mark.parametrize(("num_points", "is_told"), [(None, True), (0, False), (10, False)])
+def test_boxes_without_points_after_every_change_are_told_unless_the_clouds_are_at_fault(
+    tmp_path, num_points, is_told
 ):
     labels = tmp_path / "labels.txt"
     frame = ObjectFrame(sample_id="", points=tmp_path, calibration=tmp_path, objects=labels)
@@ -196,7 +196,7 @@ def test_boxes_without_points_after_every_change_are_told_unless_the_clouds_are_
     def read(each):
         sweep = scene(int(each.sample_id))
         x, y, z = sweep.objects.locations.T
-        points = sweep.points[: 0 if is_empty else None]
+        points = sweep.points[:num_points]
         return replace(
             sweep,
             points=points,
@@ -204,7 +204,7 @@ def test_boxes_without_points_after_every_change_are_told_unless_the_clouds_are_
         )
 
     problems = check_label_alignment(frames, read)
-    assert len(problems) == (not is_empty)
+    assert len(problems) == is_told
     for problem in problems:
         assert problem.path == labels
         assert "at most partly hidden, 48 have no point in their 3D box" in problem.problem

@@ -19,6 +19,7 @@ from sightline.data.label_fit import (
     visible_objects,
 )
 from sightline.files.problem import Problem
+from sightline.geometry.cloud_checks import hollow_doubt
 
 _MAX_FRAMES: Final = 30  # spread over all; they have about a hundred objects
 _MIN_OBJECTS: Final = 10
@@ -288,8 +289,11 @@ def _check_emptiness(
     frames: Sequence[ObjectFrame], sweeps: Sequence[LabelledSweep]
 ) -> list[Problem]:
     """Find labels of which most near boxes are empty after every change."""
-    filled = [sweep for sweep in sweeps if len(sweep.points)]
-    counts = [count_empty_boxes(each.objects, each.matrices, each.points) for each in filled]
+    counts = [
+        count_empty_boxes(each.objects, each.matrices, each.points)
+        for each in sweeps
+        if len(each.points) and hollow_doubt(each.points) is None  # such clouds are told themselves
+    ]
     num_empty, num_near = np.array(counts, dtype=int).reshape(-1, 2).sum(axis=0).tolist()
     if num_near < _MIN_OBJECTS or 2 * num_empty < num_near:
         return []
