@@ -128,6 +128,19 @@ def test_a_recording_of_one_sensor_is_opened_and_has_no_problems(tmp_path, folde
         open_dataset(tmp_path, parts=("image", "points"))
 
 
+def test_labels_that_some_frames_lack_may_be_written_empty(tmp_path):
+    write_recording(tmp_path)
+    (tmp_path / "labels").mkdir()
+    said = "or write an empty label file for each frame without objects"
+    with pytest.raises(ValueError, match="labels of 2 of 2 frames") as caught:
+        RecordingDataset(tmp_path)
+    assert said not in str(caught.value)
+    shutil.copy(LABELS, tmp_path / "labels" / "a.txt")
+    with pytest.raises(ValueError, match=rf"labels of 1 of 2 frames \(b\); .*, {said}"):
+        RecordingDataset(tmp_path)
+    assert said in str(next(iter(check_tree(tmp_path))))
+
+
 def test_a_lens_is_made_good_for_only_where_that_is_asked_for(tmp_path):
     lens = {"model": "plumb_bob", "coefficients": [-0.2, 0.05, 0, 0]}
     write_recording(tmp_path, ("a",), picture=".png", lens=lens)
