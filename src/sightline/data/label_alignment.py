@@ -417,9 +417,12 @@ def _count_points(
     for index in visible_objects(objects, within_m=_MAX_DISTANCE_M)[:_MAX_OBJECTS_PER_FRAME]:
         height = objects.dimensions_hwl[index, 0]
         reach_m = float(np.linalg.norm(objects.dimensions_hwl[index])) + _SPACE_ABOVE_M
+        place = np.full(3, np.nan)
         for changes, boxes in all_changes:
-            centre = lidar_from_camera @ np.append(boxes.locations[index], 1.0)
-            away_m = np.linalg.norm(xyz - centre[:3], axis=1)
+            if (boxes.locations[index] != place).any():  # distances to all points take long
+                place = boxes.locations[index]
+                centre = lidar_from_camera @ np.append(place, 1.0)
+                away_m = np.linalg.norm(xyz - centre[:3], axis=1)
             # Positions that a change moves to the object, and their distances from it.
             sources = np.linalg.solve(changes, centre)[:, :3]
             far_m = np.linalg.norm(sources - centre[:3], axis=1).max()
