@@ -144,7 +144,13 @@ class BagMaker:
         self.write(topic, message, time_ns)
 
     def cloud(
-        self, topic: str, time_ns: int, *, names=("x", "y", "z", "intensity"), points=None
+        self,
+        topic: str,
+        time_ns: int,
+        *,
+        names=("x", "y", "z", "intensity"),
+        points=None,
+        frame="lidar",
     ) -> None:
         rows = POINTS * np.float32([1, 1, 1, 255]) if points is None else points
         if points is None:  # a LiDAR's clouds differ
@@ -157,7 +163,7 @@ class BagMaker:
         padded[:, :4] = rows
         message = self.new(
             "sensor_msgs/msg/PointCloud2",
-            header=self.header("lidar", time_ns),
+            header=self.header(frame, time_ns),
             height=1,
             width=len(rows),
             fields=fields,

@@ -51,6 +51,19 @@ def test_sensors_of_other_numbers_of_rings_are_told(num_lasers, counted):
         evaluate_held_out([sample], flat(10))
 
 
+def test_points_in_a_vehicles_frame_are_told_once():
+    samples = [
+        replace(turning_sample(16, step=0.0375), sample_id=name, lidar_height_m=0.02)
+        for name in ("first", "second")
+    ]
+    with pytest.warns(UserWarning, match="own frame") as caught:
+        evaluate_held_out(samples, flat(10))
+    (warning,) = caught
+    said = "points of first have their origin 0.02 m above the road, as in a vehicle's frame"
+    assert said in str(warning.message)
+    evaluate_held_out([replace(each, lidar_height_m=0.4) for each in samples], flat(10))
+
+
 def test_densities_that_the_sensor_does_not_have_are_refused_with_its_number():
     with pytest.raises(ValueError, match=r"sensor's 32 evenly \(32, 16, 8, 4, ..\), got 64"):
         evaluate_held_out([turning_sample(32)], flat(10), beams=(64,))
@@ -59,7 +72,9 @@ def test_densities_that_the_sensor_does_not_have_are_refused_with_its_number():
 def test_frames_of_two_sensors_are_not_scored_as_one():
     samples = [turning_sample(32), turning_sample(16, sample_id="other", step=0.04)]
     with pytest.raises(
-        ValueError, match=r"sample other .* of 16 beams, the frames before it by one"
+        ValueError,
+        match=r"sample other .* of 16 beams \(16 rings\), the frames before it by one of 32 "
+        r"\(32 rings\); score the sensors one by one, or if they are one, give sweeps in its own",
     ):
         evaluate_held_out(samples, flat(10))
 

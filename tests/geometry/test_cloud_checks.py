@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from sightline.geometry.cloud_checks import cloud_fault, hollow_doubt, shape_doubt
 from sightline.geometry.echoes import echoes, losses
 from sightline.geometry.intensity_checks import intensity_doubt, warn_of_intensities
+from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.recordings import POINTS
 
 VALUES = st.sampled_from(
@@ -254,3 +255,21 @@ def test_points_that_are_there_three_times_are_doubted_those_of_two_returns_are_
     assert hollow_doubt(np.concatenate((points, points))) is None
     problem, _ = hollow_doubt(np.concatenate((points, points, points)))
     assert problem == "holds 1500 points at only 500 places"
+
+
+def test_points_beside_the_origin_are_in_a_maps_frame_those_far_around_it_in_another_unit():
+    points = np.random.default_rng(0).normal(0, 10, (500, 3))
+    problem, remedy = shape_doubt(points + np.array((80, 30, 0)))
+    assert "half of them within" in problem
+    assert problem.endswith("they are probably in a map's or world's frame")
+    assert remedy.startswith("take clouds in the LiDAR's own frame, or move them there")
+    far = 10 * points[np.linalg.norm(points, axis=1) > 4]
+    assert "decimetres" in shape_doubt(far)[0]
+
+
+def test_real_sweeps_in_decimetres_are_not_taken_for_those_of_a_map():
+    (path, *_) = sorted((PACKAGED_FRAMES / "training" / "velodyne").glob("*.bin"))
+    points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
+    points = points[np.linalg.norm(points, axis=1) > 4]
+    assert "decimetres" in shape_doubt(10 * points)[0]
+    assert "map's" in shape_doubt(points + np.float32((80, 30, 0)))[0]

@@ -91,7 +91,11 @@ def test_an_offset_in_millimetres_is_named(rigid):
 
 def test_an_offset_that_may_be_in_centimetres_is_called_so(rigid):
     rigid[:3, 3] *= 100
-    assert "is probably in millimetres or centimetres; give metres" in mount_doubt(rigid)
+    doubt = mount_doubt(rigid)
+    assert "is probably in millimetres or centimetres; give metres" in doubt
+    assert doubt.endswith(
+        "or if points are in a map's or world's frame, both in the LiDAR's own frame"
+    )
 
 
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1.5, 2.0])

@@ -65,7 +65,7 @@ def rings_by_elevation(
         raise ValueError(
             "the points are not ordered ring by ring as in KITTI's files, and their elevations do "
             f"not separate into rings ({100 * best.doubtful_share:.0f} % of the points are between "
-            "rings): give sweeps in the LiDAR's own frame, tilted by at most "
+            "rings): give sweeps of one LiDAR in its own frame, tilted by at most "
             f"{_MAX_LEAN_DEG} degrees and not corrected for motion, or with a field ring (.pcd, "
             ".ply), or in the order of KITTI's files"
         )

@@ -402,8 +402,13 @@ def _check_top_down(medians_deg: Float64[np.ndarray, " num_rings"]) -> None:
     rise = medians_deg[1:] - above
     if len(rise) and rise.max() > _TOP_DOWN_SLACK_DEG:
         first = int(np.argmax(rise > _TOP_DOWN_SLACK_DEG))
+        from_top_deg = abs(medians_deg[first + 1] - medians_deg[0])
+        is_restart = first + 1 >= MIN_RINGS and from_top_deg <= _TOP_DOWN_SLACK_DEG
+        several = (
+            "; or if the points are of several LiDARs, give those of one" if is_restart else ""
+        )
         raise ValueError(
             f"ring {first + 1} of the sweep lies {rise[first]:.1f} degrees above an earlier one, "
             "but KITTI's order has the highest ring first: give the points in the order of "
-            "KITTI's files"
+            f"KITTI's files{several}"
         )

@@ -42,6 +42,8 @@ _TRUTHS: Final[dict[TruthChoice, str]] = {
 }
 
 _MIN_RING_SHARE: Final = 0.8  # of a sensor's beams, with returns in a whole sweep
+_MIN_HEIGHT_M: Final = 0.3
+"""Smallest height of a LiDAR above the road; a vehicle's frame is on the road or at its axles."""
 
 Complete = Callable[[CameraLidarSample], DepthMap]
 """Depth completion method: from image, calibration and its input rings to dense depth."""
@@ -192,13 +194,14 @@ def evaluate_held_out(
         )
     frames: list[tuple[str, tuple[HeldOutScore, ...]]] = []
     sizes: dict[tuple[int, int], None] = {}
-    sensor_beams = 0
+    sensor_beams = sensor_rings = 0
     for sample in track(samples, description="scoring", total=total):
         frame = split_rings(sample, truth=truth, crop_size=crop_size)
         if not frames:
-            sensor_beams = frame.sensor_beams
+            sensor_beams, sensor_rings = frame.sensor_beams, frame.sensor_rings
+            _warn_of_vehicle_frame(sample)
             _warn_of_few_rings(frame)
-        _check_sensor(frame, sensor_beams)
+        _check_sensor(frame, sensor_beams, sensor_rings)
         num_beams = densities(sensor_beams) if beams is None else beams
         scores = tuple(_score_frame(frame, complete, number) for number in num_beams)
         frames.append((sample.sample_id, scores))
@@ -215,22 +218,38 @@ def evaluate_held_out(
     )
 
 
+def _warn_of_vehicle_frame(sample: CameraLidarSample) -> None:
+    """Warn of points whose frame has its origin on the road, where no LiDAR is."""
+    height_m = sample.lidar_height_m
+    if height_m is not None and height_m < _MIN_HEIGHT_M:
+        warnings.warn(
+            f"the points of {sample.sample_id} have their origin {height_m:.2f} m above the road, "
+            "as in a vehicle's frame: the LiDAR's place is unknown, by which rings are counted and "
+            "returns hidden from the camera are found, so scores differ by some percent from those "
+            "of sweeps in the LiDAR's own frame; give these",
+            stacklevel=3,
+        )
+
+
 def _warn_of_few_rings(frame: HeldOutFrame) -> None:
     """Warn of a sensor with far fewer rings than the beams that it is counted as."""
     if frame.sensor_rings < _MIN_RING_SHARE * frame.sensor_beams:
         warnings.warn(
             f"the sweep of {frame.sample.sample_id} has {frame.sensor_rings} rings with returns "
             f"and is counted as of {frame.sensor_beams} beams: numbers of beams are shares of "
-            f"{frame.sensor_beams}, so a half keeps every second ring",
+            f"{frame.sensor_beams}, so a half keeps every second ring; if it has fewer beams, give "
+            "sweeps in the LiDAR's own frame",
             stacklevel=3,
         )
 
 
-def _check_sensor(frame: HeldOutFrame, expected_beams: int) -> None:
+def _check_sensor(frame: HeldOutFrame, expected_beams: int, expected_rings: int) -> None:
     if frame.sensor_beams != expected_beams:
         raise ValueError(
-            f"sample {frame.sample.sample_id} was taken by a sensor of {frame.sensor_beams} beams, "
-            f"the frames before it by one of {expected_beams}; score the sensors one by one"
+            f"sample {frame.sample.sample_id} was taken by a sensor of {frame.sensor_beams} beams "
+            f"({frame.sensor_rings} rings), the frames before it by one of {expected_beams} "
+            f"({expected_rings} rings); score the sensors one by one, or if they are one, give "
+            "sweeps in its own frame"
         )
     check_rings(frame)
 

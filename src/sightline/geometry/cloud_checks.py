@@ -21,6 +21,13 @@ _MIN_POINTS: Final = 20
 _DISTINCT_SHARE: Final = 0.4
 """Smallest share of distinct positions; 0.9 or more on 213 real sweeps of three sensors."""
 _MAX_NEAREST_M: Final = 30.0  # sweeps of a road begin before 10 m
+_MAX_SPREAD_M: Final = 40.0
+"""Largest median distance from the centre of a sweep in metres; real ones have 3 to 13 m, those of
+which no point is nearer than 30 m in decimetres 56 m or more."""
+_WORLD_REMEDY: Final = (
+    "take clouds in the LiDAR's own frame, or move them there (subtract its position and undo its "
+    "rotation)"
+)
 _MIN_REACH_M: Final = 1.0
 """Smallest reach of a cloud in metres; every LiDAR on a road sees farther."""
 _MAX_MEDIAN_CM: Final = 4000.0
@@ -134,9 +141,16 @@ def shape_doubt(places: Float[np.ndarray, "num_points 3"]) -> tuple[str, str] | 
         )
     nearest_m = math.sqrt(float(np.square(places.astype(np.float64)).sum(axis=1).min()))
     if nearest_m > _MAX_NEAREST_M:
+        problem = f"holds {len(places)} points, none nearer than {nearest_m:.4g} m"
+        centre_m, spread_m = _centre_and_spread_m(places.astype(np.float64))
+        if spread_m < min(centre_m, _MAX_SPREAD_M):
+            return (
+                f"{problem}, half of them within {spread_m:.4g} m of their centre: they are "
+                "probably in a map's or world's frame",
+                _WORLD_REMEDY,
+            )
         return (
-            f"holds {len(places)} points, none nearer than {nearest_m:.4g} m: they are perhaps in "
-            "decimetres or another unit",
+            f"{problem}: they are perhaps in decimetres or another unit",
             "write x, y, z in metres",
         )
     if not (places[:100] % 1).any() and not (places % 1).any():  # the first are enough mostly
@@ -192,14 +206,21 @@ def _range_fault(places: Float64[np.ndarray, "num_points 3"]) -> tuple[str, str]
             f"{problem}: these are no coordinates, but bytes in the wrong order or of other fields",
             "correct the byte order (is_bigendian of PointCloud2) or the fields' offsets and types",
         )
-    spread_m = float(np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1)))
+    _, spread_m = _centre_and_spread_m(places)
     if spread_m <= MAX_RANGE_M:
         return (
             f"{problem}: they lie together, half of them within {spread_m:.4g} m, but far from the "
             "LiDAR, so they are probably in a map's or world's frame",
-            "move them into the LiDAR's own frame (subtract its position and undo its rotation)",
+            _WORLD_REMEDY,
         )
     if middle_m > _MAX_MEDIAN_MM:
         return f"{problem}: they are in another unit", "write them in metres"
     unit, factor = ("centimetres", 100) if middle_m <= _MAX_MEDIAN_CM else ("millimetres", 1000)
     return f"{problem}: they are probably in {unit}", f"write them in metres, divided by {factor}"
+
+
+def _centre_and_spread_m(places: Float64[np.ndarray, "num_points 3"]) -> tuple[float, float]:
+    """Distance of the median place from the origin, and median distance of the places from it."""
+    centre = np.median(places, axis=0)
+    spread_m = np.median(np.linalg.norm(places - centre, axis=1))
+    return float(np.linalg.norm(centre)), float(spread_m)

@@ -61,7 +61,8 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
         unit = "millimetres" if offset_m > _MAX_OFFSET_CM else "millimetres or centimetres"
         return (
             f"puts the LiDAR {offset_m:.4g} m from the camera, expected up to {MAX_OFFSET_M:.0f} "
-            f"m: its last column is probably in {unit}; give metres"
+            f"m: its last column is probably in {unit}; give metres, or if points are in a "
+            "map's or world's frame, both in the LiDAR's own frame"
         )
     rotation = camera_from_lidar[:3, :3]
     if _tilt_deg(rotation) <= _MAX_TILT_DEG:

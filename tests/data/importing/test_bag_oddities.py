@@ -273,3 +273,49 @@ def test_a_bag_of_defaults_alone_is_refused_with_a_remedy_of_bags(tmp_path):
     with pytest.raises(ValueError, match=r"focal lengths of 1 and 1 px.*give one by --calibration"):
         import_recording(tmp_path / "drive", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def import_in_frame(folder, frame, steps_m):
+    """Import a bag whose clouds are in a frame that moves ahead by steps against the camera."""
+    with BagMaker(folder / "drive") as bag:
+        bag.transforms("/tf_static", 1, base_link__camera_optical=np.linalg.inv(CAMERA_FROM_LIDAR))
+        for at, moved_m in enumerate(np.cumsum(steps_m)):
+            pose = np.eye(4)
+            pose[0, 3] = moved_m
+            bag.transforms("/tf", 10**9 + at, **{f"{frame}__base_link": pose})
+        bag.info("/front/camera_info", 10**9)
+        bag.image("/front/image_raw", 10**9)
+        bag.cloud("/points", 10**9, frame=frame)
+    return str(import_recording(folder / "drive", folder / "out"))
+
+
+@pytest.mark.parametrize(
+    ("frame", "steps_m"),
+    [
+        ("odom", (0.0, 0.5)),
+        ("robot1/Map", (0.0, 0.0, 0.0, 0.5)),  # at rest most of the time
+        ("camera_init", (0.0, 0.5)),
+        ("fixed", (0.0, 12.0, 12.0)),
+        ("odom", (*[0.001] * 60, *[1.0] * 10, *[-1.0] * 10)),  # it ends where it began
+    ],
+)
+def test_clouds_in_a_maps_or_odometrys_frame_are_refused_by_that_cause(tmp_path, frame, steps_m):
+    with pytest.raises(ValueError, match="in the drive, as a map's or odometry's frame does") as it:
+        import_in_frame(tmp_path, frame, steps_m)
+    assert f"topic /points: clouds are in frame {frame}, which by TF moves by" in str(it.value)
+    assert "choose the topic in the LiDAR's own frame by --lidar-topic" in str(it.value)
+
+
+@pytest.mark.parametrize(
+    ("frame", "steps_m", "moved"),
+    [
+        ("odom", (0.0, 0.0), None),
+        ("odom", (0.0, 0.2), "0.2"),  # a drift at rest
+        ("trailer", (0.0, 3.0, 3.0), "6"),
+        ("lidar", (0.0, 0.0, 0.0, 50.0), "50"),  # a single wrong message
+    ],
+)
+def test_clouds_in_frames_that_may_be_a_sensors_are_imported(tmp_path, frame, steps_m, moved):
+    report = import_in_frame(tmp_path, frame, steps_m)
+    assert ("moves relative to" in report) == (moved is not None)
+    assert moved is None or f"in the drive, by {moved} m" in report

@@ -22,6 +22,7 @@ from sightline.data.importing.bag_transforms import (
     BagTransforms,
     describe_transforms,
     transforms_of_bag,
+    world_fault,
 )
 from sightline.data.importing.frames import Rigid, find_transform
 from sightline.data.kitti_trees import describe_absent
@@ -143,6 +144,12 @@ def _lidar_mount(
     for camera in camera_frames:
         found = find_transform(transforms.between(camera, lidar), camera, lidar)
         if found is not None:
+            fault = world_fault(transforms, found, lidar, camera)
+            if fault is not None:
+                raise ValueError(
+                    f"topic {shortened(topics.lidar.name)}: clouds {fault}; if they are in the "
+                    f"LiDAR's own frame and only frame_id is wrong, {CALIBRATION_REMEDY}"
+                )
             notes = describe_transforms(transforms, found, lidar, camera)
             notes += _baseline_notes(transforms.usual, camera, calibration)
             return found, _tilt_on_vehicle(transforms, lidar), notes

@@ -1,6 +1,8 @@
 """Transforms between the coordinate frames of a bag, from its TF messages."""
 
+import re
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Final
@@ -16,11 +18,26 @@ from sightline.data.importing.frames import (
     rigid_from_quaternion,
 )
 from sightline.files.plain_text import shortened
+from sightline.geometry.mount import MAX_OFFSET_M
 
 _TRANSLATION_TOLERANCE_M: Final = 1e-3
 _ROTATION_TOLERANCE_DEG: Final = 0.05
 _MAX_COMPARED_TRANSFORMS: Final = 20  # transforms left out one by one to compare other chains
 _MAX_KEPT_VALUES: Final = 50  # different values of a transform; a moving frame has any number
+_WORLDS: Final = {
+    "earth",
+    "enu",
+    "global",
+    "init",
+    "map",
+    "ned",
+    "odom",
+    "odometry",
+    "utm",
+    "world",
+}
+"""Words in the names of frames that stay while the vehicle moves (REP 105; LOAM's camera_init)."""
+_MAX_WORLD_SHIFT_M: Final = 0.3  # of a vehicle at rest, by errors of its odometry
 
 
 @dataclass(slots=True)
@@ -29,17 +46,21 @@ class _Values:
 
     is_static: bool
     """Whether the pair is in a static topic, whose value goes before those of other topics."""
+    farthest: Rigid
+    """Value whose translation differs most from the first one's."""
     kept: dict[bytes, Rigid] = field(default_factory=dict)
     """First different values, by their bytes."""
     counts: Counter[bytes] = field(default_factory=Counter)
     """Numbers of messages with the kept values, of static ones if the pair is static."""
     total: int = 0
     """Number of messages that are counted."""
-    last: Rigid = field(default_factory=lambda: np.eye(4))
 
     def add(self, rigid: Rigid, *, is_static: bool) -> None:
         """Add a message's value."""
-        key, self.last = rigid.tobytes(), rigid
+        key = rigid.tobytes()
+        first = next(iter(self.kept.values()), rigid)
+        if _distance_m(first, rigid) > _distance_m(first, self.farthest):
+            self.farthest = rigid
         if key in self.kept or len(self.kept) < _MAX_KEPT_VALUES:
             self.kept.setdefault(key, rigid)
         if is_static == self.is_static:
@@ -48,10 +69,15 @@ class _Values:
                 self.counts[key] += 1
 
     @property
+    def is_settled(self) -> bool:
+        """Whether most messages have one value."""
+        return 2 * self.counts.most_common(1)[0][1] > self.total
+
+    @property
     def usual(self) -> Rigid:
         """Value of most messages, or else of the first one."""
-        key, count = self.counts.most_common(1)[0]
-        return self.kept[key] if count * 2 > self.total else next(iter(self.kept.values()))
+        key = self.counts.most_common(1)[0][0] if self.is_settled else next(iter(self.kept))
+        return self.kept[key]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +87,11 @@ class BagTransforms:
     usual: dict[tuple[str, str], Rigid]
     """Usable value of each pair that most messages have, or else the first; static ones first."""
     others: dict[tuple[str, str], tuple[Rigid, ...]]
-    """First different usable values of each pair, and the last one."""
+    """First different usable values of each pair, and the one farthest from the first."""
     faults: tuple[str, ...]
     """Reasons why some transforms are invalid."""
+    unsettled: frozenset[tuple[str, str]] = frozenset()
+    """Pairs without a value that most messages have."""
 
     def between(self, target: str, source: str) -> dict[tuple[str, str], Rigid]:
         """Select the transforms that never change if they connect two frames, else all.
@@ -97,12 +125,13 @@ def transforms_of_bag(bag: Bag) -> BagTransforms:
                 reverse = values.get(pair[::-1])
                 if not is_static and reverse is not None and reverse.is_static:
                     pair, rigid = pair[::-1], np.linalg.inv(rigid)
-                known = values.setdefault(pair, _Values(is_static=is_static))
+                known = values.setdefault(pair, _Values(is_static=is_static, farthest=rigid))
                 known.add(rigid, is_static=is_static)
     return BagTransforms(
         usual={pair: each.usual for pair, each in values.items()},
-        others={pair: (*each.kept.values(), each.last) for pair, each in values.items()},
+        others={pair: (*each.kept.values(), each.farthest) for pair, each in values.items()},
         faults=tuple(faults),
+        unsettled=frozenset(pair for pair, each in values.items() if not each.is_settled),
     )
 
 
@@ -112,6 +141,59 @@ def _rigid(transform: Any) -> Rigid:  # noqa: ANN401 - a message
         np.array((rotation.x, rotation.y, rotation.z, rotation.w), dtype=np.float64),
         np.array((translation.x, translation.y, translation.z), dtype=np.float64),
     )
+
+
+def world_fault(transforms: BagTransforms, used: Rigid, lidar: str, camera: str) -> str | None:
+    """Find clouds in a frame that stays in place while the camera moves.
+
+    Its name says so, or it moves farther than any sensor does on a vehicle. Sensors on a gimbal or
+    a trailer, and single wrong transforms, are no fault.
+
+    Args:
+        transforms: All transforms.
+        used: camera_from_lidar.
+        lidar: Frame of the clouds.
+        camera: Frame of the camera.
+
+    Returns:
+        The rest of a sentence that begins with the clouds; None if there is no fault.
+    """
+    is_world = not _WORLDS.isdisjoint(re.split("[^a-z]+", lidar.lower()))
+    steps = _steps(transforms.between(camera, lidar), lidar, camera)
+    # other frames may have single wrong transforms
+    moving = [step for step in steps if is_world or step in transforms.unsettled]
+    moves = _largest_move(transforms, used, moving, lidar, camera)
+    if moves is None or moves[0] <= (_MAX_WORLD_SHIFT_M if is_world else MAX_OFFSET_M):
+        return None
+    return (
+        f"are in frame {shortened(lidar)}, which by TF moves by {moves[0]:.3g} m relative to "
+        f"{shortened(camera)} in the drive, as a map's or odometry's frame does, so that they "
+        "would be right in one image only; choose the topic in the LiDAR's own frame by "
+        "--lidar-topic, or transform the clouds back by the poses"
+    )
+
+
+def _steps(selected: Collection[tuple[str, str]], lidar: str, camera: str) -> list[tuple[str, str]]:
+    """Pairs of frames on the chain from the LiDAR to the camera, each in both directions."""
+    chain = find_chain(selected, camera, lidar) or []
+    return [step for pair in pairwise(chain) for step in (pair, pair[::-1])]
+
+
+def _largest_move(
+    transforms: BagTransforms,
+    used: Rigid,
+    steps: Collection[tuple[str, str]],
+    lidar: str,
+    camera: str,
+) -> tuple[float, float] | None:
+    """Largest change of the used transform by some steps [m, degrees]; None: there is none."""
+    selected = transforms.between(camera, lidar)
+    differences = [
+        _difference(used, find_transform(selected | {step: value}, camera, lidar))
+        for step in steps
+        for value in transforms.others.get(step, ())
+    ]
+    return max((each for each in differences if each is not None), default=None)
 
 
 def describe_transforms(
@@ -133,13 +215,8 @@ def describe_transforms(
         )
     selected = transforms.between(camera, lidar)
     chain = find_chain(selected, camera, lidar) or []
-    steps = [step for pair in pairwise(chain) for step in (pair, pair[::-1])]
-    differences = [
-        _difference(used, find_transform(selected | {step: value}, camera, lidar))
-        for step in steps
-        for value in transforms.others.get(step, ())
-    ]
-    moves = max((each for each in differences if each is not None), default=None)
+    steps = _steps(selected, lidar, camera)
+    moves = _largest_move(transforms, used, steps, lidar, camera)
     if moves is not None:
         notes.append(
             f"warning: by TF {shortened(lidar)} moves relative to {shortened(camera)} in the "
@@ -158,6 +235,10 @@ def describe_transforms(
             )
             break
     return tuple(notes)
+
+
+def _distance_m(first: Rigid, other: Rigid) -> float:
+    return float(np.linalg.norm(first[:3, 3] - other[:3, 3]))
 
 
 def _difference(used: Rigid, other: Rigid | None) -> tuple[float, float] | None:

@@ -21,6 +21,7 @@ from sightline.data.importing.nuscenes_files import (
     read_or_note_damage,
 )
 from sightline.data.importing.nuscenes_labels import LabelTally, kitti_from_annotations
+from sightline.data.importing.nuscenes_mounts import CloudTurns
 from sightline.data.importing.nuscenes_tables import REMEDY
 from sightline.data.importing.writer import (
     RESULTS,
@@ -61,7 +62,6 @@ from sightline.data.undistortion import COEFFICIENTS, LensModel, check_lens
 from sightline.files.atomic import atomic_link
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
-from sightline.geometry.mount import turn_ahead
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
@@ -110,13 +110,14 @@ def import_nuscenes(
     lens = next((moment.lens for moment in moments if moment.lens), ())
     if lens and not undistort:
         raise _distorting_lens_error(tables.folder, camera, lens)
-    doubts = _first_doubts(moments, max_intensity, tables)
+    turns = CloudTurns.find(moments, max_intensity)
+    doubts = _first_doubts(moments, max_intensity, turns, tables)
     acquire_output_dir(out, settings, results=RESULTS)
     times_s = {moment.name: moment.time_s for moment in listed}
     finished = names_present(out, POINTS)  # a frame's cloud is written last
     absent = missing.keys() - finished
     kept_times = write_or_keep_times(out, times_s, left_out=absent)
-    frames = _Frames(out, max_intensity)
+    frames = _Frames(out, max_intensity, turns)
     frames.is_labelled = any(
         moment.annotations and (moment.name in finished or frames.read(moment))
         for moment in listed
@@ -152,7 +153,7 @@ def import_nuscenes(
             *describe_newer_sources(out, changed_s),
             *_kept_notes((faults.keys() & finished) - complete, faults, len(there)),
             *_time_notes(there),
-            *_rotation_notes(there, camera),
+            *turns.notes(there, camera),
             *(
                 (*_label_notes(tables, frames.labels), *_unannotated_notes(there))
                 if written
@@ -285,11 +286,6 @@ def _time_notes(moments: Sequence[Moment]) -> Iterator[str]:
         )
 
 
-def _rotation_notes(moments: Sequence[Moment], camera: str) -> Iterator[str]:
-    for turn in sorted({round(turn_ahead(moment.mount)[1]) for moment in moments} - {0}):
-        yield f"clouds are rotated by {-turn} degrees, so that x points where {camera} looks"
-
-
 def _label_notes(tables: Tables, labels: LabelTally) -> tuple[str, ...]:
     """Counts of labels, or a warning that the tables of annotations are missing."""
     absent = tables.absent_annotation_tables()
@@ -313,7 +309,7 @@ def _unannotated_notes(moments: Sequence[Moment]) -> Iterator[str]:
 
 
 def _first_doubts(
-    moments: Sequence[Moment], max_intensity: float, tables: Tables
+    moments: Sequence[Moment], max_intensity: float, turns: CloudTurns, tables: Tables
 ) -> tuple[str, ...]:
     """Check frames up to the first plausible one, and describe the doubts of those before.
 
@@ -324,7 +320,7 @@ def _first_doubts(
     faults: dict[str, FileError] = {}
     for moment in moments[:_MAX_TRIED_FRAMES]:
         with staging_folder() as staged:
-            trial = _Frames(staged, max_intensity)
+            trial = _Frames(staged, max_intensity, turns)
             trial.write(moment)
             faults |= trial.faults
             if trial.faults:
@@ -347,6 +343,7 @@ class _Frames:
 
     out: Path
     max_intensity: float
+    turns: CloudTurns
     is_labelled: bool = True
     """Frames get label files, as the tables hold annotations."""
     labels: LabelTally = field(default_factory=LabelTally)
@@ -364,7 +361,7 @@ class _Frames:
         """Write a frame, or note why its image or sweep is unusable: then nothing is written."""
         if moment.name in self.faults or (contents := self.read(moment)) is None:
             return
-        new_from_old, _ = turn_ahead(moment.mount)
+        new_from_old, _ = self.turns.of(moment)
         calibration = turned_calibration(_calibration(moment), new_from_old)
         points = moved_cloud(contents.echoes, new_from_old)
         lidar_from_world = new_from_old @ np.linalg.inv(moment.world_from_lidar)
@@ -407,11 +404,11 @@ def _level_from_lidar(tilt: Tilt, new_from_old: Rigid) -> Rigid:
 
     Args:
         tilt: Tilt of the LiDAR in the data.
-        new_from_old: Turn of its clouds about z.
+        new_from_old: Turn of its clouds.
     """
-    if not _MIN_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG:
-        return np.eye(4)
-    return Tilt.from_up(new_from_old[:3, :3] @ tilt.up).level_from_lidar
+    turned = Tilt.from_up(new_from_old[:3, :3] @ tilt.up)
+    is_used = _MIN_TILT_DEG <= turned.angle_deg <= MAX_TILT_DEG
+    return turned.level_from_lidar if is_used else np.eye(4)
 
 
 def _levelled(matrices: CalibrationMatrices, level_from_lidar: Rigid) -> CalibrationMatrices:
