@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from sightline.data.check import check_tree, summarize_tree
 from sightline.data.open import open_dataset
+from sightline.geometry.mount_axes import axes_doubt
+from sightline.geometry.road_height import lidar_pose
 from sightline.geometry.tilt import Tilt
 from sightline.structures.level import level_sample
 from tests.data.recordings import (
@@ -224,6 +226,23 @@ def test_clouds_with_z_down_are_told_to_be_converted_with_their_calibration(tmp_
         assert problems[0].path == folder / "points" / "a.pcd"
         (summary,) = summarize_tree(folder)
         assert "too little of the road" not in str(summary)
+
+
+def test_clouds_with_z_down_have_no_height_or_tilt_by_what_lies_below_in_them(tmp_path):
+    turn = np.diag([1.0, -1, -1, 1])
+    write_recording(tmp_path, ("a",), camera_from_lidar=(CAMERA_FROM_LIDAR @ turn).tolist())
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(-29.5, 30), np.arange(-29.5, 30)))
+    random = np.random.default_rng(0)
+    above = random.choice([0.7, np.nan], len(x), p=[0.2, 0.8])  # roofs of one height
+    above = np.where(np.isnan(above), random.uniform(-1, 6, len(x)), above)
+    road = np.full_like(x, -1.7)
+    up = np.concatenate([np.stack((x, y, z, 0 * z), axis=-1) for z in (road, above)])
+    down = (up @ turn).astype(np.float32)
+    write_cloud_file(tmp_path / "points" / "a.pcd", down)
+    assert axes_doubt(down, CAMERA_FROM_LIDAR @ turn) is not None
+    assert lidar_pose([down]).height_m == pytest.approx(0.7, abs=0.1)
+    (summary,) = summarize_tree(tmp_path)
+    assert "above it" not in str(summary)
 
 
 def test_a_tilt_of_zeros_is_as_none_and_keeps_the_clouds_from_being_levelled(tmp_path):

@@ -423,8 +423,8 @@ def test_zigzag_scans_are_no_single_ring():
 
 def test_sweeps_of_several_lidars_one_after_the_other_are_named_as_such():
     one = sweep([np.arange(1, 360, 5)] * 32)
-    with pytest.raises(ValueError, match="ring 32 .* points are of several LiDARs, give those of"):
+    with pytest.raises(ValueError, match=r"ring 32 .* points are of several LiDARs, give those of"):
         ring_numbers(np.concatenate((one, one)))
     bottom_up = one.reshape(32, -1, 4)[::-1].reshape(-1, 4)
-    with pytest.raises(ValueError, match="in the order of KITTI's files$"):
+    with pytest.raises(ValueError, match=r"in the order of KITTI's files$"):
         ring_numbers(bottom_up)

@@ -98,6 +98,12 @@ def test_an_offset_that_may_be_in_centimetres_is_called_so(rigid):
     )
 
 
+def test_a_lidar_that_may_be_upside_down_is_named(rigid):
+    over = Rotation.from_euler("xz", (180, 140), degrees=True).as_matrix()
+    rigid[:3, :3] = rigid[:3, :3] @ over.T
+    assert "if the LiDAR is upside down or on its side, convert both" in mount_doubt(rigid)
+
+
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1.5, 2.0])
 def test_a_camera_matrix_of_another_resolution_is_told(factor):
     camera = np.array([[1100.0, 0, 959.5], [0, 1100.0, 599.5], [0, 0, 1]])

@@ -50,7 +50,7 @@ from sightline.geometry.mount import (
     resolution_doubt,
 )
 from sightline.geometry.mount_axes import axes_doubt
-from sightline.geometry.road_height import describe_lowness
+from sightline.geometry.road_height import LidarPose, describe_lowness
 
 CALIBRATION_REMEDY = (
     "correct the calibration file, or both clouds and calibration if both have another "
@@ -164,7 +164,9 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
         return RecordingDescription(tuple(described))
     if not has_points(frames):
         described.append(f"warning: {describe_lack_of_points(frames)}")
-    pose = pose_of_recording(frames, calibration)
+    has_other_axes = view is not None and view.is_turned
+    unknown = LidarPose(height_m=None, tilt=None)
+    pose = unknown if has_other_axes else pose_of_recording(frames, calibration)
     source = "by the road in its clouds" if calibration.lidar_tilt is None else "by its calibration"
     described += describe_mount(calibration.matrices, pose.tilt, source)
     doubts = mount_doubts_of_recording(frames, calibration)
@@ -174,7 +176,6 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
             f"LiDAR is {pose.height_m:.2f} m above it"
         )
     lowness = "" if pose.height_m is None else describe_lowness(pose.height_m)
-    has_other_axes = view is not None and view.is_turned
     is_told = pose.height_m is not None or (has_points(frames) and not has_other_axes)
     if calibration.lidar_height_m is None and is_told:
         described.append(

@@ -92,7 +92,8 @@ def mount_doubt(camera_from_lidar: Float64[np.ndarray, "4 4"]) -> str | None:
         )
     return (
         f"tilts the camera by {_tilt_deg(rotation):.0f} degrees: its angles are probably in "
-        "degrees where radians were expected, or it belongs to another pair of sensors"
+        "degrees where radians were expected, or it belongs to another pair of sensors; if the "
+        "LiDAR is upside down or on its side, convert both, points and transform"
     )
 
 
