@@ -250,6 +250,25 @@ def test_a_mount_that_cannot_be_read_is_no_mount_that_is_not_given(tree, added, 
         open_dataset(tree.parent)[1]
 
 
+@pytest.mark.filterwarnings("ignore:.*points are left out")
+def test_points_at_the_origin_are_counted_in_the_summary_of_trees_and_drives(tree, tmp_path):
+    drive = write_drive(tmp_path / "day" / "drive")
+    for folder, path in (
+        (tree, tree / "velodyne/000002.bin"),
+        (drive, drive / "velodyne_points/data/0000000001.bin"),
+    ):
+        assert "no echo" not in str(summarize_tree(folder)[0])
+        cloud = points(25).numpy()
+        cloud[::5, :3] = 0
+        write_points(path, cloud)
+        losses = "of 75 points in 3 checked clouds 5 have no echo and are left out: 0 with non-fin"
+        assert losses in str(summarize_tree(folder)[0])
+        assert lines(folder) == []
+        write_points(path, 0 * cloud)
+        (line,) = lines(folder)
+        assert f"{path.name}: holds no point: all 25 rows are at 0, 0, 0; check" in line
+
+
 def test_an_empty_sweep_and_a_frame_without_objects_are_no_problems(tree):
     (tree / "velodyne" / "000001.bin").write_bytes(b"")
     (tree / "label_2" / "000001.txt").write_bytes(b"")

@@ -7,9 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
 from sightline.data.kitti_depth import KittiDepthDataset, points_from_depth_map
 from sightline.data.map_png import write_depth_png
+from sightline.data.open import open_dataset
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
 from tests.data.trees import (
@@ -106,6 +108,26 @@ def test_all_archives_may_be_extracted_to_one_folder(tmp_path):
         shutil.copytree(tmp_path / archive, tmp_path, dirs_exist_ok=True)
         shutil.rmtree(tmp_path / archive)
     assert KittiDepthDataset(tmp_path, "val").sample_ids == (name,)
+
+
+def test_images_and_calibration_may_lie_in_the_drives_of_a_depth_tree(tmp_path):
+    name = write_depth_drive(tmp_path, tmp_path / "raw")
+    expected = KittiDepthDataset(tmp_path, "val", raw_root=tmp_path / "raw")[0]
+    shutil.move(tmp_path / "data_depth_annotated" / "val", tmp_path / "val")
+    drive = tmp_path / "val" / name.split("_image_")[0]
+    day = tmp_path / "raw" / "2011_09_26"
+    shutil.copytree(day / drive.name, drive, dirs_exist_ok=True)
+    shutil.copyfile(day / "calib_cam_to_cam.txt", drive / "calib_cam_to_cam.txt")
+    for path in (tmp_path, tmp_path / "val"):
+        sample = open_dataset(path)[0]
+        assert list(check_tree(path)) == []
+        assert torch.equal(sample.image, expected.image)
+        matrices = sample.calibration.image_from_camera, expected.calibration.image_from_camera
+        assert torch.equal(*matrices)
+    shutil.copytree(day, tmp_path / day.name)
+    write_rgb(tmp_path / day.name / drive.name / "image_02/data/0000000005.png", picture(3))
+    sample = KittiDepthDataset(tmp_path, "val")[0]
+    assert torch.equal(sample.image, torch.from_numpy(picture(3)).permute(2, 0, 1))
 
 
 def test_frames_lacking_an_image_are_named_unless_none_are_wanted(tmp_path):

@@ -10,6 +10,7 @@ from sightline.data.velodyne import (
     hollow_sweep,
     read_sweep,
     sweep_doubt,
+    sweep_rows,
     write_sweep,
 )
 from sightline.files.problem import FileError
@@ -26,10 +27,27 @@ def path(tmp_path_factory):
 
 @given(points=sweeps)
 def test_sweeps_survive_reading_and_writing_bit_by_bit(path, points):
+    points = points[(np.abs(points[:, :3]) > 0.001).any(axis=1)]
     write_sweep(path, points)
     assert path.stat().st_size == 16 * len(points)
     assert read_sweep(path).tobytes() == points.tobytes()
     assert read_sweep(path).flags.writeable
+
+
+def test_points_at_the_origin_are_left_out_and_more_than_half_are_told(tmp_path):
+    points = np.ones((9, 4), np.float32)
+    points[[0, 4, 8], :3] = ((0, 0, 0), (0, -3e-4, 0), (1e-3, 0, 0))
+    write_sweep(tmp_path / "0.bin", points)
+    assert np.array_equal(read_sweep(tmp_path / "0.bin"), np.ones((6, 4), np.float32))
+    points[1:6, :3] = 0
+    write_sweep(tmp_path / "0.bin", points)
+    with pytest.warns(UserWarning, match=r"0\.bin: 7 of 9 points are left out, .* 7 at 0, 0, 0: 2"):
+        read_sweep(tmp_path / "0.bin")
+
+
+def test_no_sweep_of_kitti_has_points_at_the_origin(kitti_root):
+    for path in kitti_root.rglob("velodyne*/*.bin"):
+        assert len(read_sweep(path)) == len(sweep_rows(path)), path
 
 
 def test_an_empty_file_is_a_sweep_of_zero_points(tmp_path):
@@ -263,7 +281,8 @@ def test_a_sweep_with_hardly_anything_in_it_is_doubted(tmp_path, change, said):
     (doubt,) = hollow_sweep(tmp_path, change(cloud))
     assert said in doubt.problem
     assert hollow_sweep(tmp_path, cloud) == []
-    assert hollow_sweep(tmp_path, cloud[:0]) == []
+    (tmp_path / "0.bin").touch()
+    assert hollow_sweep(tmp_path / "0.bin", cloud[:0]) == []
     assert hollow_sweep(tmp_path, np.repeat(cloud, 2, axis=0)) == []  # two echoes a ray
 
 

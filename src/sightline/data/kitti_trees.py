@@ -231,7 +231,8 @@ def list_drive_frames(
 
     Searches DRIVE/proj_depth/{groundtruth,velodyne_raw}/CAMERA/N.png below `root`/SPLIT and below
     that folder in `data_depth_annotated` and `data_depth_velodyne`; images and calibration in
-    `raw_root` as DATE/DRIVE/CAMERA/data/N.png and DATE/calib_cam_to_cam.txt.
+    `raw_root` as DATE/DRIVE/CAMERA/data/N.png and DATE/calib_cam_to_cam.txt, else in DRIVE itself,
+    beside `proj_depth`, where preparations of other programs copy them.
     """
     bases = drive_bases(root, split)
     drives = sorted(
@@ -296,15 +297,21 @@ def _frames_of_drive(
         maps = base / drive / "proj_depth"
         sparse |= list_files(maps / "velodyne_raw" / camera, (".png",))
         truth |= list_files(maps / "groundtruth" / camera, (".png",))
-    images = list_files(raw_images(raw_root, drive, camera), IMAGE_SUFFIXES)
-    calibration = raw_root / drive[:_DATE_LENGTH] / RAW_CALIBRATION[0]
+    image_folders = (
+        raw_images(raw_root, drive, camera),
+        *(base / drive / camera / "data" for base in bases),
+    )
+    images = next(filter(None, (list_files(each, IMAGE_SUFFIXES) for each in image_folders)), {})
+    calibration_folders = (raw_root / drive[:_DATE_LENGTH], *(base / drive for base in bases))
+    calibrations = (each / RAW_CALIBRATION[0] for each in calibration_folders)
+    calibration = next((path for path in calibrations if path.is_file()), None)
     return [
         DepthFrame(
             sample_id=f"{drive}_image_{number}_{camera}",
             image=images.get(number),
             sparse=sparse.get(number),
             truth=truth.get(number),
-            intrinsics=calibration if calibration.is_file() else None,
+            intrinsics=calibration,
             camera=camera,
         )
         for number in sorted({*sparse, *truth})

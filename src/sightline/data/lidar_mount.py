@@ -18,10 +18,11 @@ from sightline.data.kitti_calibration import CalibrationMatrices, read_object_po
 from sightline.data.kitti_trees import DriveFrame, ObjectFrame
 from sightline.data.point_files import read_cloud
 from sightline.data.recording_calibration import RecordingCalibration, read_recording_calibration
-from sightline.data.velodyne import read_sweep
+from sightline.data.velodyne import read_sweep, sweep_rows
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError
+from sightline.geometry.echoes import describe_losses
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.road_height import (
@@ -83,6 +84,14 @@ def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarP
     # Clouds with other axes have no such pose: they are reported by their own check.
     has_other_axes = any(upright_turn(sweep) is not None for sweep in sweeps)
     return _KITTI_POSE if has_other_axes else pose
+
+
+def describe_lost_points(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> tuple[str, ...]:
+    """Describe the points without an echo in some sweeps of a tree, in a clause; empty: none."""
+    paths = select_spread([frame.points for frame in frames if frame.points is not None])
+    read = [read_or_note(sweep_rows, path, []) for path in paths]
+    # Sweeps that are not finite are refused.
+    return describe_losses([rows for rows in read if rows is not None and np.isfinite(rows).all()])
 
 
 def stated_pose(frame: ObjectFrame) -> LidarPose | None:

@@ -41,7 +41,7 @@ from sightline.data.recording_calibration import (
 from sightline.data.recording_files import DEPTH
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import hollow_doubt
-from sightline.geometry.echoes import echoes, is_echo
+from sightline.geometry.echoes import describe_losses, echoes
 from sightline.geometry.intensity_checks import intensity_doubt
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
@@ -194,19 +194,7 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
 def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:
     """Describe the points without an echo in some clouds, in a clause; empty: none."""
     read = [read_or_note(cloud_rows, frame.points, []) for frame in frames_with_clouds(frames)]
-    clouds = [cloud for cloud in read if cloud is not None and len(cloud)]
-    if not clouds:
-        return ()
-    points = np.concatenate(clouds)
-    num_lost = int(np.count_nonzero(~is_echo(points)))
-    num_non_finite = int(np.count_nonzero(~np.isfinite(points[:, :3]).all(axis=1)))
-    if not num_lost:
-        return ()
-    return (
-        f"of {len(points)} points in {len(clouds)} checked clouds {num_lost} have no echo and are "
-        f"left out: {num_non_finite} with non-finite x, y, z, {num_lost - num_non_finite} at "
-        "0, 0, 0",
-    )
+    return describe_losses([cloud for cloud in read if cloud is not None])
 
 
 def check_recording_calibration(path: Path, image: Path | None) -> list[Problem]:

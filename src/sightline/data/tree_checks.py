@@ -62,6 +62,7 @@ from sightline.data.kitti_trees import (
 )
 from sightline.data.lidar_mount import (
     describe_height,
+    describe_lost_points,
     describe_mount,
     drive_pose_doubts,
     pose_of_tree,
@@ -247,7 +248,7 @@ def _object_tree(folder: Path) -> Tree | None:
         tree = replace(tree, gaps=(*(tree.gaps if renamed is None else (renamed,)), *doubts))
     matrices = read_or_note(read_object_matrices, calibration_file, [])
     try:
-        tree = _with_notes(tree, *_describe_pose(frames, matrices))
+        tree = _with_notes(tree, *describe_lost_points(frames), *_describe_pose(frames, matrices))
     except FileError as error:
         tree = tree and replace(tree, gaps=(*tree.gaps, error.problem))
     return _with_unread(tree, object_folders(folder, velodyne))
@@ -309,8 +310,8 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     checks.append(_between_frames(partial(check_drive_frames, files.frames)))
     tree = _tree(folder, "raw frames", files.frames, expected, checks, remedy=_DRIVE_REMEDY)
     stated = read_or_note(read_drive_pose, files.calibration, [])
-    if stated is None:
-        tree = _with_notes(tree, *_describe_pose(files.frames, matrices))
+    pose = () if stated is not None else _describe_pose(files.frames, matrices)
+    tree = _with_notes(tree, *describe_lost_points(files.frames), *pose)
     if (folder / TRACKLETS).is_file():
         tree = _with_notes(tree, f"{TRACKLETS} is not read: a raw drive has no labels")
     return _with_unread(tree, drive_folders(folder))

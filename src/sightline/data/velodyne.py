@@ -15,6 +15,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import cloud_fault, hollow_doubt
 from sightline.geometry.cloud_layouts import is_big_endian, other_layout
+from sightline.geometry.echoes import is_echo, warn_of_losses
 from sightline.geometry.intensity_checks import intensity_doubt
 from sightline.geometry.plain_arrays import shaped_array
 
@@ -48,6 +49,9 @@ def read_sweep(
 ) -> Float32[np.ndarray, "num_points 4"]:
     """Read x, y, z [m] (LiDAR frame) and reflectance [0, 1]; an empty file is an empty sweep.
 
+    Points within 1 mm of the origin, which some drivers write without an echo, are left out; warns
+    if these are more than half. KITTI's own sweeps have none.
+
     Args:
         path: A `.bin` file of little-endian float32 values.
         drop_non_finite: Instead of refusing the file, leave out points with non-finite x, y or z,
@@ -59,16 +63,20 @@ def read_sweep(
     """
     points = sweep_rows(path)
     finite = np.isfinite(points).all(axis=1)
-    if finite.all():
-        return points
-    if drop_non_finite:
-        return _drop_non_finite(points, path)
-    raise FileError(
-        path,
-        f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first is point "
-        f"{np.argmin(finite)} of {len(points)} (from 0)",
-        f"remove them or {_REMEDY}",
-    )
+    if not finite.all():
+        if not drop_non_finite:
+            raise FileError(
+                path,
+                f"holds {np.count_nonzero(~finite)} points with NaN or infinite values, the first "
+                f"is point {np.argmin(finite)} of {len(points)} (from 0)",
+                f"remove them or {_REMEDY}",
+            )
+        points = _drop_non_finite(points, path)
+    has_echo = is_echo(points)
+    if not has_echo.all():
+        warn_of_losses(points, str(path))
+        points = points[has_echo]
+    return points
 
 
 def sweep_rows(path: Path | str) -> Float32[np.ndarray, "num_points 4"]:
@@ -136,13 +144,20 @@ def sweep_doubt(path: Path | str, points: Float32[np.ndarray, "num_points 4"]) -
 
 
 def hollow_sweep(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> list[Problem]:
-    """Find doubts about a sweep with few points or positions; an empty sweep is no problem.
+    """Find doubts about a sweep with few points or positions; an empty file is no problem.
 
     Args:
         path: The file, for the problems.
         points: Result of `read_sweep`.
     """
-    doubt = hollow_doubt(points)
+    num_rows = 0 if len(points) else len(sweep_rows(path))
+    if num_rows:
+        doubt: tuple[str, str] | None = (
+            f"holds no point: all {num_rows} rows are at 0, 0, 0",
+            "check whether the LiDAR delivered points, and how they were converted",
+        )
+    else:
+        doubt = hollow_doubt(points)
     return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
 
 

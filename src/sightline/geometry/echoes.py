@@ -4,6 +4,7 @@ Without PyTorch, for checks that start at once.
 """
 
 import warnings
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -60,6 +61,22 @@ def losses(
             "finite: it is set to 0"
         )
     return tuple(messages)
+
+
+def describe_losses(clouds: Sequence[Float[np.ndarray, "_num_points 4"]]) -> tuple[str, ...]:
+    """Describe the points without an echo in the checked clouds, in a clause; empty: none."""
+    num_points = sum(map(len, clouds))
+    num_lost = sum(int(np.count_nonzero(~is_echo(each))) for each in clouds)
+    num_non_finite = sum(
+        int(np.count_nonzero(~np.isfinite(each[:, :3]).all(axis=1))) for each in clouds
+    )
+    if not num_lost:
+        return ()
+    return (
+        f"of {num_points} points in {sum(len(each) > 0 for each in clouds)} checked clouds "
+        f"{num_lost} have no echo and are left out: {num_non_finite} with non-finite x, y, z, "
+        f"{num_lost - num_non_finite} at 0, 0, 0",
+    )
 
 
 def warn_of_losses(
