@@ -101,7 +101,11 @@ def test_many_repeats_are_told_in_a_few_lines(tmp_path):
         )
     told = [each for each in problems(tmp_path) if "3D box" not in each[1]]
     assert len(told) == 6
-    assert "and 3 more have the same picture as other frames" in told[-1][1]
+    assert "is of one of 4 more groups of frames with the same picture" in told[-1][1]
+    for name in ("000000", "000002", "000004"):
+        (tree / "image_2" / f"{name}.png").unlink()
+    told = [each for each in problems(tmp_path) if "picture" in each[1]]
+    assert [each[1].startswith("is the same picture") for each in told] == [True] * 6
 
 
 def test_sensors_that_delivered_nothing_and_corrupted_trees_have_no_repeats(tree):

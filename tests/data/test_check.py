@@ -485,6 +485,7 @@ def test_gaps_in_depth_trees_and_drives_are_named(tmp_path):
     assert "velodyne_points/data/0000000001.bin: is missing; " in gap
     assert "name a list of the other frames" in gap  # KITTI's own drive 0009 lacks four sweeps
     assert "calib_cam_to_cam.txt: is missing, here and one folder up; " in calibration
+    assert "or make data that is not KITTI's a recording" in calibration
 
 
 @pytest.mark.parametrize("split", ["train", "val"])

@@ -484,6 +484,17 @@ def test_unread_files_have_a_remedy_that_suits_their_ending(tree, name, remedy):
     assert problem.remedy == remedy
 
 
+def test_labels_of_points_are_told_as_such(tmp_path):
+    write_recording(tmp_path)
+    (tmp_path / "labels").mkdir()
+    (tmp_path / "labels" / "a.label").write_bytes(bytes(8))
+    (problem,) = check_tree(tmp_path)
+    assert problem.problem.endswith(
+        "(1 .label), expected .txt, with labels of objects, not of points"
+    )
+    assert problem.remedy == "write such labels or move them away"
+
+
 def test_folders_called_as_files_are_not_counted_in_folders_below(tree):
     (tree / "image_2" / "left" / "000001.png").mkdir(parents=True)
     open_dataset(tree)  # an error if it warned

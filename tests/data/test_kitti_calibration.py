@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -141,8 +142,22 @@ def test_names_of_the_tracking_benchmark_beside_those_of_the_object_benchmark_ar
 
 def test_names_of_waymo_s_data_in_kitti_s_form_are_told(tmp_path):
     changes = {"Tr_velo_to_cam": None, "Tr_velo_to_cam_0": ENTRIES["Tr_velo_to_cam"]}
-    with pytest.raises(ValueError, match="Waymo's data in KITTI's form, where P2 is another cam"):
+    with pytest.raises(ValueError, match="Waymo's data in KITTI's form, where P2 is ano") as caught:
         read_object_matrices(write(tmp_path / "0.txt", **changes))
+    assert "its pictures as image_2 and its labels as label_2 (camera 0, image_0" in str(caught)
+
+
+def test_lines_for_data_without_a_lidar_are_told_and_fit(tmp_path):
+    path = write(tmp_path / "0.txt", R0_rect=None, Tr_velo_to_cam=None)
+    with pytest.raises(
+        ValueError, match="lacks R0_rect and Tr_velo_to_cam, expected lines"
+    ) as caught:
+        read_object_matrices(path)
+    lines = re.findall("'([^']*:[^']*)'", str(caught.value))
+    with path.open("a") as file:
+        file.writelines(f"{line}\n".replace("H", "-0.08") for line in lines)
+    below = read_object_matrices(path).camera_from_lidar @ (10, 0, -1.73, 1)
+    assert below.tolist() == pytest.approx([0, 1.65, 10, 1])
 
 
 def test_bytes_that_are_no_text_are_named(tmp_path):

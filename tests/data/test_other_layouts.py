@@ -1,14 +1,19 @@
+import shutil
 import tarfile
 from pathlib import Path
 
 import pytest
 
 from sightline.data.check import check_tree, summarize_tree
+from sightline.data.image_file import write_rgb
+from sightline.data.kitti_files import write_points
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from tests.data.recordings import write_recording
 from tests.data.trees import (
+    picture,
+    points,
     write_depth_drive,
     write_drive,
     write_object_frame,
@@ -56,6 +61,38 @@ def test_kitti_360_is_called_so_whatever_lies_in_its_calibration(tmp_path):
         (tmp_path / name).mkdir()
     (tmp_path / "calibration" / "perspective.txt").write_text("P_rect_00: 1\n")
     assert "is a KITTI-360 data set" in told(tmp_path)
+
+
+def test_folders_of_kitti_360_are_called_so_until_they_are_recordings(tmp_path):
+    drive = "2013_05_28_drive_0000_sync"
+    pictures, sweeps = tmp_path / "data_2d_raw" / drive, tmp_path / "data_3d_raw" / drive
+    (tmp_path / "calibration").mkdir()
+    write_rgb(pictures / "image_00/data_rect/0000000000.png", picture())
+    write_rgb(pictures / "image_02/data_rgb/0000000000.png", picture())
+    write_points(sweeps / "velodyne_points/data/0000000000.bin", points())
+    for folder in (pictures, sweeps, pictures.parent, sweeps.parent, tmp_path / "calibration"):
+        assert "is a KITTI-360 data set" in told(folder)
+    (sweeps / "velodyne_points/data").rename(sweeps / "points")
+    assert "holds images or points without a calibration" in told(sweeps)
+    write_recording(sweeps.with_name("done"))
+    assert list(check_tree(sweeps.with_name("done"))) == []
+    assert list(check_tree(write_drive(sweeps.with_name("raw_drive")))) == []
+
+
+def test_the_test_of_depth_prediction_is_called_so(tmp_path):
+    folder = tmp_path / "depth_selection" / "test_depth_prediction_anonymous"
+    write_rgb(folder / "image" / "0000000000.png", picture())
+    (folder / "intrinsics").mkdir()
+    assert "like the test of KITTI's depth prediction; make it a recording" in told(folder)
+    assert f"{folder} in it looks like one" in told(tmp_path)
+
+
+def test_pictures_with_labels_alone_are_found_below(tmp_path):
+    folder = tmp_path / "Kitti" / "raw"  # as torchvision stores them
+    write_object_tree(folder, "000000")
+    for name in ("velodyne", "calib"):
+        shutil.rmtree(folder / "training" / name)
+    assert f"{folder} in it looks like one; give that folder" in told(tmp_path)
 
 
 def test_a_recording_with_folders_of_kittis_names_stays_one(tmp_path):

@@ -5,14 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.check import check_tree
+from sightline.data.check import check_tree, summarize_tree
 from sightline.data.frame_lists import read_sample_list
+from sightline.data.image_file import write_rgb
 from sightline.data.kitti_trees import ObjectFrame
 from sightline.data.open import open_dataset
 from sightline.data.recording_files import begins_sequence, doubtful_steps, order_doubt, read_times
 from sightline.files.problem import FileError
 from sightline.simulation.packaged import PACKAGED_FRAMES
-from tests.data.recordings import write_recording
+from tests.data.recordings import IMAGE, SAMPLE, write_calibration, write_recording
 
 
 @pytest.mark.parametrize(
@@ -252,3 +253,19 @@ def test_times_closer_than_any_lidar_turns_are_told():
 
     assert "0.00167 s apart, so its times are probably not in seconds" in doubt("0.001666667")[0]
     assert doubt("0.01") is None
+
+
+def test_a_recording_of_a_lidar_alone_has_a_note_in_place_of_a_problem(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    height, width = SAMPLE.image_size
+    for path in sorted((tmp_path / "images").iterdir()):
+        path.unlink()
+        problems = [str(each) for each in check_tree(tmp_path)]
+        assert any("images: " in each and "add the missing files" in each for each in problems)
+    write_calibration(tmp_path, image_size={"width": width, "height": height})
+    assert list(check_tree(tmp_path)) == []
+    (summary,) = summarize_tree(tmp_path)
+    assert "; no images: the image_size of the calibration is used; " in str(summary)
+    write_rgb(tmp_path / "images" / "a.png", IMAGE)
+    (problem,) = check_tree(tmp_path)
+    assert problem.problem == "lacks a file of b"

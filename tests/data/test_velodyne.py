@@ -123,6 +123,7 @@ def a_cloud(num_points=200, order=1):
 
 
 EXTRA = np.arange(200, dtype=np.float32)[:, None]
+FEATURES = np.random.default_rng(6).normal(size=(200, 12)).astype(np.float32)
 NONE = np.zeros((200, 4), np.float32)
 
 
@@ -151,6 +152,8 @@ def normals():
         (as_pcl_dumps, 32, "eight columns"),
         (lambda cloud: np.hstack([cloud, EXTRA % 64, NONE[:, :3]]), 32, "eight columns"),
         (lambda cloud: np.hstack([cloud, normals(), EXTRA / 1e4, NONE]), 48, "twelve"),
+        (lambda cloud: np.hstack([cloud, FEATURES[:, :8]]), 48, "twelve"),
+        (lambda cloud: np.hstack([cloud, FEATURES]), 64, "sixteen"),
         (
             lambda cloud: np.hstack([as_pcl_dumps(cloud), EXTRA % 9, NONE, NONE[:, :3]]),
             64,

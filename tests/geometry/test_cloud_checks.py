@@ -221,6 +221,16 @@ def test_the_likely_scale_is_named_and_never_the_one_that_was_refused(largest, l
     assert cloud_fault(points, float(scale)) is None
 
 
+def test_dark_bytes_have_the_scale_of_bytes():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-20, 20, (5000, 4))
+    points[:, 3] = np.rint(rng.exponential(12, 5000)).clip(0, 90)
+    points[:9, 3] = 207
+    assert "probably 255" in cloud_fault(points, 1.0)[1]
+    points[:9, 3] += 0.5
+    assert "probably 100" in cloud_fault(points, 1.0)[1]
+
+
 def test_bytes_with_a_sign_are_told_as_such():
     rng = np.random.default_rng(0)
     points = rng.uniform(-40, 40, (500, 4))

@@ -351,6 +351,7 @@ def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
 
 def _describe_repeats(groups: Sequence[Sequence[Path]], kind: str) -> list[Problem]:
     remedy = f"give each frame its own {kind}"
+    listed = groups[:_MAX_LISTED] if len(groups) > _MAX_LISTED + 1 else groups
     problems = [
         Problem(
             path=first,
@@ -359,11 +360,13 @@ def _describe_repeats(groups: Sequence[Sequence[Path]], kind: str) -> list[Probl
             f"({describe_absent([path.stem for path in others])})",
             remedy=remedy,
         )
-        for first, *others in groups[:_MAX_LISTED]
+        for first, *others in listed
     ]
-    if len(groups) > _MAX_LISTED:
+    if len(groups) > len(listed):
         first = groups[_MAX_LISTED][0]
-        more = f"and {len(groups) - _MAX_LISTED - 1} more have the same {kind} as other frames"
+        more = (
+            f"is of one of {len(groups) - _MAX_LISTED} more groups of frames with the same {kind}"
+        )
         problems.append(Problem(path=first, problem=more, remedy=remedy))
     return problems
 

@@ -21,6 +21,7 @@ from sightline.files.plain_text import (
     shortened,
 )
 from sightline.files.problem import FileError, Problem
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import (
     MAX_OFFSET_M,
     focal_fault,
@@ -44,6 +45,11 @@ _LIMIT = 1e9  # far above any focal length, baseline or mounting; products stay 
 _LAST_ROW_TOLERANCE = 1e-9
 _ROUNDING: Final = 1e-5  # hundredths of a pixel, of a millimetre and of an arc minute
 _REMEDY = "correct it or extract the calibration archive again"
+_NO_LIDAR_REMEDY: Final = (
+    f"{_REMEDY}; for a level camera without a LiDAR add 'R0_rect: 1 0 0 0 1 0 0 0 1' and "
+    "'Tr_velo_to_cam: 0 -1 0 0 0 0 -1 H 1 0 0 0', where H is the camera's height above the road "
+    f"less {KITTI_LIDAR_HEIGHT_M} m"
+)
 _HEIGHT_ENTRY, _TILT_ENTRY = "lidar_height_m", "lidar_tilt_deg"
 _TRACKING_NAMES: Final = {
     "R_rect": "R0_rect",
@@ -79,6 +85,9 @@ def read_object_matrices(path: Path | str) -> CalibrationMatrices:
     """
     entries = _object_entries(path)
     projection = _matrix(entries, "P2", (3, 4), path)
+    if not {"R0_rect", "Tr_velo_to_cam"} & entries.keys():
+        problem = "lacks R0_rect and Tr_velo_to_cam, expected lines with 9 and 12 numbers"
+        raise FileError(path, problem, _NO_LIDAR_REMEDY)
     rectification = _matrix(entries, "R0_rect", (3, 3), path)
     mounting = _matrix(entries, "Tr_velo_to_cam", (3, 4), path)
     _check_projection(projection, path, "P2")
@@ -298,7 +307,8 @@ def _object_entries(path: Path | str) -> dict[str, list[str]]:
         raise FileError(
             path,
             f"has {mounting}_0, a name of Waymo's data in KITTI's form, where P2 is another camera",
-            f"write the chosen camera's projection as P2, and its transform as {mounting}",
+            f"write the chosen camera's projection as P2 and its transform as {mounting}, and give "
+            "its pictures as image_2 and its labels as label_2 (camera 0, image_0, looks ahead)",
         )
     if "Tr" in entries and not {mounting, "R0_rect"} & entries.keys():
         entries["R0_rect"], entries[mounting] = [*"100010001"], entries["Tr"]

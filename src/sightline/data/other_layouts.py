@@ -26,14 +26,17 @@ BAG_SUFFIXES: Final = (".bag", ".mcap", ".db3")
 _LAYOUT_NAMES: Final = (
     {"image_2", "velodyne"},
     {"image_2", "calib"},
+    {"image_2", "label_2"},
     {"velodyne", "calib"},
     {"image_02", "velodyne_points"},
     {"images", "points"},
     {"image", "velodyne_raw"},
+    {"image", "intrinsics"},
     {"calib.txt", "velodyne"},
     {"calib.txt", "image_2"},
 )
 """Names that occur together in the folders of data sets."""
+_KITTI_360_FOLDERS: Final = ("data_2d_raw", "data_3d_raw")
 _SHARDS_REMEDY: Final = "copy the whole folder again, or pack the data again (sightline shard)"
 _MAX_SEARCHED = 200  # largest number of searched subfolders
 _EXPECTED: Final = (
@@ -47,9 +50,11 @@ def refuse_other_layouts(path: Path) -> None:
     """Refuse folders that look like a known layout but have another.
 
     Raises:
-        FileError: It is a sequence of KITTI odometry or tracking.
+        FileError: It is a sequence of KITTI odometry or tracking, or a drive of KITTI-360.
     """
     problem = _odometry(path) or _tracking(path)
+    if problem is None and _is_drive_of_kitti_360(path):
+        problem = _kitti_360(path)
     if problem is not None:
         raise FileError(problem.path, problem.problem, problem.remedy)
 
@@ -79,6 +84,7 @@ def no_data_set(path: Path) -> Problem:
         _odometry,
         _tracking,
         _kitti_360,
+        _depth_prediction,
         _uncalibrated,
         source_to_import,
         _unread,
@@ -181,8 +187,22 @@ def _tracking(path: Path) -> Problem | None:
     return None
 
 
+def _is_drive_of_kitti_360(path: Path) -> bool:
+    """Test for a drive's pictures, of fisheye cameras in image_02, or for its sweeps."""
+    names = ["image_00/data_rect", "image_02/data_rgb"]
+    if path.absolute().parent.name in _KITTI_360_FOLDERS:
+        names += ["image_00", "velodyne_points"]
+    if not any((path / name).is_dir() for name in names):
+        return False
+    is_converted = is_recording(path) or lacks_calibration(path)
+    return not is_converted and list_drive(path).calibration is None
+
+
 def _kitti_360(path: Path) -> Problem | None:
-    if not any((path / name).is_dir() for name in ("data_2d_raw", "data_3d_raw")):
+    place = path.absolute()
+    roots = [place, *([place.parent] if place.name in (*_KITTI_360_FOLDERS, "calibration") else [])]
+    is_above = any((root / name).is_dir() for root in roots for name in _KITTI_360_FOLDERS)
+    if not (is_above or _is_drive_of_kitti_360(path)):
         return None
     return Problem(
         path=path,
@@ -193,6 +213,19 @@ def _kitti_360(path: Path) -> Problem | None:
         "points, and calibration.yaml with camera_matrix, P_rect_00 of perspective.txt, and "
         "camera_from_lidar, R_rect_00 times the inverse of calib_cam_to_velo.txt (both filled up "
         "to 4x4)",
+    )
+
+
+def _depth_prediction(path: Path) -> Problem | None:
+    if not all((path / name).is_dir() for name in ("image", "intrinsics")):
+        return None
+    return Problem(
+        path=path,
+        problem="holds pictures and intrinsics without sparse maps (velodyne_raw), like the test "
+        "of KITTI's depth prediction",
+        remedy="make it a recording (docs/recordings.md): rename image to images, and write "
+        "calibration/NAME.yaml for each picture with camera_matrix, the nine numbers of its "
+        "intrinsics",
     )
 
 

@@ -159,6 +159,8 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )
     described = [] if view is None else [str(view)]
+    if is_without_camera(frames):
+        described.append("no images: the image_size of the calibration is used")
     described += _describe_losses(frames)
     if calibration is None or first is None or first.calibration is None:
         return RecordingDescription(tuple(described))
@@ -189,6 +191,15 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
         Problem(path=first.calibration, problem=each.problem, remedy=each.remedy) for each in doubts
     )
     return RecordingDescription(tuple(described), tuple(problems))
+
+
+def is_without_camera(frames: Sequence[ObjectFrame]) -> bool:
+    """Test for a recording of a LiDAR alone: no image, and an image size in each calibration."""
+    if not frames or any(each.image or not (each.points and each.calibration) for each in frames):
+        return False
+    paths = dict.fromkeys(each.calibration for each in frames)
+    read = [read_or_note(read_recording_calibration, path, []) for path in paths]
+    return all(each is not None and each.image_size is not None for each in read)
 
 
 def _describe_losses(frames: Sequence[ObjectFrame]) -> tuple[str, ...]:

@@ -73,6 +73,7 @@ from sightline.data.recording_checks import (
     check_recording_calibration,
     describe_recording,
     examine_recording_frame,
+    is_without_camera,
     reference_images,
 )
 from sightline.data.recording_files import (
@@ -346,7 +347,10 @@ def _recording_tree(folder: Path) -> Tree | None:
     order = order_doubt(folder, frames)
     tree = replace(tree, gaps=(*tree.gaps, *unused, *([] if order is None else [order])))
     described = describe_recording(frames)
-    tree = replace(tree, gaps=(*tree.gaps, *described.doubts))
+    gaps = [
+        each for each in tree.gaps if each.path != folder / IMAGES or not is_without_camera(frames)
+    ]
+    tree = replace(tree, gaps=(*gaps, *described.doubts))
     tree = _with_notes(tree, *described.clauses)
     return _with_unread(tree, recording_folders(folder))
 
@@ -430,7 +434,8 @@ def _check_raw_calibration(drive: Path, files: DriveFiles) -> list[Problem]:
     folder = files.calibration
     if folder is None:
         path = drive / "calib_cam_to_cam.txt"
-        return [Problem(path=path, problem="is missing, here and one folder up", remedy=_REMEDY)]
+        remedy = f"{_REMEDY}, or make data that is not KITTI's a recording (docs/recordings.md)"
+        return [Problem(path=path, problem="is missing, here and one folder up", remedy=remedy)]
     try:
         problems = drive_matrices_doubts(read_raw_matrices(folder), folder, files.first_image)
         problems += [

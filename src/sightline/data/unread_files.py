@@ -67,6 +67,7 @@ _OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03
 _OTHER_DRIVE_CAMERAS = ("image_03", "image_00", "image_01")  # the other colour camera first
 _DRIVE_DATA = "data"  # folder of a drive's files in that of the sensor
 _MAX_LISTED = 4  # suffixes or folders listed in a message
+_POINT_LABELS = ".label"  # of SemanticKITTI: a class for each point
 _MAP_BITS = 16  # per pixel of depth maps and instance maps
 
 
@@ -436,6 +437,9 @@ def _find_unread_in(place: PartFolder) -> UnreadFiles | None:
     remedy = remedy_for_endings(path.name for path in unread) or (
         "convert them" if set(place.suffixes) & {".bin", *IMAGE_SUFFIXES} else "rename them"
     )
+    if place.part == "objects" and any(path.suffix == _POINT_LABELS for path in unread):
+        expected += ", with labels of objects, not of points"
+        remedy = "write such labels"
     if unread:
         counts = Counter(path.suffix for path in unread)
         listed = ", ".join(

@@ -12,7 +12,7 @@ from sightline.geometry.echoes import is_echo
 from sightline.geometry.mount import MAX_RANGE_M
 
 _OTHER_LAYOUTS: Final = (
-    *(("<f4", columns) for columns in (3, 5, 6, 7, 8)),
+    *(("<f4", columns) for columns in (3, 5, 6, 7, 8, 12, 16)),
     *(("<f8", columns) for columns in (3, 4, 5, 6)),
     *(("<f2", columns) for columns in (3, 4, 5, 6)),
 )

@@ -21,7 +21,9 @@ _MAX_FALLS: Final = 0.02  # per rise of times, which restart in each ring; 1 in 
 _DISTANCE_SHARE: Final = 1e-3  # largest error of a distance in place of an intensity
 _DISTANCE_ROUNDING_M: Final = 0.02
 _WHOLE_ROUNDING: Final = 2.0  # also for numbers that were cut off, which lowers the factor
-_USUAL_SCALES: Final = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
+_PERCENT: Final = 100.0
+_BYTE: Final = 255.0
+_USUAL_SCALES: Final = (1.0, _PERCENT, _BYTE, 1023.0, 4095.0, 65535.0)
 """Usual intensities of a reflectance of 1."""
 _MIN_RINGS: Final = 4
 _MAX_RING: Final = 1e6
@@ -166,8 +168,11 @@ def _are_times(numbers: Float[np.ndarray, " num_points"]) -> bool:
 def _likely_scale(intensities: Float[np.ndarray, " num_points"]) -> float:
     """Choose the smallest usual scale that a hundredth of the points exceed at most, or one above.
 
-    Raw counts beyond all usual scales suggest the level that a hundredth of the points exceed.
+    Whole numbers beyond 100 that fit into a byte are bytes, however dark. Raw counts beyond all
+    usual scales suggest the level that a hundredth of the points exceed.
     """
+    if _PERCENT < intensities.max() <= _BYTE and (intensities == np.rint(intensities)).all():
+        return _BYTE
     bright = float(np.quantile(intensities, 1 - _BRIGHTER_SHARE))
     return next((scale for scale in _USUAL_SCALES if bright <= scale), float(math.ceil(bright)))
 
