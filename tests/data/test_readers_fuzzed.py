@@ -124,6 +124,7 @@ def complaint(reader: Callable[[Path], object], path: Path) -> str | None:
     return None
 
 
+@pytest.mark.filterwarnings("ignore:.*points are left out")
 @settings(max_examples=400, suppress_health_check=[HealthCheck.too_slow])
 @given(content=st.binary(max_size=200) | damaged() | texts | pngs)
 def test_any_bytes_give_a_value_or_one_line_that_names_the_file(path, content):
