@@ -334,6 +334,7 @@ def _recording_tree(folder: Path) -> Tree | None:
             ("objects", LABELS),
             ("depth", DEPTH),
         )
+        if attribute != "image" or not is_without_camera(frames)
     ]
     checks = _recording_checks(files)
     checks.append(_between_frames(partial(check_recording_frames, frames)))
@@ -347,10 +348,7 @@ def _recording_tree(folder: Path) -> Tree | None:
     order = order_doubt(folder, frames)
     tree = replace(tree, gaps=(*tree.gaps, *unused, *([] if order is None else [order])))
     described = describe_recording(frames)
-    gaps = [
-        each for each in tree.gaps if each.path != folder / IMAGES or not is_without_camera(frames)
-    ]
-    tree = replace(tree, gaps=(*gaps, *described.doubts))
+    tree = replace(tree, gaps=(*tree.gaps, *described.doubts))
     tree = _with_notes(tree, *described.clauses)
     return _with_unread(tree, recording_folders(folder))
 
