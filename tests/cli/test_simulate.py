@@ -142,7 +142,7 @@ def test_hard_streets_of_a_preset_can_be_refused(calls: list[dict]):
         (["--samples-per-pixel", "3"], "--samples-per-pixel: expected one of 1, 4, got 3"),
         (["--sequence-length", "0"], "sequence_length must be between 1 and 10000, got 0"),
         (["--sequence-length", "1000000"], "sequence_length must be between 1 and 10000"),
-        (["--frames", "0"], "at least 1 frame"),
+        (["--frames", "0"], "frames must be at least 1"),
         (["--frames", "1000001"], "at most 1000000 frames"),
         (["--workers", "0"], "workers must be at least 1"),
         (["--num-shards", "0"], "num_shards must be at least 1, got 0"),

@@ -350,8 +350,8 @@ def check_simulation(
     """
     if frames < 1 or not 0 <= validation_frames <= frames:
         raise ValueError(
-            f"a simulation needs at least 1 frame, got {frames}, and no more validation_frames, "
-            f"got {validation_frames}: set both, as a preset has numbers of its own"
+            f"frames must be at least 1, got {frames}, and validation_frames from 0 to as many, "
+            f"got {validation_frames}; set both, as a preset has numbers of its own"
         )
     max_frames = MAX_FRAMES if config.sequence_length == 1 else MAX_DRIVES * config.sequence_length
     if frames > max_frames:
