@@ -255,7 +255,7 @@ def test_what_is_wrong_with_the_data_names_the_flags(tree):
         data.val_dataloader()
 
 
-@pytest.mark.filterwarnings("ignore:.*no class of KITTI")
+@pytest.mark.filterwarnings("ignore:.*(no class of KITTI|do not fit its 2D boxes)")
 def test_classes_that_no_training_frame_shows_are_listed(tree):
     for number, names in enumerate((["Car"], ["car", "Van"], [], ["Cyclist"])):
         write_label(tree, number, *names)
@@ -360,7 +360,7 @@ def test_objects_whose_names_are_no_classes_are_counted_over_all_training_frames
     )
 
 
-@pytest.mark.filterwarnings("ignore:.*(far outside the image|no 3D part|3D box with a size)")
+@pytest.mark.filterwarnings("ignore:.*(far outside|do not fit its 2D boxes)")
 def test_objects_of_a_learned_class_that_lack_the_learned_box_are_told(tree, capsys):
     """Sources labelled in space and in images alone: those of the latter become background."""
     flat = f"{' '.join(LABEL.format('Car').split()[:8])} -1 -1 -1 -1000 -1000 -1000 -10"
@@ -404,7 +404,7 @@ def test_flags_in_place_of_truncations_are_told_where_such_objects_are_not_learn
         assert told.count("give 8 of 16 objects a truncation of 1 or more") == expected
 
 
-@pytest.mark.filterwarnings("ignore:.*far outside the image")  # the pictures are small
+@pytest.mark.filterwarnings("ignore:.*(far outside the image|do not fit its 2D boxes)")  # the pictures are small
 def test_labels_on_a_server_are_read_until_each_class_has_been_found(tree):
     for number in range(12):
         write_label(tree, number, "Car" if number else "Van", "Tram")

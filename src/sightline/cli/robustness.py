@@ -98,12 +98,12 @@ def robustness(
             f"robustness needs a {lacking}; give the folder before options with several values, as "
             "in sightline robustness OUT --data DATA --cases camera_blank lidar_blank"
         )
-    if results:
-        _check_results(results, task, weights, method)
     by_sensor = _by_sensor(healthy or ())
     files = [named_file(each) for each in (weights, baseline, sample_list)]
     only_read = [data, *files, *by_sensor.values()]
     check_outputs({"OUT_FOLDER": out_folder}, data=only_read, results=map(Path, results))
+    if results:
+        _check_results(results, task, weights, method)
     from sightline.robustness.bench import BenchSettings, run_bench
     from sightline.robustness.results import score_results
 
