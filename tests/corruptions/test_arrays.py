@@ -195,7 +195,10 @@ def test_a_masked_depth_is_unknown_there():
     ("doubtful", "message"),
     [
         ({"image": (IMAGE > 99).astype(np.uint8)}, "no level above 1 of 255"),
-        ({"points": POINTS + np.float32([150, 0, 0, 0])}, "none nearer than .* in a map's or world's f"),
+        (
+            {"points": POINTS + np.float32([150, 0, 0, 0])},
+            "none nearer than .* in a map's or world's f",
+        ),
         ({"points": POINTS * np.float32([1, 1, 1, 1e-4])}, "below a hundredth of max_intensity"),
     ],
 )

@@ -207,10 +207,11 @@ def test_boxes_angles_and_scores_that_contradict_each_other_are_told(change, exp
         (half, "lie in the upper left quarter"),
         (lambda boxes: 2 * boxes, "read as pixels of an image of twice the size all are inside"),
         (lambda boxes: 0.6 * boxes + (0, 90, 0, 90), "are probably pixels of a smaller image"),
+        (lambda boxes: boxes[:, [0, 2, 1, 3]], "2D boxes of results end before they begin"),
     ],
 )
 def test_2d_boxes_alone_are_judged_by_the_image(convert, expected):
-    flat = [without_3d(exact(each)) for each in FRAMES]
+    flat = [without_3d(exact(each)) for each in FRAMES] * 6
     assert list(doubts_about_results(flat)) == []
     (doubt,) = doubts_about_results([replace(e, boxes2d=convert(e.boxes2d)) for e in flat])
     assert expected in doubt

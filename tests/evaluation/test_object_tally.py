@@ -155,6 +155,10 @@ def test_a_result_without_an_alpha_that_costs_all_orientations_is_told(tmp_path)
     found = [replace(line, score=line.x1) for line in SPACED]
     notes = notes_of(tmp_path, SPACED, [*found[:-1], replace(found[-1], alpha=-10.0)])
     assert "WARNING: alpha of 1 of 50 results is -10, KITTI's number for none: orient" in notes
+    in_image = replace(found[-1], alpha=-10.0, **MISSING)  # as of joined objects without a 3D box
+    notes = notes_of(tmp_path, SPACED, [*found[:-1], in_image])
+    assert "WARNING" not in notes
+    assert "Orientation is not scored: 1 of 50 results have no 3D part and so no alpha" in notes
     without = notes_of(tmp_path, SPACED, [replace(line, alpha=-10.0) for line in found])
     assert "WARNING" not in without
 

@@ -214,7 +214,11 @@ def test_reduced_sweeps_hold_what_the_camera_sees(frames: Path, tmp_path: Path):
     ("num_frames", "options", "message"),
     [
         (0, {}, "frames must be at least 1"),
-        (2, {"validation_frames": 3}, "got 2, and validation_frames from 0 to as many, got 3; set both"),
+        (
+            2,
+            {"validation_frames": 3},
+            "got 2, and validation_frames from 0 to as many, got 3; set both",
+        ),
         (2, {"workers": 0}, "workers must be at least 1, got 0"),
         (10**6 + 1, {}, "at most 1000000 frames"),
         (3 * 10**4 + 1, {"config": DRIVES}, "at most 30000 frames"),

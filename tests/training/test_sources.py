@@ -404,7 +404,9 @@ def test_flags_in_place_of_truncations_are_told_where_such_objects_are_not_learn
         assert told.count("give 8 of 16 objects a truncation of 1 or more") == expected
 
 
-@pytest.mark.filterwarnings("ignore:.*(far outside the image|do not fit its 2D boxes)")  # the pictures are small
+@pytest.mark.filterwarnings(
+    "ignore:.*(far outside the image|do not fit its 2D boxes)"
+)  # the pictures are small
 def test_labels_on_a_server_are_read_until_each_class_has_been_found(tree):
     for number in range(12):
         write_label(tree, number, "Car" if number else "Van", "Tram")

@@ -349,6 +349,11 @@ def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
     ]
 
 
+def _other_name(path: Path, first: Path) -> str:
+    """Name of another frame: the file's, or its path where files of one name repeat each other."""
+    return path.stem if path.stem != first.stem else str(path)
+
+
 def _describe_repeats(groups: Sequence[Sequence[Path]], kind: str) -> list[Problem]:
     remedy = f"give each frame its own {kind}"
     listed = groups[:_MAX_LISTED] if len(groups) > _MAX_LISTED + 1 else groups
@@ -357,7 +362,7 @@ def _describe_repeats(groups: Sequence[Sequence[Path]], kind: str) -> list[Probl
             path=first,
             problem=f"is the same {kind}, byte for byte, as that of {len(others)} other "
             f"{'frame' if len(others) == 1 else 'frames'} "
-            f"({describe_absent([path.stem for path in others])})",
+            f"({describe_absent([_other_name(path, first) for path in others])})",
             remedy=remedy,
         )
         for first, *others in listed

@@ -299,8 +299,9 @@ def _check_emptiness(
         return []
     path = frames[0].objects
     assert path is not None, "frames without labels are left out"
+    others = f"and those of {len(sweeps) - 1} more frames do" if len(sweeps) > 1 else "does"
     problem = (
-        f"and those of {len(sweeps) - 1} more frames do not fit the clouds: of {num_near} objects "
+        f"{others} not fit the clouds: of {num_near} objects "
         f"within {MAX_FILLED_RANGE_M:.0f} m, at most partly hidden, {num_empty} have no point in "
         "their 3D box, and no single turn, move or change of convention mends it"
     )

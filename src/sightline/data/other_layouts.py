@@ -26,16 +26,17 @@ BAG_SUFFIXES: Final = (".bag", ".mcap", ".db3")
 _LAYOUT_NAMES: Final = (
     {"image_2", "velodyne"},
     {"image_2", "calib"},
-    {"image_2", "label_2"},
     {"velodyne", "calib"},
     {"image_02", "velodyne_points"},
     {"images", "points"},
     {"image", "velodyne_raw"},
-    {"image", "intrinsics"},
     {"calib.txt", "velodyne"},
     {"calib.txt", "image_2"},
 )
 """Names that occur together in the folders of data sets."""
+_FURTHER_NAMES: Final = ({"image_2", "label_2"}, {"image", "intrinsics"})
+"""Names of folders that lack something or are of another benchmark, for where there are no others.
+"""
 _KITTI_360_FOLDERS: Final = ("data_2d_raw", "data_3d_raw")
 _SHARDS_REMEDY: Final = "copy the whole folder again, or pack the data again (sightline shard)"
 _MAX_SEARCHED = 200  # largest number of searched subfolders
@@ -313,11 +314,11 @@ def _in_depth_tree(path: Path) -> Problem | None:
 
 def _below(path: Path) -> Problem | None:
     """Problem of a parent folder of data sets."""
-    found = []
-    for folder in _folders_below(path):
-        names = {each.name for each in _entries(folder)}
-        if any(layout_names <= names for layout_names in _LAYOUT_NAMES):
-            found.append(folder.parent if is_split(folder) else folder)
+    named = [(each, {entry.name for entry in _entries(each)}) for each in _folders_below(path)]
+    found: list[Path] = []
+    for layouts in (_LAYOUT_NAMES, _FURTHER_NAMES):
+        folders = [each for each, names in named if any(layout <= names for layout in layouts)]
+        found = found or [each.parent if is_split(each) else each for each in folders]
     found = [each for each in dict.fromkeys(found) if each != path]  # once for both splits
     if not found:
         return None

@@ -17,6 +17,7 @@ from sightline.data.label_checks import (
     gives_box3d,
     in_degrees,
     is_empty_box2d,
+    is_inside_out,
     order_of_sizes,
     scale_of_sizes,
 )
@@ -62,7 +63,7 @@ _ROTATIONS: Final = {
 _MIN_HALF_SIZE: Final = 20
 """Minimum number of boxes that all lie in the upper left quarter only if the image is of half the
 size."""
-_MIN_NARROW: Final = 100
+_MIN_NARROW: Final = 1000
 _NARROW_SHARE: Final = 0.7
 """Minimum number of boxes that all end within this share of the width only in a smaller image."""
 _CENTRE_SHARES: Final = (0.42, 0.75)
@@ -309,9 +310,15 @@ def _mean_overlap_in_y(projected: Boxes, boxes2d: Boxes) -> float:
 def _remarks_on_bounds(boxes2d: Boxes, ending: str) -> Iterator[str]:
     """Yield a sentence on 2D boxes beyond KITTI's images, or all in a part of them."""
     total, outside = len(boxes2d), _num_outside(boxes2d)
+    inverted = int(is_inside_out(boxes2d).sum())
     height, width = _IMAGE_SIZE
     quarter = (width / 2 + 1, height / 2 + 1)
-    if outside >= MIN_RESULTS and outside > total * _OUTSIDE_SHARE:
+    if inverted >= MIN_RESULTS and inverted > total * _OUTSIDE_SHARE:
+        yield (
+            f"{inverted:,} of {total:,} 2D boxes of results end before they begin, as of another "
+            f"order or with a width and height; {ending}"
+        )
+    elif outside >= MIN_RESULTS and outside > total * _OUTSIDE_SHARE:
         inside = [
             name
             for name, convert in BOX2D_CONVENTIONS.items()

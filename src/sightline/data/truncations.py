@@ -15,6 +15,8 @@ TRUNCATION_REMEDY: Final = (
 _MIN_TRUNCATED: Final = 5
 _BORDER_SHARE: Final = 0.02
 """Distance from the image's border, as a share of the image, within which boxes may be cut off."""
+_SIZE_QUANTILE: Final = 0.98
+"""Quantile of the boxes' ends that counts as the image's size: few boxes reach beyond the image."""
 
 
 @dataclass(slots=True)
@@ -30,8 +32,8 @@ class TruncationTally:
     has_fraction: bool = False
     truncated_boxes: list[Float64[np.ndarray, "num_objects 4"]] = field(default_factory=list)
     """2D boxes [px] with a truncation of 1 or more."""
-    extent: Float64[np.ndarray, "4"] = field(default_factory=lambda: np.zeros(4))
-    """Largest coordinates [px] of all boxes, about the image's size."""
+    ends: list[Float64[np.ndarray, "num_objects 2"]] = field(default_factory=list)
+    """x_max, y_max [px] of all boxes, which hardly exceed the image's size."""
 
     def add(self, objects: KittiObjects) -> None:
         """Count a frame."""
@@ -41,17 +43,17 @@ class TruncationTally:
         self.num_objects += len(truncations)
         self.has_fraction |= bool((truncations % 1).any())
         self.truncated_boxes.append(boxes[truncations >= 1])
-        self.extent = np.maximum(self.extent, boxes.max(axis=0, initial=0.0))
+        self.ends.append(boxes[:, 2:])
 
     def doubt(self) -> str | None:
         """Describe whole numbers in place of shares, after "labels"; None: there is no doubt."""
-        if self.has_fraction or not self.truncated_boxes:
+        if self.has_fraction or not self.num_objects:
             return None
         boxes = np.concatenate(self.truncated_boxes)
-        width, height = self.extent[2:]
-        border = _BORDER_SHARE * np.array((width, height))
+        size = np.quantile(np.concatenate(self.ends), _SIZE_QUANTILE, axis=0, method="higher")
+        border = _BORDER_SHARE * size
         is_inside = (boxes[:, :2] > border).all(axis=1)
-        is_inside &= (boxes[:, 2:] < np.array((width, height)) - border).all(axis=1)
+        is_inside &= (boxes[:, 2:] < size - border).all(axis=1)
         num_inside = int(is_inside.sum())
         if len(boxes) < _MIN_TRUNCATED or 2 * num_inside < len(boxes):
             return None

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float64
 from sightline.data.alpha_checks import ALPHA_REMEDY, doubt_about_labels, remarks_on_alphas
 from sightline.data.image_fits import OTHER_IMAGE, ImageFit, fit_image
 from sightline.data.kitti_labels import NO_ALPHA, KittiObjects
-from sightline.data.label_checks import order_of_sizes, scale_of_sizes
+from sightline.data.label_checks import gives_box3d, order_of_sizes, scale_of_sizes
 from sightline.data.result_boxes import (
     BOX2D_CONVENTIONS,
     MATCH_IOU,
@@ -67,6 +67,8 @@ _CHANCE_SHARE: Final = 0.05
 parked cars a box 10 m too far matches another car in up to 9 % of them, which raises no doubt."""
 _REVERSED_AUROC: Final = 0.4
 """AUROC of reversed scores; the shipped detectors have 0.81 or more on 90 real frames."""
+_MIN_PAIRED: Final = 10
+"""Number of a frame's results with the highest scores that are paired, or twice its labels."""
 _MIN_DEVIATIONS: Final = 4.0
 """Number of standard deviations by which the AUROC of reversed scores is below one half."""
 _SIZE_NAMES: Final = ("height", "width", "length")
@@ -89,11 +91,15 @@ class ResultConventions:
     """Number of results of all classes."""
     without_alpha: int = 0
     """Number of these without an alpha; with one of them no orientation is scored."""
+    lacking_alpha: int = 0
+    """Number of those with a 3D part, by which alpha could be known."""
 
     def add(self, results: KittiObjects, labels: KittiObjects) -> None:
         """Keep the boxes of a frame."""
         self.total += len(results)
-        self.without_alpha += int(np.count_nonzero(results.alpha == NO_ALPHA))
+        is_without = results.alpha == NO_ALPHA
+        self.without_alpha += int(np.count_nonzero(is_without))
+        self.lacking_alpha += int(np.count_nonzero(is_without & gives_box3d(results)))
         self.results.append(scored_boxes(results))
         self.impossible.append(count_impossible(results))
         self.labels.append(scored_boxes(labels))
@@ -102,6 +108,12 @@ class ResultConventions:
         """Yield sentences on boxes and scores that are probably of another convention."""
         if not self.results:
             return
+        if self.without_alpha < self.total and self.without_alpha > self.lacking_alpha == 0:
+            yield (
+                f"Orientation is not scored: {self.without_alpha:,} of {self.total:,} results have "
+                "no 3D part and so no alpha. It is of results that all have one (perceive writes "
+                "both joined and joined-3d)."
+            )
         for remark in self._remarks(join_boxes(self.results), join_boxes(self.labels)):
             yield f"WARNING: {remark}"
 
@@ -120,7 +132,7 @@ class ResultConventions:
         scores = (*remarks_on_scores(self.results),)
         yield from scores or compared.remarks_on_order()
         yield from in_space
-        if 0 < self.without_alpha < self.total:
+        if self.lacking_alpha and self.without_alpha < self.total:
             yield (
                 f"alpha of {self.without_alpha:,} of {self.total:,} results is {NO_ALPHA:g}, "
                 "KITTI's number for none: orientation is scored only where all results have one, "
@@ -238,9 +250,13 @@ class _ComparedResults:
             yield _describe_reading(best, written, readings[best])
 
     def _pairs_in_image(self) -> tuple[Boxes, Boxes]:
-        """Pair the 2D boxes of labels with those of results of their class, all with all."""
+        """Pair the 2D boxes of labels with those of the surest results of their class."""
         pairs = [np.empty((2, 0, 4))]
-        for results, labels in self.frames:
+        for every, labels in self.frames:
+            most = max(_MIN_PAIRED, 2 * len(labels.names))
+            is_sure = np.zeros(len(every.names), dtype=bool)
+            is_sure[np.argsort(-every.scores, kind="stable")[:most]] = True
+            results = every.select(is_sure)
             of_labels, of_results = np.nonzero(same_class(results, labels))
             pairs.append(np.stack((labels.boxes2d[of_labels], results.boxes2d[of_results])))
         expected, written = np.concatenate(pairs, axis=1)
