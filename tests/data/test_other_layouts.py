@@ -110,6 +110,18 @@ def test_a_recording_with_folders_of_kittis_names_stays_one(tmp_path):
     )
 
 
+def test_a_folder_that_is_read_is_named_before_one_of_another_benchmark(tmp_path):
+    selection = tmp_path / "archives" / "depth_selection"
+    for name in ("image", "intrinsics"):
+        (selection / "test_depth_prediction_anonymous" / name).mkdir(parents=True)
+    prediction = selection / "test_depth_prediction_anonymous"
+    assert f"{prediction} in it looks like one; give that folder" in told(tmp_path / "archives")
+    for name in ("image", "velodyne_raw"):
+        (selection / "val_selection_cropped" / name).mkdir(parents=True)
+    sound = selection / "val_selection_cropped"
+    assert f"{sound} in it looks like one; give that folder" in told(tmp_path / "archives")
+
+
 def test_a_folder_above_a_data_set_names_it(tmp_path):
     write_object_tree(tmp_path / "kitti" / "object", "000000")
     assert f"{tmp_path / 'kitti' / 'object'} in it looks like one" in told(tmp_path)
@@ -122,18 +134,6 @@ def test_a_folder_above_a_data_set_names_it(tmp_path):
     assert f"{place} in it looks like one, and 1 more; give that folder" in told(tmp_path / "mine")
     place = tmp_path / "trees" / "mine"
     assert f"{place} in it looks like one; give that folder" in told(tmp_path / "trees")
-
-
-def test_a_folder_that_is_read_is_named_before_one_of_another_benchmark(tmp_path):
-    selection = tmp_path / "archives" / "depth_selection"
-    for name in ("image", "intrinsics"):
-        (selection / "test_depth_prediction_anonymous" / name).mkdir(parents=True)
-    prediction = selection / "test_depth_prediction_anonymous"
-    assert f"{prediction} in it looks like one; give that folder" in told(tmp_path / "archives")
-    for name in ("image", "velodyne_raw"):
-        (selection / "val_selection_cropped" / name).mkdir(parents=True)
-    sound = selection / "val_selection_cropped"
-    assert f"{sound} in it looks like one; give that folder" in told(tmp_path / "archives")
     write_object_frame(tmp_path / "export", "000000", "mini_train")
     said = told(tmp_path / "export")
     assert "mini_train: holds the parts of an object split; rename it to training" in said
