@@ -4,6 +4,7 @@ import json
 import shutil
 import tarfile
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,11 +19,14 @@ from sightline.evaluation.depth import evaluate_depth
 from sightline.files.shard_path import data_path
 from sightline.inference.predict import predict_shards
 from sightline.jobs.run import JobResult
+from sightline.perception.perceive import perceive, perceive_shards
+from sightline.perception.perceiver import MultiTaskPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.predictions import DepthMap
 from tests.data.recordings import POINTS, write_calibration, write_recording
 from tests.inference.function_predictor import FunctionPredictor, sparse, write
 from tests.inference.trees import write_object_tree
+from tests.perception.predictors import perceiver
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*only the frames in training are used")
 
@@ -256,6 +260,73 @@ def test_perceive_packs_all_tasks_and_their_shards_are_scored(tmp_path, monkeypa
         scores.append(capsys.readouterr().out.replace(name, ""))
     assert scores[0] == scores[1]
     assert "Car" in scores[0]
+
+
+def without(tree, part, *names):
+    """The tree, without these frames' files of a part."""
+    for name in names:
+        (path,) = (tree / "training" / part).glob(f"{name}.*")
+        path.unlink()
+    return tree
+
+
+def assert_packs_and_tells_the_same(tree, tmp_path, predictors, *, frames_per_shard):
+    """Packed results and warnings of missing sensors are those of a job without --pack."""
+    shards = tmp_path / "shards"
+    write_shards(tree, shards, frames_per_shard=frames_per_shard)
+    told = []
+    for job, out in ((perceive_shards, "packed"), (partial(perceive, align=False), "plain")):
+        with warnings.catch_warnings(record=True, action="always") as caught:
+            job(shards, tmp_path / out, perceiver=predictors)
+        told.append({text for each in caught if "there are no" in (text := str(each.message))})
+    unpack_shards(tmp_path / "packed", tmp_path / "unpacked")
+    expected = {
+        path: content
+        for path, content in contents(tmp_path / "plain").items()
+        if not path.startswith(("timings", "perception.jsonl")) and ".lacks" not in path
+    }
+    assert contents(tmp_path / "unpacked") == expected
+    assert told[0] == told[1]
+    return sorted(told[0])
+
+
+def test_a_shard_may_begin_with_a_frame_without_a_sensor(tmp_path):
+    tree = write_object_tree(tmp_path / "tree", 6)
+    without(tree, "image_2", "000000", "000001", "000004")  # all of the first shard
+    without(tree, "velodyne", "000002")
+    told = assert_packs_and_tells_the_same(tree, tmp_path, perceiver(), frames_per_shard=2)
+    assert [each.split(": ")[1].split(";")[0] for each in told] == [
+        "there are no images for 3 of 6 frames, the first is 000000",
+        "there are no point clouds for 1 of 6 frames, the first is 000002",
+    ]
+
+
+def test_joined_objects_are_packed_of_a_shard_without_images(tmp_path):
+    shutil.copytree(PACKAGED_FRAMES, tree := tmp_path / "tree")
+    without(tree, "image_2", "000001")
+    weights = {"detection2d": "detection2d-fast-cpu", "depth-completion": None}
+    predictors = MultiTaskPredictor.load(weights, threads=1)
+    (told,) = assert_packs_and_tells_the_same(tree, tmp_path, predictors, frames_per_shard=1)
+    assert "1 of 2 frames, the first is 000001" in told
+    assert (tmp_path / "unpacked" / "joined" / "000001.txt").is_file()
+
+
+@pytest.mark.parametrize("layout", ["object tree", "recording"])
+def test_gaps_of_shards_are_refused_with_a_remedy_that_works(tmp_path, layout):
+    if layout == "recording":
+        data = write_changing_recording(tmp_path / "drive")
+        (data / "points" / "c.npy").unlink()
+    else:
+        data = without(write_object_tree(tmp_path / "tree", 4), "velodyne", "000002")
+    predictor = FunctionPredictor(sparse, needs=("points",))
+    message = (
+        r"1 of \d failed.* of 1 of 2 frames \((c|000002)\); shard the complete frames alone, or "
+        "leave --pack out and name a list of them"
+    )
+    with warnings.catch_warnings(action="ignore"):
+        write_shards(data, tmp_path / "shards", frames_per_shard=2)
+        with pytest.raises(ValueError, match=message):
+            predict_shards(TASK, predictor, tmp_path / "shards", tmp_path / "out", workers=1)
 
 
 def test_packed_depth_is_compared_with_other_depth(tmp_path):

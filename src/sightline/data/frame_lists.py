@@ -25,6 +25,19 @@ _FILE_SUFFIXES = (_SUFFIX, ".bin", ".jpg", ".npy", ".pcd", ".png")  # of frames'
 _MAX_LISTED = 4  # suffixes in a description
 
 
+class GapsError(ValueError):
+    """Error for frames that lack files, with the fault and the remedy as fields."""
+
+    def __init__(self, problem: str, remedy: str) -> None:
+        """Store fault and remedy."""
+        super().__init__(problem, remedy)  # both, for pickling
+        self.problem = problem
+
+    def __str__(self) -> str:
+        """Format one line."""
+        return "; ".join(self.args)
+
+
 def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) -> tuple[str, ...]:
     """Read the frames of a list, in its order.
 

@@ -13,6 +13,7 @@ from torch.utils.data import Dataset
 from sightline.data.calibration_judge import CalibrationJudge
 from sightline.data.entry_checks import select_spread
 from sightline.data.frame_checks import read_or_note
+from sightline.data.frame_lists import GapsError
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import (
     check_intrinsics,
@@ -187,7 +188,8 @@ def _check_complete(root: Path, frames: Sequence[DepthFrame], needed: dict[str, 
         if absent:
             may_lack = part in ("image", "truth")
             or_list = ", or name a list of the complete frames" if may_lack else ""
-            raise ValueError(
+            raise GapsError(
                 f"{root} is incomplete: {folder} lacks {len(absent)} of {len(frames)} frames "
-                f"({describe_absent(absent)}); extract the missing archive{or_list}"
+                f"({describe_absent(absent)})",
+                f"extract the missing archive{or_list}",
             )

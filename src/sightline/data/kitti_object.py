@@ -10,7 +10,7 @@ from torch.utils.data import Dataset
 from sightline.data.calibration_judge import CalibrationJudge
 from sightline.data.entry_checks import select_spread
 from sightline.data.frame_checks import read_or_note
-from sightline.data.frame_lists import doubt_about_names, read_sample_list
+from sightline.data.frame_lists import GapsError, doubt_about_names, read_sample_list
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import (
     check_matrices,
@@ -254,4 +254,4 @@ def _check_complete(
         )
         if 0 < len(dict(gaps).get(part_folder("objects"), ())) < len(requested):
             remedy += f", or {NO_LABELS_REMEDY}"
-        raise ValueError(f"{folder} lacks {described}; {doubt_about_names(absent) or remedy}")
+        raise GapsError(f"{folder} lacks {described}", doubt_about_names(absent) or remedy)

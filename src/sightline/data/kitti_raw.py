@@ -12,6 +12,7 @@ from sightline.data.drive_calibration import unread_calibration
 from sightline.data.drive_poses import list_oxts, read_oxts_poses, read_poses
 from sightline.data.drive_times import drive_times, drive_times_doubts
 from sightline.data.entry_checks import select_spread
+from sightline.data.frame_lists import GapsError
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import read_drive_pose, read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
@@ -161,10 +162,10 @@ def _check_complete(folder: Path, files: DriveFiles) -> None:
     for part, name in (("image", "image_02"), ("points", "velodyne_points")):
         absent = [frame.sample_id for frame in files.frames if getattr(frame, part) is None]
         if absent:
-            raise ValueError(
+            raise GapsError(
                 f"{folder} is incomplete: {name} lacks {len(absent)} of {len(files.frames)} frames "
-                f"({describe_absent(absent)}); extract the drive again, or name "
-                "a list of the complete frames"
+                f"({describe_absent(absent)})",
+                "extract the drive again, or name a list of the complete frames",
             )
 
 

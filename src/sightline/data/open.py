@@ -24,7 +24,7 @@ from sightline.data.frame_checks import (
     examine_drive_frame,
     examine_object_frame,
 )
-from sightline.data.frame_lists import read_sample_list
+from sightline.data.frame_lists import GapsError, read_sample_list
 from sightline.data.kitti_depth import KittiDepthDataset
 from sightline.data.kitti_object import KittiObjectDataset
 from sightline.data.kitti_raw import KittiRawDrive
@@ -214,9 +214,10 @@ def _check_gaps(dataset: SampleDataset, path: Path, needs: Collection[Part]) -> 
             if not has_file(dataset, index, part)
         ]
         if lacking:
-            raise ValueError(
+            raise GapsError(
                 f"{path} lacks {nouns[part]} of {len(lacking)} of {len(dataset)} frames "
-                f"({describe_absent(lacking)}); add them or name a list of the complete frames"
+                f"({describe_absent(lacking)})",
+                "add them or name a list of the complete frames",
             )
 
 

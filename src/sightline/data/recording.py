@@ -17,7 +17,7 @@ from torch.utils.data import Dataset
 
 from sightline.data.calibration_judge import CalibrationJudge
 from sightline.data.frame_checks import Findings, read_or_note
-from sightline.data.frame_lists import read_sample_list
+from sightline.data.frame_lists import GapsError, read_sample_list
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import check_matrices
@@ -362,10 +362,10 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             if absent:
                 some_labelled = part == "objects" and len(absent) < len(self.frames)
                 further = f", or {NO_LABELS_REMEDY}" if some_labelled else ""
-                raise ValueError(
+                raise GapsError(
                     f"{self.folder} lacks {attributes.get(part, part)} of {len(absent)} of "
-                    f"{len(self.frames)} frames ({describe_absent(absent)}); add them or name a "
-                    f"list of the complete frames{further}"
+                    f"{len(self.frames)} frames ({describe_absent(absent)})",
+                    f"add them or name a list of the complete frames{further}",
                 )
 
 

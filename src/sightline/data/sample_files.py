@@ -2,8 +2,10 @@
 
 import hashlib
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -99,26 +101,45 @@ def warn_of_missing_sensors(
     sparse_maps = describe_sparse_maps(dataset, path) if "points" in parts else None
     if needs_sweeps and sparse_maps is not None and describe_raw_drives(data_path(path)):
         warnings.warn(sparse_maps, stacklevel=stacklevel)
-    effect, total = "there predictions go by the other sensor alone", f"{len(dataset):,} frames"
-    for part in [each for each in SENSOR_NOUNS if each in parts]:
-        files = [_listed_file(dataset, index, part) for index in range(len(dataset))]
-        lacking = [index for index, file in enumerate(files) if file is None]
-        may_be_empty = part == "image" or is_corrupted(path)
-        empty = [
-            index
-            for index, file in enumerate([] if may_be_empty else files)
-            if file is not None and holds_no_point(file)
-        ]
-        if lacking:
-            problem = f"there are no {SENSOR_NOUNS[part]} for {len(lacking):,} of {total}"
-            first = f"the first is {dataset.sample_ids[lacking[0]]}"
-            remedy = "give them if there are any"
-            warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
-        if empty:
-            problem = f"the point clouds of {len(empty):,} of {total} hold no point"
-            first = f"the first is {dataset.sample_ids[empty[0]]}"
-            remedy = "check whether the LiDAR delivered points"
-            warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+    warn_of_missing_files([dataset], path, parts, stacklevel=stacklevel + 1)
+
+
+def warn_of_missing_files(
+    datasets: Iterable[SampleDataset], path: Path, parts: Collection[Part], *, stacklevel: int
+) -> None:
+    """Warn of frames without data of a sensor, as counted over all parts of a data set.
+
+    Args:
+        datasets: Parts of the data set, such as its shards; each is looked at once.
+        path: Folder of the whole.
+        parts: Used parts of frames.
+        stacklevel: See `warnings.warn`.
+    """
+    used = [part for part in SENSOR_NOUNS if part in parts]
+    may_be_empty = is_corrupted(path)
+    num_frames, counts, firsts = 0, Counter[tuple[Part, bool]](), dict[tuple[Part, bool], str]()
+    for dataset in datasets:
+        num_frames += len(dataset)
+        for part, (index, name) in product(used, enumerate(dataset.sample_ids)):
+            file = _listed_file(dataset, index, part)
+            if file is None or (part == "points" and not may_be_empty and holds_no_point(file)):
+                counts[part, file is None] += 1
+                firsts.setdefault((part, file is None), name)
+    for part, is_absent in product(used, (True, False)):
+        if not counts[part, is_absent]:
+            continue
+        share = f"{counts[part, is_absent]:,} of {num_frames:,} frames"
+        problem, remedy = (
+            (f"there are no {SENSOR_NOUNS[part]} for {share}", "give them if there are any")
+            if is_absent
+            else (
+                f"the point clouds of {share} hold no point",
+                "check whether the LiDAR delivered points",
+            )
+        )
+        effect = "there predictions go by the other sensor alone"
+        first = f"the first is {firsts[part, is_absent]}"
+        warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
 
 
 def describe_sparse_maps(dataset: SampleDataset, path: Path) -> str | None:

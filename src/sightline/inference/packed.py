@@ -2,15 +2,18 @@
 
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
+from sightline.data.frame_lists import GapsError
 from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.kitti_trees import Part
 from sightline.data.sample_dataset import PosedDataset, SampleDataset
+from sightline.data.sample_files import warn_of_missing_files
 from sightline.data.sharding import files_below, pack_files
 from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of
@@ -39,10 +42,18 @@ from sightline.jobs.run import JobResult, Work, check_workers, run_job, shard
 
 _DRIVE_SPLITS: Final = ("val", "train")  # of depth trees; their drives are sorted together
 
+_WITHOUT_GAPS: Final = (
+    "shard the complete frames alone, or leave --pack out and name a list of them"
+)
+
 
 @runtime_checkable  # for beartype, which checks arguments under pytest
 class ShardWriter(Protocol):
     """Writer of the results of frames to a folder; must be picklable."""
+
+    @property
+    def parts(self) -> Collection[Part]:
+        """Parts of frames that predictions use."""
 
     def open(self, data: Path) -> SampleDataset:
         """Open the frames of a shard.
@@ -118,6 +129,9 @@ def pack_results(
         shared, *targets = tars_of(out, frames, frames_per_shard)
         pack_files(folder, shared, sorted(files_below(folder)))
     chosen = shard(list(zip(tars, targets, strict=True)), shard_index, num_shards)
+    opened = (_quietly_opened(writer, source, place) for source, _ in chosen)
+    found = (each for each in opened if each is not None)
+    warn_of_missing_files(found, data, writer.parts, stacklevel=3)
     shared_sha256 = _checksum(shared_tar)
     pending = [
         (source, target, content)
@@ -290,7 +304,10 @@ def _open(writer: ShardWriter, tar: Path, place: str) -> SampleDataset | None:
     path = data_path(tar) / place
     if place and path.parent.is_dir() and not path.is_dir():
         return None
-    return writer.open(path)
+    try:
+        return writer.open(path)
+    except GapsError as error:
+        raise GapsError(error.problem, _WITHOUT_GAPS) from error
 
 
 def _first_readable(writer: ShardWriter, tars: Sequence[Path], place: str) -> SampleDataset:

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.kitti_trees import Part, Velodyne
 from sightline.data.newer_frames import ADD_OVERWRITE, warn_of_gone_frames, warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.pixels import is_in_view
@@ -182,6 +182,10 @@ class _ShardWriter:
     velodyne: Velodyne | None
     around: bool | None
 
+    @property
+    def parts(self) -> Collection[Part]:
+        return self.predictor.parts
+
     def open(self, data: Path) -> SampleDataset:
         parts, needs = self.predictor.parts, self.predictor.needs
         return open_dataset(data, velodyne=self.velodyne, parts=parts, needs=needs)
@@ -330,7 +334,7 @@ def write_prediction(
     notes = {part: places[0][1] / _LACKS / f"{sample.sample_id}.{part}" for part in SENSOR_NOUNS}
     lacking = [part for part in notes if part in parts and getattr(sample, part) is None]
     for part in lacking:
-        notes[part].parent.mkdir(exist_ok=True)
+        notes[part].parent.mkdir(parents=True, exist_ok=True)
         notes[part].touch()
     for output, folder in places:
         path = folder / f"{sample.sample_id}{output.suffix}"

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.kitti_trees import Velodyne, describe_absent
+from sightline.data.kitti_trees import Part, Velodyne, describe_absent
 from sightline.data.newer_frames import ADD_OVERWRITE, warn_of_gone_frames, warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.data.sample_dataset import SampleDataset
@@ -320,6 +320,10 @@ class _ShardWriter:
     velodyne: Velodyne | None
     all_outputs: bool
     around: bool | None
+
+    @property
+    def parts(self) -> Collection[Part]:
+        return self.perceiver.parts
 
     def open(self, data: Path) -> SampleDataset:
         return open_dataset(data, velodyne=self.velodyne, parts=self.perceiver.parts, needs=())
