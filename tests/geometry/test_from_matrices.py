@@ -29,7 +29,7 @@ def test_matrices_of_any_type_make_one_calibration(as_given, rows):
     torch.testing.assert_close(
         made.camera_from_lidar, torch.tensor(RIGID, dtype=torch.float64), rtol=0, atol=1e-7
     )
-    assert centred_image_size(made) == (1200, 1920)
+    assert centred_image_size(made.image_from_camera) == (1200, 1920)
 
 
 def test_a_projection_keeps_its_last_column():

@@ -239,7 +239,7 @@ def describe_left_out(folder: Path) -> str | None:
         kind = f"{named}file{'' if count == 1 else 's'}"
         parts.append(f"{count:,} {kind} (the first is {shortened(first)})")
     if folders:
-        below = sum(1 for each in _folders_below(folders) for _ in each.glob(f"*{_SUFFIX}"))
+        below = sum(1 for each in folders_below(folders) for _ in each.glob(f"*{_SUFFIX}"))
         kind = "folder" if len(folders) == 1 else "folders"
         first = shortened(folders[0].name)
         parts.append(
@@ -280,7 +280,7 @@ def locate_frame_files(
             return f"they are probably in {below}; name that folder"
     found = [
         below
-        for below in _folders_below(entries)
+        for below in folders_below(entries)
         if not _is_same(below, other_than)
         and any((below / f"{name}{suffix}").is_file() for name in names[:_MAX_SEARCHED])
     ]
@@ -322,7 +322,7 @@ def _is_same(folder: Path, other: Path | None) -> bool:
     return other is not None and folder.resolve() == other.resolve()
 
 
-def _folders_below(entries: Sequence[Path]) -> list[Path]:
+def folders_below(entries: Sequence[Path]) -> list[Path]:
     """List some folders among the entries of a folder, and some of the folders in those."""
     folders = [each for each in entries if each.is_dir()][:_MAX_SEARCHED]
     deeper = [

@@ -11,6 +11,7 @@ from sightline.data.calibration_judge import CalibrationJudge
 from sightline.data.entry_checks import select_spread
 from sightline.data.frame_checks import read_or_note
 from sightline.data.frame_lists import GapsError, doubt_about_names, read_sample_list
+from sightline.data.guessed_size import warn_of_guessed_size
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import (
     check_matrices,
@@ -121,6 +122,9 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             if matrices is not None:
                 size = read_or_note(read_image_size, self._sized(frame), [])
                 self._judge.skip(matrices.stacked, size)
+        first = next((frame.calibration for frame in self.frames if frame.calibration), None)
+        matrices = read_or_note(read_object_matrices, first, [])
+        warn_of_guessed_size(tuple(found.values()), matrices, folder)
         self._pose = pose_of_tree(tuple(found.values()))
         warn_of_mount(self._pose, folder)
         for doubt in stated_mount_doubts(self.frames):
@@ -183,7 +187,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         elif sized is not None:
             height, width = read_image_size(sized)
         else:
-            height, width = centred_image_size(calibration)
+            height, width = centred_image_size(calibration.image_from_camera)
         seen = None if sized is None else (height, width)
         self._judge.judge(
             matrices.stacked,

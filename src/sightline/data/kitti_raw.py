@@ -13,6 +13,7 @@ from sightline.data.drive_poses import list_oxts, read_oxts_poses, read_poses
 from sightline.data.drive_times import drive_times, drive_times_doubts
 from sightline.data.entry_checks import select_spread
 from sightline.data.frame_lists import GapsError
+from sightline.data.guessed_size import warn_of_guessed_size
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import read_drive_pose, read_raw_matrices
 from sightline.data.kitti_files import read_image, read_points, read_raw_calibration
@@ -91,8 +92,9 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
             warnings.warn(str(doubt), stacklevel=2)
         self._poses = None if poses is None else _poses(files, poses, self._times)
         self.first_image = files.first_image
+        warn_of_guessed_size(files.frames, self.matrices, self.folder)
         self.image_size = (
-            centred_image_size(self.calibration)
+            centred_image_size(self.calibration.image_from_camera)
             if self.first_image is None
             else read_image_size(self.first_image)
         )

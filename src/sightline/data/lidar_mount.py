@@ -266,6 +266,16 @@ def describe_mount(
     return *turn, f"{source} the LiDAR is tilted, {tilt}: detectors get levelled clouds"
 
 
+def describe_pose(
+    frames: Sequence[ObjectFrame] | Sequence[DriveFrame], matrices: CalibrationMatrices | None
+) -> tuple[str, ...]:
+    """Describe the mount of a tree's LiDAR, in a clause each; empty: KITTI's, or unreadable."""
+    if matrices is None:
+        return ()
+    pose = pose_of_tree(frames)
+    return *describe_mount(matrices, pose.tilt), *describe_height(pose)
+
+
 def describe_rotation(angle_deg: float, subject: str = "detectors get clouds") -> tuple[str, ...]:
     """Describe the rotation of clouds in a clause; empty: 0 degrees."""
     if not angle_deg:

@@ -8,7 +8,12 @@ from typing import Final
 from sightline.data.depth_trees import split_by_drives
 from sightline.data.frame_lists import TIMES_NAME
 from sightline.data.kitti_trees import find_velodyne, list_drive, list_object_frames
-from sightline.data.recording_files import is_recording, lacks_calibration, misnamed_files
+from sightline.data.recording_files import (
+    is_recording,
+    lacks_calibration,
+    misnamed_files,
+    no_frames,
+)
 from sightline.data.unread_files import (
     drive_folders,
     find_unread,
@@ -89,6 +94,7 @@ def no_data_set(path: Path) -> Problem:
         _uncalibrated,
         source_to_import,
         _unread,
+        _empty,
         _apart,
         _in_depth_tree,
     )
@@ -273,6 +279,11 @@ def _unread(path: Path) -> Problem | None:
     unread = [each for each in find_unread(places) if each.all_unread]
     unread += find_unread(drive_folders(path))
     return unread[0].problem if unread else None
+
+
+def _empty(path: Path) -> Problem | None:
+    """Problem of a recording that holds nothing yet."""
+    return no_frames(path) if is_recording(path) else None
 
 
 def _apart(path: Path) -> Problem | None:

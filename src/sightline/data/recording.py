@@ -16,8 +16,10 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from sightline.data.calibration_judge import CalibrationJudge
+from sightline.data.entry_checks import select_spread
 from sightline.data.frame_checks import Findings, read_or_note
 from sightline.data.frame_lists import GapsError, read_sample_list
+from sightline.data.guessed_size import recording_size_doubt
 from sightline.data.image_file import read_rgb
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import check_matrices
@@ -54,6 +56,7 @@ from sightline.data.recording_checks import (
 )
 from sightline.data.recording_files import (
     list_recording,
+    no_frames,
     order_doubt,
     read_times,
     times_doubts,
@@ -111,7 +114,8 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self.parts = frozenset(parts)
         files = list_recording(self.folder)
         if not files.frames:
-            raise ValueError(f"{self.folder} holds neither images/ nor points/; {_REMEDY}")
+            nothing = no_frames(self.folder)
+            raise FileError(nothing.path, nothing.problem, nothing.remedy)
         known = {frame.sample_id: frame for frame in files.frames}
         selected = tuple(known)
         if sample_list is not None:
@@ -128,6 +132,11 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self._check_complete(self.parts if needs is None else self.parts & set(needs))
         pictures = (frame.image or frame.depth for frame in files.frames)
         self._any_picture = next((path for path in pictures if path is not None), None)
+        guessed = None
+        if self._any_picture is None:
+            guessed = recording_size_doubt(select_spread(self.frames))
+        if guessed is not None:
+            warnings.warn(str(guessed), stacklevel=3)
         self._reference_images = reference_images(files.frames)
         self._times: dict[str, Decimal] = {}
         if files.times is not None:
@@ -353,7 +362,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             return contents.image_size
         if self._any_picture is not None:
             return read_image_size(self._any_picture)
-        return centred_image_size(calibration)
+        return centred_image_size(calibration.image_from_camera)
 
     def _check_complete(self, needed: Collection[Part]) -> None:
         attributes = {"image": "images", "points": "points", "objects": "labels", "depth": "depth"}

@@ -17,6 +17,7 @@ from sightline.data.frame_checks import (
     examine_image,
     read_or_note,
 )
+from sightline.data.guessed_size import recording_size_doubt
 from sightline.data.image_header import read_image_size
 from sightline.data.kitti_calibration import check_matrices
 from sightline.data.kitti_labels import read_labels
@@ -158,12 +159,14 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
     calibration = (
         None if first is None else read_or_note(read_recording_calibration, first.calibration, [])
     )
+    guessed = recording_size_doubt(frames)
+    sizes = () if guessed is None else (guessed,)
     described = [] if view is None else [str(view)]
     if is_without_camera(frames):
         described.append("no images: the image_size of the calibration is used")
     described += _describe_losses(frames)
     if calibration is None or first is None or first.calibration is None:
-        return RecordingDescription(tuple(described))
+        return RecordingDescription(tuple(described), sizes)
     if not has_points(frames):
         described.append(f"warning: {describe_lack_of_points(frames)}")
     has_other_axes = view is not None and view.is_turned
@@ -190,7 +193,7 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
     problems = (
         Problem(path=first.calibration, problem=each.problem, remedy=each.remedy) for each in doubts
     )
-    return RecordingDescription(tuple(described), tuple(problems))
+    return RecordingDescription(tuple(described), (*sizes, *problems))
 
 
 def is_without_camera(frames: Sequence[ObjectFrame]) -> bool:

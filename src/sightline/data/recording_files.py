@@ -75,6 +75,16 @@ def is_recording(folder: Path) -> bool:
     )
 
 
+def no_frames(folder: Path) -> Problem:
+    """Problem of a recording without any image or cloud."""
+    there = [f"{name}/" for name in (IMAGES, POINTS) if (folder / name).is_dir()]
+    problem = "holds neither images/ nor points/"
+    if there:
+        problem = f"has no frames: there are no files in {' and '.join(there)}"
+    remedy = "add images or clouds in the layout of docs/recordings.md"
+    return Problem(path=folder, problem=problem, remedy=remedy)
+
+
 def lacks_calibration(folder: Path) -> bool:
     """Whether a folder is a recording except for a missing calibration."""
     return _has_sensor(folder) and not is_recording(folder)

@@ -31,8 +31,8 @@ from sightline.data.frame_checks import (
     examine_object_frame,
     read_or_note,
 )
+from sightline.data.guessed_size import describe_guessed_size
 from sightline.data.kitti_calibration import (
-    CalibrationMatrices,
     read_drive_pose,
     read_object_matrices,
     read_raw_matrices,
@@ -61,11 +61,9 @@ from sightline.data.kitti_trees import (
     shared_calibration_remedy,
 )
 from sightline.data.lidar_mount import (
-    describe_height,
     describe_lost_points,
-    describe_mount,
+    describe_pose,
     drive_pose_doubts,
-    pose_of_tree,
     stated_mount_doubts,
 )
 from sightline.data.other_layouts import misnamed_split, refuse_other_layouts
@@ -249,9 +247,10 @@ def _object_tree(folder: Path) -> Tree | None:
         tree = replace(tree, gaps=(*(tree.gaps if renamed is None else (renamed,)), *doubts))
     matrices = read_or_note(read_object_matrices, calibration_file, [])
     try:
-        tree = _with_notes(tree, *describe_lost_points(frames), *_describe_pose(frames, matrices))
+        tree = _with_notes(tree, *describe_lost_points(frames), *describe_pose(frames, matrices))
     except FileError as error:
         tree = tree and replace(tree, gaps=(*tree.gaps, error.problem))
+    tree = _with_notes(tree, *describe_guessed_size(frames, matrices))
     return _with_unread(tree, object_folders(folder, velodyne))
 
 
@@ -311,8 +310,9 @@ def _raw_drive_tree(folder: Path) -> Tree | None:
     checks.append(_between_frames(partial(check_drive_frames, files.frames)))
     tree = _tree(folder, "raw frames", files.frames, expected, checks, remedy=_DRIVE_REMEDY)
     stated = read_or_note(read_drive_pose, files.calibration, [])
-    pose = () if stated is not None else _describe_pose(files.frames, matrices)
+    pose = () if stated is not None else describe_pose(files.frames, matrices)
     tree = _with_notes(tree, *describe_lost_points(files.frames), *pose)
+    tree = _with_notes(tree, *describe_guessed_size(files.frames, matrices))
     if (folder / TRACKLETS).is_file():
         tree = _with_notes(tree, f"{TRACKLETS} is not read: a raw drive has no labels")
     return _with_unread(tree, drive_folders(folder))
@@ -351,15 +351,6 @@ def _recording_tree(folder: Path) -> Tree | None:
     tree = replace(tree, gaps=(*tree.gaps, *described.doubts))
     tree = _with_notes(tree, *described.clauses)
     return _with_unread(tree, recording_folders(folder))
-
-
-def _describe_pose(
-    frames: Sequence[ObjectFrame] | Sequence[DriveFrame], matrices: CalibrationMatrices | None
-) -> tuple[str, ...]:
-    if matrices is None:
-        return ()
-    pose = pose_of_tree(frames)
-    return *describe_mount(matrices, pose.tilt), *describe_height(pose)
 
 
 def _with_notes(tree: Tree | None, *notes: str) -> Tree | None:

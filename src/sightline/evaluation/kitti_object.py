@@ -9,10 +9,12 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from sightline.data.frame_checks import read_or_note
 from sightline.data.frame_lists import (
     LABEL_PLACES,
     TIMES_NAME,
     capital_suffixes,
+    folders_below,
     have_equal_files,
     is_note,
     lasting_list,
@@ -31,6 +33,7 @@ from sightline.evaluation.kitti_object_scores import check_edges, score_by_dista
 from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.byte_source import url_of
+from sightline.files.leftovers import is_leftover
 from sightline.files.problem import FileError, shown_place
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
@@ -326,17 +329,32 @@ def frame_names(labels_dir: Path, sample_list: Path | str | Sequence[str] | None
         return read_sample_list(sample_list, _data_root(labels_dir))
     if not labels_dir.is_dir():
         raise ValueError(f"{shown_place(labels_dir)} is no folder; give the folder of the labels")
-    files = list_files(labels_dir, (".txt",)).values()
-    named = [path for path in files if path.suffix == ".txt" and path.name.lower() != TIMES_NAME]
-    names = [path.stem for path in named if not is_note(path.stem)]
+    names = _text_names(labels_dir)
     if not names:
         below = next(filter(Path.is_dir, (labels_dir / each for each in LABEL_PLACES)), None)
         remedy = locate_frame_files(labels_dir, ()) or "give KITTI's folder label_2"
+        entries = [each for each in sorted(labels_dir.iterdir()) if not is_leftover(each.name)]
+        deeper = next(filter(_has_labels, folders_below(entries)), None)
+        if deeper is not None:
+            remedy = f"there are labels in {deeper}; name that folder"
         if below is not None:
             remedy = f"it is a data set, whose labels are in {below}; name that folder"
         raise ValueError(f"{labels_dir} has no label files (*.txt); {remedy}")
     read_labels(labels_dir / f"{names[0]}.txt")  # other texts are no frames that lack results
     return names
+
+
+def _text_names(folder: Path) -> list[str]:
+    """List the names of the texts in a folder that may be labels."""
+    files = list_files(folder, (".txt",)).values()
+    named = [path for path in files if path.suffix == ".txt" and path.name.lower() != TIMES_NAME]
+    return [path.stem for path in named if not is_note(path.stem)]
+
+
+def _has_labels(folder: Path) -> bool:
+    """Test if the first text in a folder is of labels, not of a calibration or of readings."""
+    first = next((folder / f"{name}.txt" for name in _text_names(folder)), None)
+    return read_or_note(read_labels, first, []) is not None
 
 
 def _data_root(labels_dir: Path) -> Path:

@@ -221,10 +221,12 @@ def plain_calibration(value: object) -> Calibration:
     return value
 
 
-def centred_image_size(calibration: Calibration) -> tuple[int, int]:
+def centred_image_size(
+    image_from_camera: Float64[Tensor, "3 4"] | Float64[np.ndarray, "3 4"],
+) -> tuple[int, int]:
     """Height and width [px] of an image whose centre is the principal point.
 
     It is a guess for a camera without pictures: KITTI's are 22 px wider and 28 px higher.
     """
-    x, y = calibration.image_from_camera[:2, 2].tolist()
+    x, y = image_from_camera[:2, 2].tolist()
     return max(round(2 * y + 1), 1), max(round(2 * x + 1), 1)
