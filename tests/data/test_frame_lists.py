@@ -222,6 +222,18 @@ def test_notes_and_hidden_files_beside_labels_are_no_frames(tmp_path):
     assert list(check_tree(tree)) == []
 
 
+@pytest.mark.parametrize("place", ["data", "label_02/data"])
+def test_labels_in_a_folder_below_are_named(tmp_path, place):
+    readings = tmp_path / "calib"
+    readings.mkdir()
+    (readings / "000000.txt").write_text("P2: 1 2 3\n")
+    labels = write_object_tree(tmp_path / "tree", "000000") / "training" / "label_2"
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    labels.rename(tmp_path / place)
+    with pytest.raises(ValueError, match=f"there are labels in {tmp_path / place}; name that"):
+        frame_names(tmp_path, None)
+
+
 def test_labels_of_another_format_are_told(tmp_path):
     with pytest.raises(ValueError, match=r"no label files .*; give KITTI's folder label_2"):
         frame_names(tmp_path, None)

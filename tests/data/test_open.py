@@ -286,6 +286,7 @@ def test_a_real_drive_and_the_real_frames_open(kitti_root):
     assert len(open_dataset(kitti_root, sample_list="sample_val")) == 29
 
 
+@pytest.mark.filterwarnings("ignore:.*no images. their size is guessed")
 @pytest.mark.parametrize("folder", ["image_2", "velodyne", "label_2"])
 def test_whatever_part_is_missing_the_rest_is_opened_where_nothing_is_asked_for(tmp_path, folder):
     write_whole_object_tree(tmp_path, "000001", "000002")
@@ -315,7 +316,11 @@ def test_without_any_picture_the_principal_point_is_taken_for_the_centre(tmp_pat
     drive = write_drive(tmp_path / "drive", official=False)
     shutil.rmtree(drive / "image_02")
     for path in (tmp_path / "objects", drive):
-        assert open_dataset(path)[0].image_size == IMAGE_SIZE
+        with pytest.warns(UserWarning, match="no images: their size is guessed") as warned:
+            assert open_dataset(path)[0].image_size == IMAGE_SIZE
+        assert len(warned) == 1
+        (summary,) = summarize_tree(path)
+        assert "no images: their size is guessed by the principal point, 12x40" in str(summary)
 
 
 def test_reduced_sweeps_are_not_taken_for_none(tmp_path):

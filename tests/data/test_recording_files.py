@@ -269,3 +269,29 @@ def test_a_recording_of_a_lidar_alone_has_a_note_in_place_of_a_problem(tmp_path)
     write_rgb(tmp_path / "images" / "a.png", IMAGE)
     (problem,) = check_tree(tmp_path)
     assert problem.problem == "lacks a file of b"
+
+
+def test_a_guessed_image_size_is_told(tmp_path):
+    write_recording(tmp_path, ("a", "b"))
+    shutil.rmtree(tmp_path / "images")
+    (problem,) = check_tree(tmp_path)
+    assert problem.path == tmp_path / "calibration.yaml"
+    assert "has no image_size, and there are no images" in problem.problem
+    with pytest.warns(UserWarning, match="no image_size, and there are no images") as warned:
+        height, width = open_dataset(tmp_path)[0].image_size
+    assert len(warned) == 1
+    assert f"{height}x{width} (height x width) is guessed" in str(warned[0].message)
+
+
+@pytest.mark.parametrize("folders", [("images", "points"), ("points",)])
+def test_an_empty_recording_is_told_as_such(tmp_path, folders):
+    write_recording(tmp_path, ("a",))
+    for folder in ("images", "points"):
+        shutil.rmtree(tmp_path / folder)
+    for folder in folders:
+        (tmp_path / folder).mkdir()
+    expected = f"has no frames: there are no files in {'/ and '.join(folders)}/"
+    (problem,) = check_tree(tmp_path)
+    assert problem.problem == expected
+    with pytest.raises(ValueError, match=expected):
+        open_dataset(tmp_path)

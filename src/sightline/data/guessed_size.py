@@ -39,8 +39,8 @@ def describe_guessed_size(
     if matrices is None or any(files):
         return ()
     return (
-        f"no images: their size is guessed by the principal point ({_guess(matrices)}, in the "
-        "first frame), and boxes and depth end at that border",
+        f"no images: their size is guessed by the principal point, {_guess(matrices)} in the "
+        "first frame, and boxes and depth end at that border",
     )
 
 
