@@ -70,7 +70,9 @@ def test_images_of_another_camera_alone_are_told(tmp_path, name):
     (line,) = told(folder)
     assert line.startswith(f"{folder / name}: holds 3 images that are not read: only those of ")
     assert "camera 02 are, and " in line
-    open_dataset(folder, parts=("points",), needs=("points",))  # an error if it warned
+    with pytest.warns(UserWarning, match="no images: their size is guessed") as warned:
+        open_dataset(folder, parts=("points",), needs=("points",))
+    assert len(warned) == 1
 
 
 def test_a_drive_of_another_camera_without_sweeps_is_told_so(tmp_path):
