@@ -276,6 +276,7 @@ def test_data_without_the_sensor_that_a_case_breaks_are_refused(tmp_path: Path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.filterwarnings("ignore:.*no images. their size is guessed")
 def test_a_lidar_without_a_camera_is_broken_alone(tmp_path: Path):
     data = write_object_tree(tmp_path / "data", *FRAMES)
     shutil.rmtree(data / "training/image_2")

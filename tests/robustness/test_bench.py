@@ -482,6 +482,7 @@ def test_a_class_in_place_of_a_predictor_is_refused(tmp_path, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.filterwarnings("ignore:.*no images. their size is guessed")
 def test_data_without_the_part_that_a_case_breaks_are_refused_by_the_case(tmp_path):
     shutil.copytree(PACKAGED_FRAMES / "training", tmp_path / "data" / "training")
     shutil.rmtree(tmp_path / "data" / "training" / "image_2")
@@ -493,6 +494,7 @@ def test_data_without_the_part_that_a_case_breaks_are_refused_by_the_case(tmp_pa
     assert set(report.record.scores) == {"clean", "lidar_blank"}
 
 
+@pytest.mark.filterwarnings("ignore:.*no images. their size is guessed")
 def test_a_lidar_without_a_camera_can_be_put_to_faults_of_its_own(tmp_path):
     for part in ("velodyne", "calib"):
         shutil.copytree(PACKAGED_FRAMES / "training" / part, tmp_path / "data" / "training" / part)
