@@ -437,6 +437,7 @@ def by_both(sample):
 BOTH = FunctionPredictor(by_both, parts=("image", "points"))
 
 
+@pytest.mark.filterwarnings("ignore:.*no images. their size is guessed")
 @pytest.mark.parametrize(("folder", "noun"), [("velodyne", "point clouds"), ("image_2", "images")])
 def test_a_sensor_that_no_frame_has_is_told(data, out, folder, noun):
     shutil.rmtree(data / "training" / folder)
