@@ -10,7 +10,7 @@ import pytest
 from sightline.data import between_frames
 from sightline.data.check import check_tree
 from sightline.data.image_file import write_rgb
-from sightline.data.kitti_trees import CORRUPTED
+from sightline.data.kitti_trees import CORRUPTED, DepthFrame
 from sightline.data.map_png import read_depth_png, write_depth_png
 from sightline.data.open import open_dataset
 from tests.data.recordings import write_recording
@@ -134,6 +134,18 @@ def test_equal_pictures_are_told_in_drives_and_depth_trees(tmp_path):
         told = [said for _, said in problems(tmp_path / root)]
         assert len(told) == expected
         assert all("byte for byte" in said for said in told)
+
+
+def test_equal_pictures_of_one_name_are_told_by_their_places(tmp_path):
+    """Pictures of both cameras, or of several drives, have the same names."""
+    frames = []
+    for camera in ("image_02", "image_03"):
+        image = tmp_path / camera / "data" / "0000000005.png"
+        write_rgb(image, picture())
+        parts = dict.fromkeys(("sparse", "truth", "intrinsics"))
+        frames.append(DepthFrame(sample_id=camera, image=image, camera=camera, **parts))
+    (problem,) = between_frames.check_repeats(frames)
+    assert "as that of 1 other frame (image_03/data/0000000005.png)" in problem.problem
 
 
 def test_equal_files_are_told_in_recordings_by_check_and_on_opening(tmp_path):

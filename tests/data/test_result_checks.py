@@ -207,7 +207,7 @@ def test_boxes_angles_and_scores_that_contradict_each_other_are_told(change, exp
         (half, "lie in the upper left quarter"),
         (lambda boxes: 2 * boxes, "read as pixels of an image of twice the size all are inside"),
         (lambda boxes: 0.6 * boxes + (0, 90, 0, 90), "are probably pixels of a smaller image"),
-        (lambda boxes: boxes[:, [0, 2, 1, 3]], "2D boxes of results end before they begin"),
+        (lambda boxes: boxes[:, [0, 2, 1, 3]], "have 2D boxes that end before they begin"),
     ],
 )
 def test_2d_boxes_alone_are_judged_by_the_image(convert, expected):
@@ -215,6 +215,15 @@ def test_2d_boxes_alone_are_judged_by_the_image(convert, expected):
     assert list(doubts_about_results(flat)) == []
     (doubt,) = doubts_about_results([replace(e, boxes2d=convert(e.boxes2d)) for e in flat])
     assert expected in doubt
+
+
+def test_one_box_inside_out_does_not_hide_the_others_in_a_smaller_image():
+    first, *others = [replace(e, boxes2d=half(e.boxes2d)) for e in map(without_3d, FRAMES)]
+    boxes = first.boxes2d.copy()
+    boxes[0] = boxes[0, [2, 3, 0, 1]]
+    told = list(doubts_about_results([replace(first, boxes2d=boxes), *others]))
+    assert told[0].startswith("1 of 180 results of scored classes have 2D boxes that end before")
+    assert "lie in the upper left quarter" in told[1]
 
 
 @pytest.mark.parametrize(

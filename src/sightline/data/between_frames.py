@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import os
 import stat
 import warnings
 from collections import Counter, defaultdict
@@ -350,8 +351,10 @@ def _check_sizes_of_camera(images: Sequence[Path]) -> list[Problem]:
 
 
 def _other_name(path: Path, first: Path) -> str:
-    """Name of another frame: the file's, or its path where files of one name repeat each other."""
-    return path.stem if path.stem != first.stem else str(path)
+    """Name of a file, with the folders by which it differs from another of the same name."""
+    if path.stem != first.stem:
+        return path.stem
+    return str(path.relative_to(os.path.commonpath((path, first))))
 
 
 def _describe_repeats(groups: Sequence[Sequence[Path]], kind: str) -> list[Problem]:

@@ -122,9 +122,10 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             if matrices is not None:
                 size = read_or_note(read_image_size, self._sized(frame), [])
                 self._judge.skip(matrices.stacked, size)
-        first = next((frame.calibration for frame in self.frames if frame.calibration), None)
-        matrices = read_or_note(read_object_matrices, first, [])
-        warn_of_guessed_size(tuple(found.values()), matrices, folder)
+        if self._any_picture is None:
+            first = next((frame.calibration for frame in self.frames if frame.calibration), None)
+            matrices = read_or_note(read_object_matrices, first, [])
+            warn_of_guessed_size(self.frames, matrices, folder)
         self._pose = pose_of_tree(tuple(found.values()))
         warn_of_mount(self._pose, folder)
         for doubt in stated_mount_doubts(self.frames):

@@ -196,6 +196,17 @@ def remarks_on_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
         )
 
 
+def remarks_on_corners(boxes: ScoredBoxes) -> Iterator[str]:
+    """Yield a sentence on 2D boxes whose maxima are below their minima."""
+    num_inverted = int(is_inside_out(boxes.boxes2d).sum())
+    if num_inverted:
+        yield (
+            f"{num_inverted:,} of {len(boxes.names):,} results of scored classes have 2D boxes "
+            "that end before they begin and overlap nothing: KITTI's are x_min, y_min, x_max, "
+            "y_max, not x, y, width, height."
+        )
+
+
 def remarks_on_depths(boxes: ScoredBoxes) -> Iterator[str]:
     """Yield a sentence on 3D boxes that mostly lie behind the camera."""
     depths = boxes.locations[np.isfinite(boxes.locations).all(axis=1), 2]
@@ -279,7 +290,10 @@ def _remarks_on_projection(boxes: ScoredBoxes, *, has_sound_sizes: bool) -> Iter
             f"agree with their 3D boxes, which {worse:,} do as they are written; {ending}"
         )
         return
-    yield from _remarks_on_bounds(boxes.boxes2d, ending)
+    yield from remarks_on_corners(boxes)
+    is_inverted = is_inside_out(boxes.boxes2d)
+    if is_inverted.sum() <= len(is_inverted) * _OUTSIDE_SHARE:  # else all are of another order
+        yield from _remarks_on_bounds(boxes.boxes2d[~is_inverted], ending)
 
 
 def _is_other_image(fit: ImageFit, boxes: ScoredBoxes) -> bool:
@@ -310,15 +324,9 @@ def _mean_overlap_in_y(projected: Boxes, boxes2d: Boxes) -> float:
 def _remarks_on_bounds(boxes2d: Boxes, ending: str) -> Iterator[str]:
     """Yield a sentence on 2D boxes beyond KITTI's images, or all in a part of them."""
     total, outside = len(boxes2d), _num_outside(boxes2d)
-    inverted = int(is_inside_out(boxes2d).sum())
     height, width = _IMAGE_SIZE
     quarter = (width / 2 + 1, height / 2 + 1)
-    if inverted >= MIN_RESULTS and inverted > total * _OUTSIDE_SHARE:
-        yield (
-            f"{inverted:,} of {total:,} 2D boxes of results end before they begin, as of another "
-            f"order or with a width and height; {ending}"
-        )
-    elif outside >= MIN_RESULTS and outside > total * _OUTSIDE_SHARE:
+    if outside >= MIN_RESULTS and outside > total * _OUTSIDE_SHARE:
         inside = [
             name
             for name, convert in BOX2D_CONVENTIONS.items()

@@ -34,6 +34,7 @@ from sightline.data.result_checks import (
     count_impossible,
     remark_on_scale,
     remarks_on_boxes2d,
+    remarks_on_corners,
     remarks_on_depths,
     remarks_on_far_boxes2d,
     remarks_on_impossible,
@@ -124,7 +125,7 @@ class ResultConventions:
         yield from remarks_on_impossible(self.impossible, len(results.names))
         compared = _ComparedResults.of(self.results, self.labels)
         in_image = (*(remarks_on_boxes2d(results) if len(labels.names) else ()),)
-        in_image = in_image or (*compared.remarks_on_boxes2d(),) or (*_remarks_on_corners(results),)
+        in_image = in_image or (*compared.remarks_on_boxes2d(),) or (*remarks_on_corners(results),)
         sizes = (*_remarks_on_sizes(results, labels),)
         behind = (*remarks_on_depths(results),)
         in_space = (*sizes, *(behind or remarks_on_places(compared.frames)))
@@ -148,16 +149,6 @@ class ResultConventions:
             yield from rotations or (() if in_space else remarks_on_alphas(results))
         if not in_image and not in_space and compared.frames:
             yield from compared.remarks_on_parts()
-
-
-def _remarks_on_corners(results: ScoredBoxes) -> Iterator[str]:
-    inverted = int((results.boxes2d[:, 2:] < results.boxes2d[:, :2]).any(axis=1).sum())
-    if inverted:
-        yield (
-            f"{inverted:,} of {len(results.names):,} results of scored classes have 2D boxes that "
-            "end before they begin and overlap nothing: KITTI's are x_min, y_min, x_max, y_max, "
-            "not x, y, width, height."
-        )
 
 
 def _remarks_on_sizes(results: ScoredBoxes, labels: ScoredBoxes) -> Iterator[str]:

@@ -70,7 +70,7 @@ class _Values:
 
     @property
     def is_settled(self) -> bool:
-        """Whether most messages have one value."""
+        """True if more than half of a transform's messages give the same value."""
         return 2 * self.counts.most_common(1)[0][1] > self.total
 
     @property
