@@ -330,3 +330,16 @@ def test_boxes_of_one_class_by_their_centres_are_told_with_the_class(tmp_path):
     raised = [replace(line, y=line.y - line.h / 2) for line in found[:25]]
     notes = notes_of(tmp_path, labels, [*raised, *found[25:]])
     assert "3D boxes of Pedestrian of results lie 0.50 of their height above" in notes
+
+
+def test_boxes_that_scatter_by_a_metre_are_not_taken_for_boxes_by_their_centres(tmp_path):
+    """As of a camera alone: the median of five happens to be half the height."""
+    labels = [replace(line, h=1.5) for line in SPACED[:5]]
+    rises = (0.75, 1.9, -0.6, 1.3, -0.1)
+    found = [
+        replace(line, y=line.y - rise, score=line.x1)
+        for line, rise in zip(labels, rises, strict=True)
+    ]
+    assert "of their height" not in notes_of(tmp_path, labels, found)
+    raised = [replace(line, y=line.y - 0.75, score=line.x1) for line in labels]
+    assert "3D boxes of results lie 0.50 of their height" in notes_of(tmp_path, labels, raised)

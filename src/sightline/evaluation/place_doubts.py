@@ -1,5 +1,6 @@
 """Doubts about places and directions of results' 3D boxes, compared with those of labels."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
@@ -41,6 +42,9 @@ _MIN_OFFSET_M: Final = 0.2
 """Smallest constant offset along an axis of the camera; sound detectors have 0.1 at most."""
 _MIN_SPREADS: Final = 1.5
 """Ratio of a constant offset to the spread of the single ones."""
+_MIN_ERRORS: Final = 4.0
+"""Ratio of half a height to the standard error of the median rise of box centres: boxes of an image
+alone, a metre off, rise by half a height by chance."""
 _SPREAD_OF_MAD: Final = 1.48
 """Standard deviation of normal errors over their median absolute deviation."""
 _DIRECTIONS: Final = (("right", "left"), ("lower", "higher"), ("further", "nearer"))
@@ -53,7 +57,7 @@ def remarks_on_places(frames: Frames) -> Iterator[str]:
     groups = {"": rises} | {f" of {name}": rises[names == name] for name in CLASSES}
     for of_class, group in groups.items():
         rise = float(np.median(group)) if len(group) >= MIN_RESULTS else 0.0
-        if abs(abs(rise) - 0.5) < _HEIGHT_TOLERANCE:
+        if abs(abs(rise) - 0.5) < _HEIGHT_TOLERANCE and 0.5 > _MIN_ERRORS * _error_of(group):
             higher, lower = ("results", "labels") if rise > 0 else ("labels", "results")
             yield (
                 f"3D boxes{of_class} of {higher} lie {abs(rise):.2f} of their height above those "
@@ -62,6 +66,12 @@ def remarks_on_places(frames: Frames) -> Iterator[str]:
             )
             return
     yield from _remarks_on_offsets(frames)
+
+
+def _error_of(values: Float64[np.ndarray, " num"]) -> float:
+    """Compute the standard error of the median of normal values, by their deviations from it."""
+    spread = _SPREAD_OF_MAD * float(np.median(np.abs(values - np.median(values))))
+    return math.sqrt(math.pi / 2 / len(values)) * spread
 
 
 def _rises(frames: Frames) -> tuple[np.ndarray, Float64[np.ndarray, " pairs"]]:
