@@ -16,7 +16,7 @@ from jaxtyping import UInt8
 import sightline
 from benchmarks.joined_frames import CASES
 from benchmarks.sheet_file import write_sheet
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.objects import Objects
 from sightline.structures.predictions import Perception

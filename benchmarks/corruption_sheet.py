@@ -15,7 +15,7 @@ from jaxtyping import UInt8
 from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.kinds import KINDS, SEVERITIES, Kind
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.files.atomic import atomic_write_bytes
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample, Sensor

@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 
 from benchmarks.sheet_file import write_sheet
 from sightline.corruptions.suites import SUITES
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection2d.results import prediction_row
 from sightline.jobs.progress import track

@@ -17,8 +17,8 @@ import jsonargparse
 import torch
 
 from benchmarks.record import print_record
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.detector import Detector3D

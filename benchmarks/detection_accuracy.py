@@ -16,7 +16,7 @@ import torch
 
 from benchmarks.record import print_record
 from sightline.corruptions.suites import Case, find_suite
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import (

@@ -18,7 +18,7 @@ import torch
 
 from benchmarks.record import print_record
 from sightline.corruptions.suites import find_suite
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.health.sequence import DriveMonitor
 from sightline.joining.predictor import JoinedPredictor
 from sightline.simulation.packaged import PACKAGED_FRAMES

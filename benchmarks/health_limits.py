@@ -16,10 +16,10 @@ import numpy as np
 import torch
 
 from sightline.corruptions.optics import CameraJpeg
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import sweeps_folder
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import sweeps_folder
 from sightline.health import camera_checks, lidar_checks
 from sightline.health.fitting import fit_on_samples
 from sightline.health.limits import write_limits

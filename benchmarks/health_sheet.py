@@ -13,8 +13,8 @@ import torch
 from sightline.augmentation.faults import FalseEchoes, Fault, NoCamera, TurnedLidar
 from sightline.corruptions.occlusion import CameraOcclusion
 from sightline.corruptions.pixel_box import BoxDrawing
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.health.sequence import DriveMonitor
 from sightline.visualization.health_timeline import draw_health

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from benchmarks.record import print_record
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.classical import ClassicalConfig, classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth

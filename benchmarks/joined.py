@@ -18,9 +18,9 @@ import torch
 
 from benchmarks.joined_frames import CASES, DetectionStore, open_labelled
 from benchmarks.record import print_record
-from sightline.data.kitti_conversion import kitti_from_detections
-from sightline.data.kitti_labels import KittiObjects
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.formats.kitti_conversion import kitti_from_detections
+from sightline.data.formats.kitti_labels import KittiObjects
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.evaluation.kitti_object_comparison import (
     ComparedEntry,
     PairedDifference,

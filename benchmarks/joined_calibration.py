@@ -17,9 +17,9 @@ import torch
 from benchmarks.joined import join_all
 from benchmarks.joined_frames import CASES, open_labelled
 from benchmarks.record import print_record
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_labels import KittiObjects
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_labels import KittiObjects
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.evaluation.calibration_errors import Outcomes, find_outcomes, find_reliability
 from sightline.evaluation.kitti_object_matching import index_pairs, select
 from sightline.evaluation.kitti_object_pairs import find_pairs

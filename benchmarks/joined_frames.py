@@ -11,9 +11,9 @@ import torch
 
 from sightline.augmentation.sample_changes import thin_rings
 from sightline.corruptions.suites import find_suite
-from sightline.data.kitti_conversion import kitti_from_labels
-from sightline.data.kitti_labels import KittiObjects
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.formats.kitti_conversion import kitti_from_labels
+from sightline.data.formats.kitti_labels import KittiObjects
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection3d.predictor import Detection3DPredictor

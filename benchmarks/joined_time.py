@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.joined_frames import CASES
 from benchmarks.record import print_record
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.export.names import EngineName
 from sightline.joining.models import JOINED

@@ -20,8 +20,8 @@ import jsonargparse
 import numpy as np
 
 from benchmarks.record import print_record
-from sightline.data.frame_lists import read_sample_list
-from sightline.data.kitti_labels import KittiObjects, read_labels, write_objects
+from sightline.data.formats.kitti_labels import KittiObjects, read_labels, write_objects
+from sightline.data.layouts.frame_lists import read_sample_list
 from sightline.evaluation.kitti_object import evaluate_objects
 
 _PROCESS = """

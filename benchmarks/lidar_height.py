@@ -15,7 +15,7 @@ import jsonargparse
 import torch
 
 from benchmarks.record import print_record
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.export.names import EngineName

@@ -25,8 +25,8 @@ import torch
 from benchmarks.own_sensor_rigs import RIGS, record_street
 from benchmarks.record import print_record
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.kitti_labels import read_labels, read_results, write_objects
-from sightline.data.map_png import read_depth_png
+from sightline.data.formats.kitti_labels import read_labels, read_results, write_objects
+from sightline.data.formats.map_png import read_depth_png
 from sightline.data.open import open_dataset
 from sightline.evaluation.held_out_frame import dense_truth_in_reach
 from sightline.evaluation.kitti_object import evaluate_objects

@@ -9,11 +9,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.kitti_labels import write_objects
-from sightline.data.map_png import write_depth_png
-from sightline.data.recording_calibration import RecordingCalibration, recording_calibration_text
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_labels import write_objects
+from sightline.data.formats.map_png import write_depth_png
+from sightline.data.formats.recording_calibration import (
+    RecordingCalibration,
+    recording_calibration_text,
+)
 from sightline.files.atomic import atomic_write_bytes, atomic_write_text
 from sightline.simulation.camera.camera import CameraConfig, render_camera
 from sightline.simulation.labels import label_frame

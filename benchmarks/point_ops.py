@@ -32,7 +32,7 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from benchmarks.record import print_record
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.ops import (
     ball_query,
     farthest_points,

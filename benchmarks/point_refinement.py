@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn.functional import linear
 
 from benchmarks.record import print_record
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.points.config import RefinementConfig, RoiPoolingConfig
 from sightline.detection3d.points.layers import Neighbourhood

@@ -19,11 +19,11 @@ import numpy as np
 import torch
 
 from benchmarks.record import print_record
-from sightline.data.image_file import read_rgb
-from sightline.data.kitti_calibration import read_intrinsics
-from sightline.data.kitti_files import read_object_calibration
-from sightline.data.map_png import read_depth_png
-from sightline.data.rings import NUM_RINGS, ring_numbers
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.kitti_calibration import read_intrinsics
+from sightline.data.formats.kitti_files import read_object_calibration
+from sightline.data.formats.map_png import read_depth_png
+from sightline.data.formats.rings import NUM_RINGS, ring_numbers
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.methods import complete_depth
 from sightline.depth_completion.predictor import DepthPredictor

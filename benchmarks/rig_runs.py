@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from benchmarks.record import digest
-from sightline.data.kitti_trees import Part
+from sightline.data.layouts.kitti_trees import Part
 from sightline.data.open import open_dataset
 from sightline.evaluation.held_out_frame import dense_truth_in_reach
 from sightline.export.names import EngineName

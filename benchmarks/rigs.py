@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.record import print_record
 from benchmarks.rig_runs import DEPTH, FrameSet, Network, Run, named_network, run_network
-from sightline.data.frame_lists import read_sample_list
+from sightline.data.layouts.frame_lists import read_sample_list
 from sightline.evaluation.depth_breakdown import paired_difference
 from sightline.evaluation.kitti_object import compare_objects, evaluate_objects
 from sightline.evaluation.kitti_object_comparison import ComparedEntry, PairedDifference

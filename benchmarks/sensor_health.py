@@ -34,9 +34,9 @@ from benchmarks.sensor_health_scores import (
 )
 from sightline.corruptions.kinds import SEVERITIES
 from sightline.corruptions.suites import CLEAN, Case, find_suite
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
 from sightline.evaluation.auroc import auroc_of_values
 from sightline.health.limits import SHIPPED, HealthLimits, read_limits
 from sightline.health.monitor import HealthMonitor

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from benchmarks.sensor_health_scores import SENSORS, is_misalignment
 from sightline.corruptions.suites import Case
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.health.monitor import HealthMonitor
 from sightline.health.sequence import DriveMonitor
 from sightline.structures.sample import CameraLidarSample

@@ -12,7 +12,7 @@ import numpy as np
 
 from sightline.augmentation.sample_changes import rotate_extrinsics
 from sightline.corruptions.suites import Case
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
 from sightline.health.camera_checks import CameraChecks, check_camera

@@ -12,8 +12,8 @@ from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.projection import project_points
 from sightline.structures.sample import CameraLidarSample

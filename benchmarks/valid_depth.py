@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from benchmarks.record import print_record
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.depth_completion.postprocess import TRUSTED_SHARE
 from sightline.depth_completion.predictor import Completer, choose_completer

@@ -20,7 +20,7 @@ import torch
 
 from benchmarks.record import print_record
 from sightline.augmentation.sample_changes import rotate_extrinsics
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.health.yaw_error import LARGEST_DEG, EdgeMatch, estimate_yaw, match_edges
 from sightline.structures.sample import CameraLidarSample

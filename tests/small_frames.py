@@ -6,10 +6,10 @@ Networks take a quarter of the time, and KITTI's evaluation still counts some ob
 from pathlib import Path
 
 from sightline.augmentation.scene_changes import resize
-from sightline.data.kitti_conversion import kitti_from_labels
-from sightline.data.kitti_files import write_image, write_object_calibration, write_points
-from sightline.data.kitti_labels import write_objects
-from sightline.data.map_png import write_depth_png
+from sightline.data.formats.kitti_conversion import kitti_from_labels
+from sightline.data.formats.kitti_files import write_image, write_object_calibration, write_points
+from sightline.data.formats.kitti_labels import write_objects
+from sightline.data.formats.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 

@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from sightline.cli.main import main
-from sightline.data.image_file import read_rgb, write_rgb
-from sightline.data.map_png import write_depth_png
+from sightline.data.formats.image_file import read_rgb, write_rgb
+from sightline.data.formats.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.files.weights import read_weights
 from sightline.files.weights_header import find_weights, shipped_names

@@ -5,7 +5,7 @@ import inspect
 import numpy as np
 import pytest
 
-from sightline.data.image_file import read_rgb
+from sightline.data.formats.image_file import read_rgb
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
     CAMERA_MATRIX,

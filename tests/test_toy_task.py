@@ -16,7 +16,7 @@ from lightning.pytorch.callbacks import Callback
 
 from sightline import tasks
 from sightline.cli.main import main
-from sightline.data.image_file import read_rgb
+from sightline.data.formats.image_file import read_rgb
 from sightline.data.open import open_dataset
 from sightline.export.engines import open_engine
 from sightline.files.weights import read_weights

@@ -214,9 +214,9 @@ import torch
 from PIL import Image
 import sightline
 from sightline.corruptions.arrays import corrupt_arrays
-from sightline.data import kitti_files, map_png
-from sightline.data.kitti_files import write_image
-from sightline.data.sample_dataset import NamedSubset
+from sightline.data.formats import kitti_files, map_png
+from sightline.data.formats.kitti_files import write_image
+from sightline.data.datasets.sample_dataset import NamedSubset
 from sightline.adaptation.adapt import AdaptSettings, adapt
 from sightline.corruptions.generate import corrupt_dataset
 from sightline.data.sharding import write_shards

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from sightline.data.check import check_tree as check_tree
-    from sightline.data.image_file import write_rgb as write_rgb
+    from sightline.data.formats.image_file import write_rgb as write_rgb
+    from sightline.data.formats.undistortion import undistort as undistort
     from sightline.data.importing.import_recording import import_recording as import_recording
     from sightline.data.open import open_dataset as open_dataset
-    from sightline.data.undistortion import undistort as undistort
     from sightline.depth_completion.predictor import DepthPredictor as DepthPredictor
     from sightline.detection2d.predictor import DetectionPredictor as DetectionPredictor
     from sightline.detection3d.predictor import Detection3DPredictor as Detection3DPredictor

@@ -13,7 +13,7 @@ from sightline.app.state import Breakage, FaultChoice, parse_state
 from sightline.augmentation.faults import fault_rng
 from sightline.cli.main import main
 from sightline.corruptions.kinds import find_kind
-from sightline.data.kitti_files import read_points, write_points
+from sightline.data.formats.kitti_files import read_points, write_points
 from sightline.data.open import open_dataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import dataset

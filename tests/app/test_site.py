@@ -8,7 +8,7 @@ import pytest
 
 from sightline.app.site import chosen_states, export_page
 from sightline.cli.main import main
-from sightline.data.rings import ring_numbers
+from sightline.data.formats.rings import ring_numbers
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.app.makers import QuickMaker
 

@@ -19,7 +19,7 @@ from sightline.augmentation.sample_changes import (
     rotate_extrinsics,
     thin_rings,
 )
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.scenes import sample_of
 

@@ -17,8 +17,8 @@ from sightline.augmentation.sample_changes import (
     rotate_extrinsics,
     thin_rings,
 )
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.rings import ring_numbers
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.formats.rings import ring_numbers
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sightline.cli.main import main
+from sightline.data.formats.velodyne import read_sweep, write_sweep
 from sightline.data.sharding import write_shards
-from sightline.data.velodyne import read_sweep, write_sweep
 from sightline.health.shipped import choose_shipped
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data import recordings, trees

@@ -18,7 +18,7 @@ from sightline.cli.output import (
     say,
     show_table,
 )
-from sightline.data.map_png import write_depth_png
+from sightline.data.formats.map_png import write_depth_png
 
 FORGED = "000001\x1b[2J\x1b]0;owned\x07\nno problems\u202e\udce9"
 

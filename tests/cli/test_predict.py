@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from sightline.cli import main as cli
-from sightline.data.map_png import read_depth_png
+from sightline.data.formats.map_png import read_depth_png
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from sightline.cli import main as cli
-from sightline.data.image_header import read_image_size
+from sightline.data.formats.image_header import read_image_size
 from sightline.jobs.run import JobResult
 from sightline.simulation import generate
 from sightline.simulation.rigs import named_rig

@@ -15,7 +15,7 @@ from sightline.corruptions.exposure import CameraIllumination
 from sightline.corruptions.kinds import KINDS
 from sightline.corruptions.noise import CameraDeadPixels, CameraGaussianNoise
 from sightline.corruptions.pixel_box import BoxDrawing
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.geometry.projection import dhi_image, sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from sightline.structures.sample import CameraLidarSample

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from sightline.corruptions.generate import corrupt_dataset, read_corrupted
 from sightline.corruptions.suites import SUITES
 from sightline.data.check import check_tree
-from sightline.data.image_file import write_rgb
-from sightline.data.lidar_mount import record_pose
-from sightline.data.map_png import read_mask_png
+from sightline.data.checks.lidar_mount import record_pose
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.map_png import read_mask_png
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
@@ -27,7 +27,7 @@ from sightline.geometry.tilt import Tilt
 from sightline.jobs.run import JobResult
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.corruptions.samples import same
-from tests.data.test_lidar_mount import mounted_lower, write_frames
+from tests.data.checks.test_lidar_mount import mounted_lower, write_frames
 from tests.data.trees import picture, write_drive, write_object_frame, write_object_tree
 
 FRAMES = ("000000", "000003", "000011", "000042")

@@ -11,7 +11,7 @@ from sightline.augmentation.sample_changes import crop
 from sightline.corruptions.kinds import KINDS, SEVERITIES, find_kind
 from sightline.corruptions.sensor import HDL_32E
 from sightline.corruptions.suites import SUITES
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 from tests.data.scenes import sample_of
 

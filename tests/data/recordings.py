@@ -14,8 +14,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.formats.image_file import write_rgb
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 SAMPLE = KittiObjectDataset(PACKAGED_FRAMES)[0]

@@ -13,12 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from sightline.data import open as open_module
 from sightline.data.check import check_tree
-from sightline.data.frame_checks import Findings, examine_image
-from sightline.data.image_file import read_rgb, write_rgb
-from sightline.data.kitti_trees import ObjectFrame
+from sightline.data.checks.frame_checks import Findings, examine_image
+from sightline.data.datasets.sample_dataset import NamedSubset
+from sightline.data.datasets.sample_files import (
+    has_file,
+    label_file,
+    list_sample_files,
+    refuses_gaps,
+)
+from sightline.data.formats.image_file import read_rgb, write_rgb
+from sightline.data.layouts.kitti_trees import ObjectFrame
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import NamedSubset
-from sightline.data.sample_files import has_file, label_file, list_sample_files, refuses_gaps
 from sightline.detection2d.registration import TASK as DETECTION_2D
 from sightline.perception.perceive import perceive
 from sightline.perception.results import open_results, read_perception

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data import tree_checks
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.frame_checks import Findings
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_files import write_points
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.map_png import MAX_DEPTH_M, write_depth_png
+from sightline.data.checks import tree_checks
+from sightline.data.checks.frame_checks import Findings
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_files import write_points
+from sightline.data.formats.map_png import MAX_DEPTH_M, write_depth_png
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError, Problem
 from tests.data.recordings import POINTS, write_cloud_file, write_recording

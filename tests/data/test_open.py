@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.map_png import write_depth_png
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_raw import KittiRawDrive
+from sightline.data.datasets.sample_files import describe_sparse_maps, warn_of_missing_sensors
+from sightline.data.formats.map_png import write_depth_png
 from sightline.data.open import open_dataset
-from sightline.data.sample_files import describe_sparse_maps, warn_of_missing_sensors
 from sightline.data.sharding import write_shards
 from sightline.files.problem import FileError
 from tests.data.recordings import write_recording

@@ -14,8 +14,8 @@ import torch
 
 from sightline.cli.main import main
 from sightline.data.check import check_tree
+from sightline.data.datasets.sample_files import list_sample_files
 from sightline.data.open import open_dataset
-from sightline.data.sample_files import list_sample_files
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.files.byte_source import read_range, read_small
 from sightline.files.problem import FileError

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_files import (
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_files import (
     write_object_calibration,
     write_points,
     write_raw_calibration,
 )
-from sightline.data.map_png import write_depth_png
+from sightline.data.formats.map_png import write_depth_png
 from sightline.geometry.calibration import Calibration
 
 IMAGE_SIZE = (12, 40)

@@ -7,7 +7,7 @@ import torch
 
 from sightline.augmentation.camera_chain import CameraChainConfig
 from sightline.augmentation.sample_changes import ColorJitterConfig, thin_rings
-from sightline.data.map_png import write_depth_png
+from sightline.data.formats.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.depth_completion.examples import (
     AugmentationConfig,

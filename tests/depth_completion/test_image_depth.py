@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.postprocess import FARTHEST_M, NEAREST_M, only_valid
 from sightline.depth_completion.predictor import DepthPredictor

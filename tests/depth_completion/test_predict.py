@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.kitti_files import write_points
-from sightline.data.map_png import read_depth_png
+from sightline.data.formats.kitti_files import write_points
+from sightline.data.formats.map_png import read_depth_png
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthPredictor
 from sightline.depth_completion.registration import TASK

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.depth_completion.config import PlaneSmoothing, SignedThreshold, by_direction
 from sightline.depth_completion.methods import starting_depth
 from sightline.depth_completion.mirrored_prediction import predict_with_mirror

@@ -1,6 +1,6 @@
 """Completion methods on real KITTI frames, by the held-out-rings protocol."""
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.classical import ClassicalConfig, classical_depth
 from sightline.depth_completion.interpolation import linear_depth, nearest_depth

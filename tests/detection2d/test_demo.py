@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.image_file import read_rgb
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.kitti_labels import read_results
 from sightline.detection2d import registration
 from sightline.detection2d.config import PostprocessConfig
 from sightline.detection2d.registration import TASK

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from sightline.cli.main import main
-from sightline.data.image_file import read_rgb
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.kitti_labels import read_results
 from sightline.data.open import open_dataset
 from sightline.detection2d import predictor as module
 from sightline.detection2d.config import InputConfig, PostprocessConfig

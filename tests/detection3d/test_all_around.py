@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sightline.cli.main import main
+from sightline.data.datasets.recording import RecordingDataset
+from sightline.data.formats.rings import covers_turn
 from sightline.data.open import open_dataset
-from sightline.data.recording import RecordingDataset
-from sightline.data.rings import covers_turn
 from sightline.detection3d.all_around import (
     _turned,
     join_quarters,

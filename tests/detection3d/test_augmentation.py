@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from sightline.augmentation.sweep_changes import GroundShapeConfig
-from sightline.data.rings import ring_numbers
+from sightline.data.formats.rings import ring_numbers
 from sightline.detection3d.examples import SceneChangeConfig, change_scene
 from sightline.detection3d.sweeps import SweepConfig, cut_to_view
 from sightline.geometry.boxes3d import Boxes3D

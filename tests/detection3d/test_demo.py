@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.image_file import read_rgb
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.kitti_labels import read_results
 from sightline.detection3d import registration
 from sightline.detection3d.registration import TASK
 from sightline.inference.demo import run_demo

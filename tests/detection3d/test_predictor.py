@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from sightline.cli.main import main
-from sightline.data.image_file import read_rgb
-from sightline.data.kitti_conversion import kitti_from_detections
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.kitti_conversion import kitti_from_detections
+from sightline.data.formats.kitti_labels import read_results
 from sightline.detection3d.files import write_results
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M

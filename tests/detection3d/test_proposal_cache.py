@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from sightline.cli.main import main
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_conversion import kitti_from_detections
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_conversion import kitti_from_detections
+from sightline.data.formats.kitti_labels import read_results
 from sightline.data.open import open_dataset
 from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples

@@ -10,7 +10,7 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch.utils.data import DataLoader
 
-from sightline.data.image_file import read_rgb
+from sightline.data.formats.image_file import read_rgb
 from sightline.detection3d.config import Detection3DConfig, Detection3DLossConfig
 from sightline.detection3d.examples import Detection3DExampleConfig, Detection3DExamples
 from sightline.detection3d.pictures import LABELLED, RIGHT, WRONG, training_picture

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 from scipy.special import expit
 
-from sightline.data.kitti_labels import read_labels, read_results
+from sightline.data.formats.kitti_labels import read_labels, read_results
 from sightline.data.sharding import write_shards
 from sightline.evaluation.calibration import (
     CalibrationSettings,

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data.map_png import read_depth_png, write_depth_png
+from sightline.data.formats.map_png import read_depth_png, write_depth_png
 from sightline.evaluation.depth import evaluate_depth
 from sightline.files.problem import FileError
 from tests.reference import depth_metrics as reference

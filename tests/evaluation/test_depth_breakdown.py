@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from sightline.data.map_png import write_depth_png
+from sightline.data.formats.map_png import write_depth_png
 from sightline.evaluation.depth import evaluate_depth
 from sightline.evaluation.depth_breakdown import (
     bands,

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.evaluation.held_out import evaluate_held_out
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.projection import sparse_depth_map

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.cli.main import main
-from sightline.data.kitti_depth import points_from_depth_map
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_depth import points_from_depth_map
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.formats.rings import count_rings
 from sightline.data.open import open_dataset
-from sightline.data.rings import count_rings
 from sightline.depth_completion.examples import ExampleConfig, make_example
 from sightline.depth_completion.robustness import HeldOutScoring, SimulatedDepthScoring
 from sightline.evaluation.held_out_frame import CROP_SIZE, check_rings, split_depth, split_rings

@@ -3,7 +3,7 @@ from itertools import product
 
 import pytest
 
-from sightline.data.kitti_labels import parse_objects
+from sightline.data.formats.kitti_labels import parse_objects
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.evaluation.kitti_object_rules import CLASSES, DIFFICULTIES, LOOSE, METRICS

@@ -2,7 +2,7 @@ import tarfile
 
 import pytest
 
-from sightline.data.kitti_labels import read_labels, write_objects
+from sightline.data.formats.kitti_labels import read_labels, write_objects
 from sightline.evaluation.kitti_object import evaluate_objects
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_conversion import kitti_from_labels
-from sightline.data.kitti_files import read_object_calibration
-from sightline.data.kitti_labels import KittiObjects, read_labels, write_objects
-from sightline.data.velodyne import read_sweep, write_sweep
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_conversion import kitti_from_labels
+from sightline.data.formats.kitti_files import read_object_calibration
+from sightline.data.formats.kitti_labels import KittiObjects, read_labels, write_objects
+from sightline.data.formats.velodyne import read_sweep, write_sweep
 from sightline.evaluation.realism import RealismReport, Statistic, evaluate_realism
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.kitti_labels import KittiObjects
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_labels import KittiObjects
 from sightline.evaluation.realism_points import FreeCar, fit_ground, free_cars
 
 AHEAD = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])

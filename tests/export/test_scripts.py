@@ -15,7 +15,7 @@ import torch
 from PIL import Image
 
 from sightline.augmentation.scene_changes import resize
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.data.open import open_dataset
 from sightline.depth_completion.adaptive import adaptive_depth
 from sightline.depth_completion.config import PlaneSmoothing, SignedThreshold

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 
-from sightline.data.drive_poses import read_poses
-from sightline.data.drive_times import read_timestamps
-from sightline.data.frame_lists import read_sample_list
-from sightline.data.kitti_calibration import read_object_matrices
-from sightline.data.recording_files import read_times
+from sightline.data.formats.kitti_calibration import read_object_matrices
+from sightline.data.layouts.drive_poses import read_poses
+from sightline.data.layouts.drive_times import read_timestamps
+from sightline.data.layouts.frame_lists import read_sample_list
+from sightline.data.layouts.recording_files import read_times
 from sightline.files.plain_text import MAX_CALIBRATION_BYTES, read_text
 from sightline.files.problem import FileError
 from tests.data.trees import write_object_tree

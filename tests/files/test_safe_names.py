@@ -1,6 +1,6 @@
 import pytest
 
-from sightline.data.frame_lists import read_sample_list
+from sightline.data.layouts.frame_lists import read_sample_list
 from sightline.files.problem import FileError
 from sightline.files.safe_names import checked_name, path_below
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.simulation.packaged import PACKAGED_FRAMES
 
 

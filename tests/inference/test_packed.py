@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from sightline.cli.main import main
-from sightline.data.map_png import read_depth_png
+from sightline.data.formats.map_png import read_depth_png
 from sightline.data.open import open_dataset
 from sightline.data.sharding import unpack_shards, write_shards
 from sightline.depth_completion.registration import TASK

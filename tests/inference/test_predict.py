@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.kitti_files import read_points, write_points
-from sightline.data.map_png import read_depth_png
+from sightline.data.formats.kitti_files import read_points, write_points
+from sightline.data.formats.map_png import read_depth_png
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.depth_completion.predictor import DepthCompleter
@@ -255,7 +255,7 @@ def test_a_bad_frame_stops_the_job_in_one_line_and_once_repaired_it_goes_on(
 def test_a_stop_in_the_middle_leaves_whole_files_only_and_the_rest_is_done_later(
     data, tmp_path, monkeypatch
 ):
-    from sightline.data import map_png
+    from sightline.data.formats import map_png
 
     def stop_while_writing(path, content):
         with original(path) as temporary:

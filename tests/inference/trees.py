@@ -4,7 +4,7 @@ from pathlib import Path
 
 import torch
 
-from sightline.data.kitti_files import write_image, write_object_calibration, write_points
+from sightline.data.formats.kitti_files import write_image, write_object_calibration, write_points
 from sightline.geometry.calibration import Calibration
 
 IMAGE_SIZE = (24, 32)

@@ -1,6 +1,6 @@
 import pytest
 
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.kitti_labels import read_results
 from sightline.joining.files import kitti_from_objects, write_objects
 from tests.joining.scenes import make_sample
 from tests.structures.test_objects import three_objects

@@ -8,7 +8,7 @@ import torch
 
 from sightline.cli.robustness import _chosen_task
 from sightline.corruptions.suites import find_suite
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.kitti_labels import read_results
 from sightline.data.open import open_dataset
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.joining.robustness import SCORING, JoinedTask

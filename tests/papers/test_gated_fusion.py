@@ -11,9 +11,9 @@ from rich.console import Console
 from sightline.cli.main import main
 from sightline.corruptions.generate import corrupt_dataset
 from sightline.corruptions.suites import find_suite
-from sightline.data.frame_lists import read_sample_list
-from sightline.data.image_file import read_rgb
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.layouts.frame_lists import read_sample_list
 from sightline.detection2d.config import PostprocessConfig
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection2d.registration import TASK

@@ -8,8 +8,8 @@ import torch
 from rich.console import Console
 
 from sightline.augmentation.sample_changes import crop
-from sightline.data.image_file import read_rgb
-from sightline.data.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.formats.image_file import read_rgb
 from sightline.data.open import open_dataset
 from sightline.depth_completion.predictor import DepthCompleter, DepthPredictor
 from sightline.evaluation.depth_scores import score_depth

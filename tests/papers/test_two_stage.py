@@ -11,7 +11,7 @@ import torch
 from rich.console import Console
 
 from sightline.cli.main import main
-from sightline.data.image_file import read_rgb
+from sightline.data.formats.image_file import read_rgb
 from sightline.data.open import open_dataset
 from sightline.detection3d.detector import propose
 from sightline.detection3d.files import read_detections

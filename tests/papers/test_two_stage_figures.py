@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from sightline.data.image_file import read_rgb, write_rgb
+from sightline.data.formats.image_file import read_rgb, write_rgb
 from sightline.data.open import open_dataset
 from sightline.detection3d.stages import Proposed
 from sightline.papers.two_stage_figures import (

@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
+from sightline.data.datasets.sample_files import dataset_title
 from sightline.data.open import open_dataset
-from sightline.data.sample_files import dataset_title
 from sightline.data.sharding import write_shards
 from sightline.inference.predict import predict
 from sightline.perception.perceive import perceive

@@ -6,7 +6,7 @@ import os
 import pytest
 import torch
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.data.open import open_dataset
 from sightline.inference.predict import predict
 from sightline.perception import kept_lines

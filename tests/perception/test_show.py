@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from sightline.cli.main import main
-from sightline.data.image_file import read_rgb
-from sightline.data.map_png import write_depth_png
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.map_png import write_depth_png
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.detection3d.files import write_results

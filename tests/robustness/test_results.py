@@ -11,7 +11,7 @@ import pytest
 
 from sightline.corruptions import suites
 from sightline.corruptions.generate import corrupt_dataset
-from sightline.data.image_header import read_image_size
+from sightline.data.formats.image_header import read_image_size
 from sightline.data.open import open_dataset
 from sightline.depth_completion.registration import TASK as DEPTH
 from sightline.detection2d.registration import TASK as DETECTION2D

@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.data.check import check_tree
-from sightline.data.kitti_labels import read_labels
-from sightline.data.map_png import read_depth_png, read_instance_png
+from sightline.data.formats.kitti_labels import read_labels
+from sightline.data.formats.map_png import read_depth_png, read_instance_png
+from sightline.data.formats.rings import ring_numbers
 from sightline.data.open import open_dataset
-from sightline.data.rings import ring_numbers
 from sightline.files.problem import FileError
 from sightline.geometry.projection import sparse_depth_map
 from sightline.jobs.run import JobResult, shard

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from sightline.data.check import check_tree
-from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.map_png import read_instance_png
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.kitti_raw import KittiRawDrive
+from sightline.data.formats.map_png import read_instance_png
 from sightline.files.problem import FileError
 from sightline.geometry.transforms import transform_points
 from sightline.jobs.run import JobResult

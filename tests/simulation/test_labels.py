@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sightline.data.kitti_boxes import box_corners, project_box
-from sightline.data.kitti_labels import read_labels, write_objects
+from sightline.data.formats.kitti_boxes import box_corners, project_box
+from sightline.data.formats.kitti_labels import read_labels, write_objects
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera.camera import CameraFrame, render_camera
 from sightline.simulation.labels import FrameLabels, label_frame

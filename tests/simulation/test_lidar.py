@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sightline.data.rings import ring_numbers
+from sightline.data.formats.rings import ring_numbers
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.lidar import take_sweep
 from sightline.simulation.lidar_config import LIDARS, BlindSector, Laser, LidarConfig

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from sightline.data.formats.rings import rings_of_any_order
 from sightline.data.open import open_dataset
-from sightline.data.rings import rings_of_any_order
 from sightline.simulation.generate import simulate
 from sightline.simulation.measured_rig import _joined_parts, measure_rig, rig_text
 from sightline.simulation.rigs import named_rig, read_rig

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sightline.data.kitti_calibration import check_matrices
+from sightline.data.formats.kitti_calibration import check_matrices
 from sightline.simulation.scene import Street
 from sightline.simulation.settings import KITTI_FOCAL_PX, SimulationConfig
 from sightline.simulation.simulator import calibration_of, simulate_street

@@ -11,7 +11,7 @@ import pytest
 import torch
 from lightning.pytorch.callbacks import Checkpoint
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.files.weights import read_weights
 from sightline.training.callbacks import checkpoint_callbacks
 from sightline.training.interruption import (

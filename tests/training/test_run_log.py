@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from torch.utils.tensorboard import SummaryWriter
 
-from sightline.data.image_file import write_rgb
+from sightline.data.formats.image_file import write_rgb
 from sightline.files.problem import FileError
 from sightline.training.run_log import read_run_log
 

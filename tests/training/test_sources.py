@@ -5,7 +5,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from sightline.data.kitti_trees import find_velodyne
+from sightline.data.layouts.kitti_trees import find_velodyne
 from sightline.data.open import open_dataset
 from sightline.data.sharding import write_shards
 from sightline.training.data import CameraLidarData

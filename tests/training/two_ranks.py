@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 from lightning.pytorch.callbacks import Callback
 
-from sightline.data.kitti_labels import parse_objects
+from sightline.data.formats.kitti_labels import parse_objects
 from sightline.data.sharding import write_shards
 from sightline.evaluation.kitti_object_metric import KittiObjectMetric
 from sightline.evaluation.kitti_object_rules import LOOSE

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from sightline.data.kitti_trees import Part
+from sightline.data.layouts.kitti_trees import Part
 from sightline.data.open import open_dataset
 from sightline.depth_completion.robustness import HeldOutScoring, SimulatedDepthScoring
 from sightline.detection2d.predictor import DetectionPredictor

@@ -11,10 +11,10 @@ from sightline.app.state import Breakage, FaultChoice, PageState
 from sightline.augmentation.faults import TurnedLidar, fault_rng
 from sightline.corruptions.corruption import Corruption
 from sightline.corruptions.kinds import find_kind
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import Part, Velodyne, find_velodyne
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import has_file
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import has_file
+from sightline.data.layouts.kitti_trees import Part, Velodyne, find_velodyne
 from sightline.export.names import EngineChoice
 from sightline.structures.sample import CameraLidarSample, Sensor
 

@@ -16,9 +16,9 @@ from jaxtyping import UInt8
 from sightline.app.breaking import break_sample
 from sightline.app.points import pack_points
 from sightline.app.state import Breakage, PageState
-from sightline.data.newer_frames import shared_calibration
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import describe_sparse_maps, list_sample_files
+from sightline.data.datasets.newer_frames import shared_calibration
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import describe_sparse_maps, list_sample_files
 from sightline.export.names import EngineChoice
 from sightline.files.problem import FileError
 from sightline.health.monitor import HealthMonitor, rgb_of

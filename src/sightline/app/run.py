@@ -19,7 +19,7 @@ from sightline.app.guard import LOOPBACK
 from sightline.app.parts import PartMaker
 from sightline.app.server import PageSettings, make_app
 from sightline.app.workers import prepare_workers
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.export.names import EngineChoice
 from sightline.jobs.run import check_workers

@@ -24,7 +24,7 @@ from sightline.app.setup import page_setup
 from sightline.app.state import PageState, parse_state
 from sightline.app.timeline import health_along
 from sightline.app.workers import Workers
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.export.names import EngineChoice
 from sightline.files.problem import plain_line
 

@@ -19,10 +19,10 @@ from sightline.app.state import PRESETS, Breakage, FaultChoice, PageState
 from sightline.app.timeline import health_along
 from sightline.app.workers import Workers
 from sightline.corruptions.kinds import SEVERITIES, find_kind
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import dataset_title
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import dataset_title
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outside_dataset

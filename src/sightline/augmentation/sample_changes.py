@@ -15,9 +15,9 @@ import torch
 from jaxtyping import Bool, Float32, Int64, UInt8
 from torch import Tensor
 
-from sightline.data.kitti_labels import NO_ALPHA
-from sightline.data.pixels import is_in_view
-from sightline.data.rings import rings_of_any_order
+from sightline.data.formats.kitti_labels import NO_ALPHA
+from sightline.data.formats.pixels import is_in_view
+from sightline.data.formats.rings import rings_of_any_order
 from sightline.geometry.arguments import plain_size
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D

@@ -6,7 +6,7 @@ from sightline.cli.network_options import announce_engine
 from sightline.cli.output import say, warn
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs
 
@@ -130,8 +130,8 @@ def fit_joined(
     check_places({"OUT": out}, data=[data, *given])
     if out.suffix.lower() != ".json":
         raise ValueError(f"a file of models ends in .json, got {out}; rename it")
+    from sightline.data.datasets.sample_files import dataset_title
     from sightline.data.open import open_dataset
-    from sightline.data.sample_files import dataset_title
     from sightline.detection2d.predictor import DetectionPredictor
     from sightline.detection3d.predictor import Detection3DPredictor
     from sightline.joining.fit_pair import fit_pair

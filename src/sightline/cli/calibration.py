@@ -111,7 +111,7 @@ def evaluate_calibration(
 
 def _write_picture(path: Path, report: "CalibrationReport") -> None:
     """Draw a row of diagrams for each class: uncalibrated scores, then calibrated ones."""
-    from sightline.data.image_file import write_rgb
+    from sightline.data.formats.image_file import write_rgb
     from sightline.visualization.reliability import draw_reliability_sheet
 
     rows = [

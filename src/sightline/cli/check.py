@@ -11,7 +11,7 @@ from sightline.files.atomic import atomic_write_text
 from sightline.tasks import find_task, task_names
 
 if TYPE_CHECKING:
-    from sightline.data.tree_checks import TreeSummary
+    from sightline.data.checks.tree_checks import TreeSummary
     from sightline.files.problem import Problem
     from sightline.inference.rig_distance import RigDistance
 

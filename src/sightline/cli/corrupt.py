@@ -4,7 +4,7 @@ from pathlib import Path
 
 from sightline.cli.output import say
 from sightline.cli.report import named_file
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs
 

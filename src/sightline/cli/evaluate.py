@@ -12,7 +12,7 @@ from sightline.cli.object_plots import write_object_plots
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, check_writable_folder, deliver, named_file
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.depth_completion.method_names import Method
 from sightline.export.names import EngineChoice
 from sightline.files.problem import refuse_without_effect

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
 from sightline.cli.report import check_places, deliver, named_file
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 
 if TYPE_CHECKING:
-    from sightline.data.sample_dataset import SampleDataset
+    from sightline.data.datasets.sample_dataset import SampleDataset
     from sightline.health.shipped import ChosenLimits
 
 ImageKind = Literal["png", "jpeg"]
@@ -52,9 +52,9 @@ def health(
     """
     only_read = [data, limits, named_file(sample_list)]
     check_places({"--json": json, "--picture": picture}, data=only_read)
-    from sightline.data.image_file import write_rgb
+    from sightline.data.datasets.sample_files import describe_sparse_maps
+    from sightline.data.formats.image_file import write_rgb
     from sightline.data.open import open_dataset
-    from sightline.data.sample_files import describe_sparse_maps
     from sightline.health.monitor import HealthMonitor
     from sightline.health.report import HealthReport, doubts
     from sightline.health.sequence import DriveMonitor

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from sightline.cli.output import warn
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.export.choice import VARIABLE, has_openvino
 from sightline.export.names import EngineChoice
 from sightline.files.problem import install_command, refuse_without_effect

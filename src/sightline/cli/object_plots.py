@@ -21,7 +21,7 @@ def write_object_plots(report: "ObjectReport", folder: Path) -> int:
     Returns:
         Number of pictures; 0 without detections.
     """
-    from sightline.data.image_file import write_rgb
+    from sightline.data.formats.image_file import write_rgb
     from sightline.visualization.precision_recall import draw_precision_recall
 
     parts = [("", report.entries), *((band.title, band.entries) for band in report.bands)]

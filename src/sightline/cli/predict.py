@@ -14,7 +14,7 @@ from sightline.cli.network_options import (
 from sightline.cli.output import say
 from sightline.cli.parser import Device, declare
 from sightline.cli.report import named_file, refuse_with_pack
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import check_outputs

@@ -6,7 +6,7 @@ from typing import Any
 from sightline.cli.output import say
 from sightline.cli.parser import Device
 from sightline.cli.report import named_file
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.jobs.output_dirs import check_outputs
 
 

@@ -9,7 +9,7 @@ from sightline.cli.network_options import announce_engine
 from sightline.cli.output import say, warn
 from sightline.cli.parser import Device
 from sightline.cli.report import check_places, deliver, named_file, refuse_given
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.export.choice import choose_engine
 from sightline.export.names import EngineChoice
 from sightline.jobs.output_dirs import check_outputs

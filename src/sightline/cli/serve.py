@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path
 
 from sightline.cli.output import say
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.export.names import EngineChoice
 from sightline.files.extras import require_library
 from sightline.files.problem import refuse_without_effect

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from sightline.cli.output import say
 from sightline.cli.report import check_places, named_file
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.files.problem import refuse_without_effect
 from sightline.tasks import choose_task
 

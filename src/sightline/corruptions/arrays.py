@@ -22,7 +22,7 @@ from sightline.augmentation.faults import fault_rng
 from sightline.corruptions.combined import find_corruption, needs_calibration
 from sightline.corruptions.corruption import Corrupted, Record
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
-from sightline.data.frame_checks import depth_range_doubt
+from sightline.data.checks.frame_checks import depth_range_doubt
 from sightline.geometry.arguments import plain_size, plain_text, short_repr, wrong_type
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.cloud_checks import cloud_fault

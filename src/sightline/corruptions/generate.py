@@ -12,10 +12,13 @@ import torch
 
 from sightline.corruptions.corruption import Corrupted, Corruption, Record, everywhere
 from sightline.corruptions.suites import Case, Suite, find_suite
-from sightline.data.frame_lists import list_unequal_files
-from sightline.data.kitti_files import write_image, write_points
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import (
+from sightline.data.checks.lidar_mount import record_pose
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.datasets.newer_frames import warn_of_newer_frames
+from sightline.data.formats.kitti_files import write_image, write_points
+from sightline.data.formats.map_png import read_mask_png, write_mask_png
+from sightline.data.layouts.frame_lists import list_unequal_files
+from sightline.data.layouts.kitti_trees import (
     CORRUPTED,
     ObjectFrame,
     Part,
@@ -25,9 +28,6 @@ from sightline.data.kitti_trees import (
     list_object_frames,
     part_folder,
 )
-from sightline.data.lidar_mount import record_pose
-from sightline.data.map_png import read_mask_png, write_mask_png
-from sightline.data.newer_frames import warn_of_newer_frames
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
 from sightline.files.shard_path import stored_file

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from sightline.data.other_layouts import no_data_set
-from sightline.data.tree_checks import Check, TreeSummary, find_trees
+from sightline.data.checks.other_layouts import no_data_set
+from sightline.data.checks.tree_checks import Check, TreeSummary, find_trees
 from sightline.files.problem import GIVE_ACCESS, Problem
 from sightline.files.shard_checks import shared_problem
 from sightline.files.shard_path import data_path

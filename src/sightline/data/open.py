@@ -6,7 +6,30 @@ from functools import partial
 from pathlib import Path
 from typing import get_args
 
-from sightline.data.depth_trees import (
+from sightline.data.checks.drive_calibration import drive_matrices_doubts
+from sightline.data.checks.entry_checks import (
+    check_sample_frames,
+    warn_of_unread_files,
+)
+from sightline.data.checks.frame_checks import (
+    examine_depth_frame,
+    examine_drive_frame,
+    examine_object_frame,
+)
+from sightline.data.checks.other_layouts import misnamed_split, no_data_set, refuse_other_layouts
+from sightline.data.checks.unread_files import (
+    depth_folders,
+    drive_folders,
+    object_folders,
+    recording_folders,
+)
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_raw import KittiRawDrive
+from sightline.data.datasets.recording import RecordingDataset
+from sightline.data.datasets.sample_dataset import ExaminedDataset, NamedSubset, SampleDataset
+from sightline.data.datasets.sample_files import SENSOR_NOUNS, has_file, refuses_gaps, sweeps_folder
+from sightline.data.layouts.depth_trees import (
     DRIVE_SPLITS,
     OTHER_CAMERA,
     find_depth_split,
@@ -14,21 +37,8 @@ from sightline.data.depth_trees import (
     warn_of_other_camera,
     warn_of_other_splits,
 )
-from sightline.data.drive_calibration import drive_matrices_doubts
-from sightline.data.entry_checks import (
-    check_sample_frames,
-    warn_of_unread_files,
-)
-from sightline.data.frame_checks import (
-    examine_depth_frame,
-    examine_drive_frame,
-    examine_object_frame,
-)
-from sightline.data.frame_lists import GapsError, read_sample_list
-from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_raw import KittiRawDrive
-from sightline.data.kitti_trees import (
+from sightline.data.layouts.frame_lists import GapsError, read_sample_list
+from sightline.data.layouts.kitti_trees import (
     Part,
     Velodyne,
     describe_absent,
@@ -36,17 +46,7 @@ from sightline.data.kitti_trees import (
     list_drive,
     list_object_frames,
 )
-from sightline.data.other_layouts import misnamed_split, no_data_set, refuse_other_layouts
-from sightline.data.recording import RecordingDataset
-from sightline.data.recording_files import is_recording
-from sightline.data.sample_dataset import ExaminedDataset, NamedSubset, SampleDataset
-from sightline.data.sample_files import SENSOR_NOUNS, has_file, refuses_gaps, sweeps_folder
-from sightline.data.unread_files import (
-    depth_folders,
-    drive_folders,
-    object_folders,
-    recording_folders,
-)
+from sightline.data.layouts.recording_files import is_recording
 from sightline.files.problem import FileError
 from sightline.files.safe_names import unusable_names
 from sightline.files.shard_path import data_path

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from sightline.data.depth_trees import split_by_drives
-from sightline.data.image_header import IMAGE_SUFFIXES
-from sightline.data.kitti_trees import list_drive
-from sightline.data.other_layouts import BAG_SUFFIXES, source_to_import, tables_to_import
-from sightline.data.point_files import CLOUD_SUFFIXES
-from sightline.data.tree_checks import find_trees
+from sightline.data.checks.other_layouts import BAG_SUFFIXES, source_to_import, tables_to_import
+from sightline.data.checks.tree_checks import find_trees
+from sightline.data.formats.image_header import IMAGE_SUFFIXES
+from sightline.data.formats.point_files import CLOUD_SUFFIXES
+from sightline.data.layouts.depth_trees import split_by_drives
+from sightline.data.layouts.kitti_trees import list_drive
 from sightline.files.atomic import (
     atomic_path,
     atomic_write_bytes,

@@ -5,16 +5,20 @@ import warnings
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-from sightline.data.frame_lists import describe_left_out, read_sample_list, require_frame_files
-from sightline.data.kitti_labels import (
+from sightline.data.checks.result_boxes import SCORED_CLASSES
+from sightline.data.checks.result_checks import doubts_about_results
+from sightline.data.formats.kitti_labels import (
     CLASS_NAMES,
     MAX_LABEL_BYTES,
     KittiObjects,
     parse_objects,
 )
-from sightline.data.kitti_trees import list_files
-from sightline.data.result_boxes import SCORED_CLASSES
-from sightline.data.result_checks import doubts_about_results
+from sightline.data.layouts.frame_lists import (
+    describe_left_out,
+    read_sample_list,
+    require_frame_files,
+)
+from sightline.data.layouts.kitti_trees import list_files
 from sightline.files.atomic import atomic_path
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened, without_marks

@@ -4,9 +4,9 @@ import html
 from pathlib import Path
 from typing import get_args
 
-from sightline.data.image_file import write_rgb
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.formats.image_file import write_rgb
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
 from sightline.depth_completion.method_names import Method
 from sightline.depth_completion.predictor import Completer, DepthCompleter, choose_completer
 from sightline.evaluation.depth import DepthReport, evaluate_depth

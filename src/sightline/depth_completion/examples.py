@@ -22,8 +22,8 @@ from sightline.augmentation.sample_changes import (
 from sightline.corruptions.blank import LidarBlank
 from sightline.corruptions.lidar_loss import LidarSector
 from sightline.corruptions.occlusion import LidarOcclusion
-from sightline.data.rings import NUM_RINGS
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.formats.rings import NUM_RINGS
 from sightline.depth_completion.method_names import Filling
 from sightline.depth_completion.methods import starting_depth
 from sightline.depth_completion.street_depth import street_depth, to_focal_length

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float32
 from torch import Tensor
 
-from sightline.data.map_png import MAX_DEPTH_M, read_depth_png, write_depth_png
+from sightline.data.formats.map_png import MAX_DEPTH_M, read_depth_png, write_depth_png
 from sightline.depth_completion.postprocess import TRUSTED_SHARE
 from sightline.depth_completion.sparse_map import inside_hull
 from sightline.geometry.projection import sparse_depth_map

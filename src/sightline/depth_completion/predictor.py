@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
-from sightline.data.kitti_trees import Part
+from sightline.data.layouts.kitti_trees import Part
 from sightline.depth_completion.config import DepthCompletionConfig, by_direction
 from sightline.depth_completion.corrections import correction_thresholds, drop_small_corrections
 from sightline.depth_completion.export_graph import export_graph

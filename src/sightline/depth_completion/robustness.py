@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final, Never
 
-from sightline.data.kitti_trees import Part
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.layouts.kitti_trees import Part
 from sightline.evaluation.held_out import depth_map_errors
 from sightline.evaluation.held_out_frame import (
     check_for_sweeps,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from sightline.corruptions.suites import CLEAN, find_suite
-from sightline.data.image_file import write_rgb
+from sightline.data.formats.image_file import write_rgb
 from sightline.data.open import open_dataset
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection2d.results import DRAWN_SCORE, prediction_row

@@ -16,7 +16,7 @@ from sightline.augmentation.scene_changes import resize
 from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.drawing import CorruptionSampler
 from sightline.corruptions.suites import CLEAN
-from sightline.data.kitti_conversion import kitti_from_labels
+from sightline.data.formats.kitti_conversion import kitti_from_labels
 from sightline.detection2d import graded_health
 from sightline.detection2d.config import CLASSES, Detection2DConfig, InputConfig
 from sightline.detection2d.graded_health import with_point_health

@@ -7,7 +7,7 @@ from typing import ClassVar
 from jaxtyping import Float32
 from torch import Tensor
 
-from sightline.data.kitti_trees import Part
+from sightline.data.layouts.kitti_trees import Part
 from sightline.detection2d.config import Fusion
 from sightline.detection2d.export_graph import export_graph
 from sightline.detection2d.model import Detector

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
-from sightline.data import kitti_labels
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_conversion import (
+from sightline.data.formats import kitti_labels
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_conversion import (
     check_boxes,
     detections2d_from_kitti,
     kitti_from_detections2d,

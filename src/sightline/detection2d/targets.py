@@ -9,7 +9,7 @@ from beartype import beartype
 from jaxtyping import Bool, Float, Float32, Int64, jaxtyped
 from torch import Tensor
 
-from sightline.data.kitti_labels import KittiObjects
+from sightline.data.formats.kitti_labels import KittiObjects
 from sightline.detection2d.config import CLASSES
 from sightline.detection2d.placement import Placement
 from sightline.geometry.ranges import check_range

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor
 
-from sightline.data.kitti_conversion import kitti_from_detections2d
+from sightline.data.formats.kitti_conversion import kitti_from_detections2d
 from sightline.detection2d.config import Detection2DConfig
 from sightline.detection2d.dgfn.weights import fold_batch_norm, load_vgg_weights
 from sightline.detection2d.fusion import DetectorOutput

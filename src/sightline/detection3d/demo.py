@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sightline.data.image_file import write_rgb
+from sightline.data.formats.image_file import write_rgb
 from sightline.data.open import open_dataset
 from sightline.detection3d.pictures import DRAWN_SCORE, prediction_picture
 from sightline.detection3d.predictor import Detection3DPredictor

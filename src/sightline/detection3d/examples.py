@@ -19,9 +19,9 @@ from sightline.augmentation.sweep_changes import (
     draw_ground_shape,
     stretch_objects,
 )
-from sightline.data.kitti_conversion import kitti_from_labels
-from sightline.data.kitti_labels import KittiObjects
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.formats.kitti_conversion import kitti_from_labels
+from sightline.data.formats.kitti_labels import KittiObjects
 from sightline.detection3d.checks import check_numbers
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.object_sampling import (

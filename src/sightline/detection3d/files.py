@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-from sightline.data import kitti_labels
-from sightline.data.kitti_conversion import (
+from sightline.data.formats import kitti_labels
+from sightline.data.formats.kitti_conversion import (
     check_boxes,
     detections3d_from_kitti,
     kitti_from_detections,

@@ -16,8 +16,8 @@ from beartype import beartype
 from jaxtyping import Bool, Float, Float32, Float64, Int64, jaxtyped
 from torch import Tensor
 
-from sightline.data.kitti_conversion import kitti_from_detections
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.formats.kitti_conversion import kitti_from_detections
 from sightline.detection3d.checks import check_different, check_numbers
 from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D

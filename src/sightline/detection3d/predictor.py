@@ -8,7 +8,7 @@ from typing import Any, Final
 import torch
 from torch import Tensor
 
-from sightline.data.kitti_trees import Part
+from sightline.data.layouts.kitti_trees import Part
 from sightline.detection3d.all_around import (
     join_quarters,
     quarter_sweeps,

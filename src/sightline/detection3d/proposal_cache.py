@@ -30,10 +30,10 @@ from safetensors.torch import save
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from sightline.data.kitti_trees import Part, Velodyne
-from sightline.data.newer_frames import warn_of_newer_frames
+from sightline.data.datasets.newer_frames import warn_of_newer_frames
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK
 from sightline.detection3d.predictor import StageRunners

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor, nn
 
-from sightline.data.kitti_conversion import kitti_from_detections
+from sightline.data.formats.kitti_conversion import kitti_from_detections
 from sightline.detection3d.config import Detection3DConfig, Detection3DLossConfig
 from sightline.detection3d.detector import Detector3D, propose, refine
 from sightline.detection3d.examples import (

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from sightline.data.result_boxes import ScoredBoxes
+from sightline.data.checks.result_boxes import ScoredBoxes
 from sightline.evaluation.kitti_object_overlaps import ground_and_space_overlap
 
 MAX_DISTANCE_M: Final = 1.0

@@ -15,9 +15,9 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.frame_lists import lasting_list
-from sightline.data.kitti_labels import KittiObjects, read_results, write_objects
-from sightline.data.kitti_trees import describe_absent
+from sightline.data.formats.kitti_labels import KittiObjects, read_results, write_objects
+from sightline.data.layouts.frame_lists import lasting_list
+from sightline.data.layouts.kitti_trees import describe_absent
 from sightline.evaluation.calibration_errors import (
     Outcomes,
     find_outcomes,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
-from sightline.data.kitti_labels import NO_LOCATION
+from sightline.data.formats.kitti_labels import NO_LOCATION
 from sightline.ops.compiled import compiled
 
 CENTRE_DISTANCES_M: Final = (0.5, 1.0, 2.0, 4.0)

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sightline.data.kitti_trees import describe_absent
-from sightline.data.map_png import read_depth_png
+from sightline.data.formats.map_png import read_depth_png
+from sightline.data.layouts.kitti_trees import describe_absent
 from sightline.evaluation.depth_breakdown import (
     DepthBand,
     ErrorSums,
@@ -173,7 +173,7 @@ def evaluate_depth(
 
     Examples:
         >>> import sightline, tempfile
-        >>> from sightline.data.map_png import read_depth_png, write_depth_png
+        >>> from sightline.data.formats.map_png import read_depth_png, write_depth_png
         >>> from sightline.simulation.packaged import PACKAGED_FRAMES
         >>> truth = PACKAGED_FRAMES / "training" / "depth"
         >>> with tempfile.TemporaryDirectory() as results:

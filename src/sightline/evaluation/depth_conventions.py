@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 
-from sightline.data.map_png import (
+from sightline.data.formats.map_png import (
     MAX_DEPTH_M,
     MIN_HIGHEST_PX,
     MIN_HIGHEST_SHARE,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from sightline.data.kitti_trees import describe_absent
-from sightline.data.map_png import STEPS_PER_METRE, read_depth_png
+from sightline.data.formats.map_png import STEPS_PER_METRE, read_depth_png
+from sightline.data.layouts.kitti_trees import describe_absent
 from sightline.files.leftovers import is_leftover
 from sightline.files.plain_text import shortened
 
@@ -31,7 +31,7 @@ _NAME: Final = (
 )
 _WRITE: Final = (
     f"write predictions as PNGs of one channel with 16 bits, metres times {STEPS_PER_METRE}, under "
-    "the names of the ground truth (sightline.data.map_png.write_depth_png does)"
+    "the names of the ground truth (sightline.data.formats.map_png.write_depth_png does)"
 )
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float, Float32
 from scipy import ndimage
 from torch import Tensor
 
-from sightline.data.rings import NUM_RINGS
+from sightline.data.formats.rings import NUM_RINGS
 from sightline.evaluation.held_out_frame import (
     CROP_SIZE,
     HeldOutFrame,

@@ -1,8 +1,8 @@
 """Frame of the held-out-rings protocol: input of the methods, and the truth.
 
-Rings are numbered by `sightline.data.rings.ring_numbers` after the sweep is cut to the image, so
-that whole sweeps and KITTI's reduced ones have equal scores. Every eighth ring, from number 4, is
-never an input. The input is, of the other rings, all ("64 beams"), every second ("32"), every
+Rings are numbered by `ring_numbers` (`data/formats/rings.py`) after the sweep is cut to the image,
+so that whole sweeps and KITTI's reduced ones have equal scores. Every eighth ring, from number 4,
+is never an input. The input is, of the other rings, all ("64 beams"), every second ("32"), every
 fourth ("16") or every eighth ("8"); the truth is the same for all.
 
 For another sensor than KITTI's, whole sweeps give the number of beams. Its rings are numbered by
@@ -21,8 +21,10 @@ from jaxtyping import Bool, Float32, Int64, jaxtyped
 from torch import Tensor
 
 from sightline.augmentation.sample_changes import crop, keep_rings, points_in_view
-from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.rings import (
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.sample_dataset import NamedSubset, SampleDataset
+from sightline.data.datasets.sample_files import describe_sparse_maps
+from sightline.data.formats.rings import (
     NUM_RINGS,
     beams_of_sensor,
     check_spacing,
@@ -32,8 +34,6 @@ from sightline.data.rings import (
     ring_numbers,
     rings_of_any_order,
 )
-from sightline.data.sample_dataset import NamedSubset, SampleDataset
-from sightline.data.sample_files import describe_sparse_maps
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.projection import sparse_depth_map
 from sightline.ops.parallax import Parallax, hidden_by_parallax

@@ -9,8 +9,13 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from sightline.data.frame_checks import read_or_note
-from sightline.data.frame_lists import (
+from sightline.data.formats.kitti_labels import (
+    KittiObjects,
+    parse_objects,
+    read_labels,
+    read_results,
+)
+from sightline.data.layouts.frame_lists import (
     LABEL_PLACES,
     TIMES_NAME,
     capital_suffixes,
@@ -22,9 +27,8 @@ from sightline.data.frame_lists import (
     read_sample_list,
     require_frame_files,
 )
-from sightline.data.kitti_labels import KittiObjects, parse_objects, read_labels, read_results
-from sightline.data.kitti_trees import list_files
-from sightline.data.recording_files import is_recording
+from sightline.data.layouts.kitti_trees import list_files
+from sightline.data.layouts.recording_files import is_recording
 from sightline.evaluation.inputs import check_apart
 from sightline.evaluation.kitti_object_comparison import ObjectComparison, compare_submissions
 from sightline.evaluation.kitti_object_pairs import MatchingData, concatenate, find_pairs
@@ -34,7 +38,7 @@ from sightline.evaluation.object_report import ObjectReport
 from sightline.evaluation.object_tally import ObjectTally, tallied, unread_files
 from sightline.files.byte_source import url_of
 from sightline.files.leftovers import is_leftover
-from sightline.files.problem import FileError, shown_place
+from sightline.files.problem import FileError, read_or_note, shown_place
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import is_split

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric
 
-from sightline.data.kitti_labels import KittiObjects, parse_objects
+from sightline.data.formats.kitti_labels import KittiObjects, parse_objects
 from sightline.evaluation.kitti_object_pairs import MatchingData, find_pairs
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int8, Int32, Int64
 
-from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
+from sightline.data.formats.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects
 from sightline.evaluation.centre_pairs import find_centre_pairs
 from sightline.evaluation.kitti_object_overlaps import (
     ground_and_space_cover,

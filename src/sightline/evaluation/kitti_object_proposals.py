@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int8, Int64
 
-from sightline.data.kitti_labels import KittiObjects
+from sightline.data.formats.kitti_labels import KittiObjects
 from sightline.evaluation.kitti_object import frame_names, read_frames
 from sightline.evaluation.kitti_object_overlaps import ground_and_space_overlap, image_overlap
 from sightline.evaluation.kitti_object_pairs import find_evaluated, stack_boxes

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Int8
 
-from sightline.data.kitti_labels import MAX_OCCLUSION, MAX_TRUNCATION
+from sightline.data.formats.kitti_labels import MAX_OCCLUSION, MAX_TRUNCATION
 
 ClassName = Literal["Car", "Pedestrian", "Cyclist"]
 Metric = Literal["bbox", "bev", "3d"]

@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
-from sightline.data.frame_lists import is_note
-from sightline.data.kitti_labels import (
+from sightline.data.checks.label_checks import impossible_values, in_degrees
+from sightline.data.checks.truncations import TRUNCATION_REMEDY, TruncationTally
+from sightline.data.formats.kitti_labels import (
     MAX_OCCLUSION,
     MAX_TRUNCATION,
     NO_LOCATION,
     UNKNOWN,
     KittiObjects,
 )
-from sightline.data.label_checks import impossible_values, in_degrees
-from sightline.data.truncations import TRUNCATION_REMEDY, TruncationTally
+from sightline.data.layouts.frame_lists import is_note
 from sightline.evaluation.kitti_object_rules import (
     CLASSES,
     MIN_HEIGHT_PX,

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.result_boxes import (
+from sightline.data.checks.result_boxes import (
     MIN_RESULTS,
     ROTATION_CONVENTION,
     ROTATIONS,
@@ -57,7 +57,7 @@ def remarks_on_places(frames: Frames) -> Iterator[str]:
     groups = {"": rises} | {f" of {name}": rises[names == name] for name in CLASSES}
     for of_class, group in groups.items():
         rise = float(np.median(group)) if len(group) >= MIN_RESULTS else 0.0
-        if abs(abs(rise) - 0.5) < _HEIGHT_TOLERANCE and 0.5 > _MIN_ERRORS * _error_of(group):
+        if abs(abs(rise) - 0.5) < _HEIGHT_TOLERANCE and _MIN_ERRORS * _error_of(group) < 0.5:
             higher, lower = ("results", "labels") if rise > 0 else ("labels", "results")
             yield (
                 f"3D boxes{of_class} of {higher} lie {abs(rise):.2f} of their height above those "

@@ -8,20 +8,20 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
-from sightline.data.image_file import read_rgb
-from sightline.data.image_header import read_image_size
-from sightline.data.kitti_boxes import box_corners, project_box
-from sightline.data.kitti_calibration import CalibrationMatrices, read_object_matrices
-from sightline.data.kitti_labels import NO_LOCATION, KittiObjects, read_labels
-from sightline.data.kitti_trees import (
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.image_header import read_image_size
+from sightline.data.formats.kitti_boxes import box_corners, project_box
+from sightline.data.formats.kitti_calibration import CalibrationMatrices, read_object_matrices
+from sightline.data.formats.kitti_labels import NO_LOCATION, KittiObjects, read_labels
+from sightline.data.formats.pixels import crop_to_view, sparse_depth_map
+from sightline.data.formats.velodyne import read_sweep
+from sightline.data.layouts.kitti_trees import (
     ObjectFrame,
     Part,
     find_velodyne,
     list_files,
     list_object_frames,
 )
-from sightline.data.pixels import crop_to_view, sparse_depth_map
-from sightline.data.velodyne import read_sweep
 from sightline.evaluation.realism_points import FreeCar, Ground, fit_ground, free_cars
 from sightline.jobs.progress import track
 

@@ -5,8 +5,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.kitti_labels import KittiObjects
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_labels import KittiObjects
 
 _GROUND_M: Final = (5.0, 40.0)
 """Range ahead in which the ground is measured."""

@@ -7,7 +7,7 @@ from typing import Final, Literal
 import numpy as np
 from jaxtyping import Float64, Shaped
 
-from sightline.data.kitti_labels import CLASS_NAMES, NO_LOCATION, parse_objects
+from sightline.data.formats.kitti_labels import CLASS_NAMES, NO_LOCATION, parse_objects
 from sightline.evaluation.realism_measures import GRADIENTS, BoxFit, Measures
 from sightline.evaluation.realism_points import FreeCar
 

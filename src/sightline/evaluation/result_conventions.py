@@ -13,11 +13,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from sightline.data.alpha_checks import ALPHA_REMEDY, doubt_about_labels, remarks_on_alphas
-from sightline.data.image_fits import OTHER_IMAGE, ImageFit, fit_image
-from sightline.data.kitti_labels import NO_ALPHA, KittiObjects
-from sightline.data.label_checks import gives_box3d, order_of_sizes, scale_of_sizes
-from sightline.data.result_boxes import (
+from sightline.data.checks.alpha_checks import ALPHA_REMEDY, doubt_about_labels, remarks_on_alphas
+from sightline.data.checks.image_fits import OTHER_IMAGE, ImageFit, fit_image
+from sightline.data.checks.label_checks import gives_box3d, order_of_sizes, scale_of_sizes
+from sightline.data.checks.result_boxes import (
     BOX2D_CONVENTIONS,
     MATCH_IOU,
     MIN_RESULTS,
@@ -30,7 +29,7 @@ from sightline.data.result_boxes import (
     matches_better,
     scored_boxes,
 )
-from sightline.data.result_checks import (
+from sightline.data.checks.result_checks import (
     count_impossible,
     remark_on_scale,
     remarks_on_boxes2d,
@@ -41,6 +40,7 @@ from sightline.data.result_checks import (
     remarks_on_repeats,
     remarks_on_scores,
 )
+from sightline.data.formats.kitti_labels import NO_ALPHA, KittiObjects
 from sightline.evaluation.auroc import auroc_of_values
 from sightline.evaluation.box_pairs import (
     MAX_DISTANCE_M,

@@ -2,11 +2,13 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
+
+Content = TypeVar("Content")
 
 Extra = Literal["app", "export", "pretrained", "ray", "remote", "ros", "simulate", "train", "viz"]
 """Optional libraries, as `pyproject.toml` names them."""
@@ -97,6 +99,19 @@ class FileError(ValueError):
     def __str__(self) -> str:
         """Format the problem's line."""
         return str(self.problem)
+
+
+def read_or_note(
+    reader: Callable[[Path], Content], path: Path | None, problems: list[Problem]
+) -> Content | None:
+    """Read a file; if the reader refuses it, add a problem and return None."""
+    if path is None:
+        return None
+    try:
+        return reader(path)
+    except FileError as error:
+        problems.append(error.problem)
+        return None
 
 
 REMAKE: Final = "remove it and run the same command again"

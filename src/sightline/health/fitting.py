@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.datasets.sample_files import sweeps_folder
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_files import sweeps_folder
 from sightline.health import alignment_checks, camera_checks, lidar_checks
 from sightline.health.alignment_checks import AlignmentChecks, check_alignment
 from sightline.health.camera_checks import CameraChecks, check_camera

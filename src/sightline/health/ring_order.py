@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from sightline.data.ring_elevations import MIN_RINGS, rings_by_elevation
+from sightline.data.formats.ring_elevations import MIN_RINGS, rings_by_elevation
 from sightline.health.sphere import to_sphere
 
 SEAM_DEG = 30.0

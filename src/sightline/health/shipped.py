@@ -7,8 +7,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import list_sample_files
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import list_sample_files
 from sightline.health.camera_checks import CameraChecks, check_camera
 from sightline.health.lidar_checks import LidarChecks, check_lidar
 from sightline.health.limits import (

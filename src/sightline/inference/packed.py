@@ -9,11 +9,11 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
-from sightline.data.frame_lists import GapsError
-from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.kitti_trees import Part
-from sightline.data.sample_dataset import PosedDataset, SampleDataset
-from sightline.data.sample_files import warn_of_missing_files
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.sample_dataset import PosedDataset, SampleDataset
+from sightline.data.datasets.sample_files import warn_of_missing_files
+from sightline.data.layouts.frame_lists import GapsError
+from sightline.data.layouts.kitti_trees import Part
 from sightline.data.sharding import files_below, pack_files
 from sightline.files.atomic import scratch_folder
 from sightline.files.byte_source import url_of

@@ -7,18 +7,22 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.kitti_trees import Part, Velodyne
-from sightline.data.newer_frames import ADD_OVERWRITE, warn_of_gone_frames, warn_of_newer_frames
-from sightline.data.open import open_dataset
-from sightline.data.pixels import is_in_view
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import (
+from sightline.data.datasets.newer_frames import (
+    ADD_OVERWRITE,
+    warn_of_gone_frames,
+    warn_of_newer_frames,
+)
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import (
     SENSOR_NOUNS,
     dataset_title,
     has_file,
     sweeps_folder,
     warn_of_missing_sensors,
 )
+from sightline.data.formats.pixels import is_in_view
+from sightline.data.layouts.kitti_trees import Part, Velodyne
+from sightline.data.open import open_dataset
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import (

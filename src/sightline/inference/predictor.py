@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 from sightline.geometry.arguments import check_collection, type_name
 
 if TYPE_CHECKING:
-    from sightline.data.kitti_trees import Part
+    from sightline.data.layouts.kitti_trees import Part
     from sightline.structures.predictions import Perception
     from sightline.structures.sample import CameraLidarSample
 

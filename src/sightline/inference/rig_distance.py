@@ -11,10 +11,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.sample_dataset import NamedSubset, SampleDataset
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import NamedSubset, SampleDataset
 from sightline.files.weights_header import WEIGHTS_FOLDER
 from sightline.simulation.measured_rig import (
     measure_camera,

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.geometry.ranges import check_range
 from sightline.health.monitor import HealthMonitor
 from sightline.health.tilt_error import estimate_tilt

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from sightline.data import kitti_labels
-from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, NO_ROTATION, NO_SIZE, UNKNOWN
+from sightline.data.formats import kitti_labels
+from sightline.data.formats.kitti_labels import NO_ALPHA, NO_LOCATION, NO_ROTATION, NO_SIZE, UNKNOWN
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 from sightline.geometry.transforms import wrap_angle
 from sightline.structures.level import level_calibration

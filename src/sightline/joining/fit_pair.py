@@ -7,7 +7,7 @@ from typing import Final
 
 from sightline.augmentation.sample_changes import sweep_of, thin_rings
 from sightline.corruptions.suites import find_suite
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.detection2d.predictor import DetectionPredictor
 from sightline.detection3d.predictor import Detection3DPredictor
 from sightline.jobs.progress import track

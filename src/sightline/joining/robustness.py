@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.kitti_conversion import detections2d_from_kitti
-from sightline.data.kitti_labels import read_results
+from sightline.data.formats.kitti_conversion import detections2d_from_kitti
+from sightline.data.formats.kitti_labels import read_results
 from sightline.detection3d.files import read_results as read_boxes3d
 from sightline.detection3d.pictures import DRAWN_SCORE, labels_from_above
 from sightline.export.names import EngineChoice

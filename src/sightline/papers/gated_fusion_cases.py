@@ -10,8 +10,8 @@ from typing import Final, get_args
 
 from sightline.corruptions.generate import case_settings
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.detection2d.config import PAPER, Fusion
 from sightline.detection2d.network_task import NETWORK_TASK
 from sightline.detection2d.predictor import DetectionPredictor

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from sightline.corruptions.corruption import Corrupted
 from sightline.corruptions.suites import Case, Suite
-from sightline.data.image_file import write_rgb
+from sightline.data.formats.image_file import write_rgb
 from sightline.detection2d.predictor import DetectionPredictor, DetectionResult
 from sightline.detection2d.results import CAMERA_COLOR, LIDAR_COLOR, prediction_row
 from sightline.evaluation.auroc import auroc, auroc_of_values

@@ -5,11 +5,11 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sightline.data.frame_lists import read_sample_list
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import Part, Velodyne, part_folder
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.layouts.frame_lists import read_sample_list
+from sightline.data.layouts.kitti_trees import Part, Velodyne, part_folder
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
 from sightline.evaluation.kitti_object import evaluate_objects
 from sightline.evaluation.kitti_object_rules import (
     DIFFICULTIES,

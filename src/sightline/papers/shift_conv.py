@@ -15,11 +15,11 @@ import numpy as np
 import torch
 
 from sightline.augmentation.sample_changes import crop
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_depth import KittiDepthDataset
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.datasets.kitti_depth import KittiDepthDataset
+from sightline.data.datasets.sample_dataset import NamedSubset, SampleDataset
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import NamedSubset, SampleDataset
 from sightline.depth_completion.config import DepthCompletionConfig
 from sightline.depth_completion.model import DepthCompletionNet
 from sightline.depth_completion.network_task import NETWORK_TASK

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, get_args
 
-from sightline.data.kitti_object import KittiObjectDataset
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.detection3d.config import Detection3DConfig
 from sightline.detection3d.detector import Detector3D
 from sightline.detection3d.network_task import NETWORK_TASK

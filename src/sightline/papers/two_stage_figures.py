@@ -14,8 +14,8 @@ import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
+from sightline.data.formats.image_file import write_rgb
 from sightline.detection3d.config import Detection3DLossConfig
 from sightline.detection3d.detector import POINT_SEED, Detector3D
 from sightline.detection3d.files import read_detections

@@ -6,8 +6,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import dataset_title, has_file, sample_times, sweeps_folder
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import (
+    dataset_title,
+    has_file,
+    sample_times,
+    sweeps_folder,
+)
 from sightline.files.atomic import atomic_write_text
 from sightline.inference.predict import (
     Places,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from sightline.data.kitti_trees import Part, describe_absent
+from sightline.data.layouts.kitti_trees import Part, describe_absent
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_file import read_bytes
 from sightline.structures.objects import Origin

@@ -8,11 +8,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from sightline.data.kitti_trees import Part, Velodyne, describe_absent
-from sightline.data.newer_frames import ADD_OVERWRITE, warn_of_gone_frames, warn_of_newer_frames
+from sightline.data.datasets.newer_frames import (
+    ADD_OVERWRITE,
+    warn_of_gone_frames,
+    warn_of_newer_frames,
+)
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import warn_of_missing_sensors
+from sightline.data.layouts.kitti_trees import Part, Velodyne, describe_absent
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import warn_of_missing_sensors
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.problem import refuse_without_effect
 from sightline.geometry.wrong_types import named_arguments

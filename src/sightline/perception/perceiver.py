@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.export.names import EngineChoice
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, check_predictor, lacking_parts
@@ -31,7 +31,7 @@ from sightline.structures.sample import SENSOR_FIELDS, CameraLidarSample, copy_o
 from sightline.tasks import REGISTRY, find_task, task_names
 
 if TYPE_CHECKING:
-    from sightline.data.kitti_trees import Part
+    from sightline.data.layouts.kitti_trees import Part
 
 SWEEP_TASK: Final = "detection3d"
 _JOINED_TASKS: Final = ("detection2d", SWEEP_TASK)

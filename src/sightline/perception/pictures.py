@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import UInt8
 
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.files.atomic import check_writable
 from sightline.files.problem import refuse_without_effect
 from sightline.jobs.progress import track

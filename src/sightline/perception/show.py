@@ -4,10 +4,10 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_trees import Velodyne
+from sightline.data.datasets.sample_files import dataset_title
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_files import dataset_title
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.perception.results import ResultFolder, open_results, read_perception
 from sightline.structures.lidar_turn import LidarTurn, undo_turn

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.frame_lists import lasting_list
-from sightline.data.kitti_trees import Velodyne, suggest_frames
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import dataset_title, sweeps_folder
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import dataset_title, sweeps_folder
+from sightline.data.layouts.frame_lists import lasting_list
+from sightline.data.layouts.kitti_trees import Velodyne, suggest_frames
 from sightline.export.names import EngineChoice
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from sightline.corruptions.suites import CLEAN, Case
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_trees import list_files
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.layouts.kitti_trees import list_files
 from sightline.robustness.record import CaseInfo
 from sightline.robustness.scoring import BenchPrediction, Scoring
 

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 from sightline.corruptions.combined import hits_objects
 from sightline.corruptions.suites import Case
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import list_sample_files, refuses_gaps
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import list_sample_files, refuses_gaps
 from sightline.files.plain_file import check_regular
 from sightline.files.plain_text import REMEDY
 from sightline.structures.sample import SENSOR_FIELDS

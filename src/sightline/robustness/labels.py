@@ -8,9 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from sightline.data.kitti_trees import describe_absent
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import LABEL_DIGEST_DIGITS, digest_labels
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import LABEL_DIGEST_DIGITS, digest_labels
+from sightline.data.layouts.kitti_trees import describe_absent
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 

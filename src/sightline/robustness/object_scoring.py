@@ -20,8 +20,8 @@ from sightline.robustness.result_doubts import object_doubts
 from sightline.robustness.scoring import BenchFrame, BenchMetric, BenchPrediction, Panel, Scores
 
 if TYPE_CHECKING:
-    from sightline.data.kitti_trees import Part
-    from sightline.data.sample_dataset import SampleDataset
+    from sightline.data.datasets.sample_dataset import SampleDataset
+    from sightline.data.layouts.kitti_trees import Part
     from sightline.evaluation.object_report import ObjectEntry, ObjectReport
     from sightline.evaluation.object_tally import ResultDoubt
     from sightline.structures.sample import CameraLidarSample
@@ -192,7 +192,7 @@ def _centre_name(class_name: str, difficulty: Difficulty, distance: str) -> str:
 
 
 def _labels_folder(dataset: "SampleDataset") -> Path:
-    from sightline.data.sample_files import label_file
+    from sightline.data.datasets.sample_files import label_file
 
     files = (label_file(dataset, index) for index in range(len(dataset)))
     labelled = next(filter(None, files), None)
@@ -290,7 +290,7 @@ def _entry_scores(entry: "ObjectEntry") -> dict[str, float | None]:
 
 def _object_counts(labels: Path, names: Sequence[str]) -> Counter[tuple[ClassName, Difficulty]]:
     """Count the labelled objects by class and difficulty."""
-    from sightline.data.kitti_labels import read_labels
+    from sightline.data.formats.kitti_labels import read_labels
     from sightline.evaluation.kitti_object_rules import class_code, truth_levels
 
     counts: Counter[tuple[ClassName, Difficulty]] = Counter()

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from sightline.corruptions.combined import hits_objects
 from sightline.corruptions.suites import Case
-from sightline.data.kitti_trees import Part
-from sightline.data.newer_frames import warn_of_newer_frames
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.newer_frames import warn_of_newer_frames
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.layouts.kitti_trees import Part
 from sightline.inference.predictor import Predictor, warn_of_unversioned
 from sightline.jobs.crew import Driver
 from sightline.jobs.run import LEAVE_OUT, JobResult, check_workers, run_job

@@ -8,7 +8,7 @@ from sightline.corruptions.suites import CLEAN
 from sightline.robustness.scoring import Scores
 
 if TYPE_CHECKING:
-    from sightline.data.sample_dataset import SampleDataset
+    from sightline.data.datasets.sample_dataset import SampleDataset
     from sightline.evaluation.object_tally import ObjectTally, ResultDoubt
 
 _METHOD: Final = "method"  # kind of the doubts that are told for sound sensors alone

@@ -11,10 +11,10 @@ from typing import Any, Final, get_args
 
 from sightline.corruptions.generate import read_corrupted
 from sightline.corruptions.suites import CLEAN, Case, Suite, find_suite
-from sightline.data.frame_lists import list_unequal_files, require_frame_files
-from sightline.data.kitti_trees import Velodyne, describe_absent, part_folder
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.layouts.frame_lists import list_unequal_files, require_frame_files
+from sightline.data.layouts.kitti_trees import Velodyne, describe_absent, part_folder
 from sightline.data.open import open_dataset
-from sightline.data.sample_dataset import SampleDataset
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.problem import plain_line
 from sightline.files.shard_path import data_path

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
 from sightline.files.problem import FileError, remaking

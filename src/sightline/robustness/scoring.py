@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from jaxtyping import UInt8
 
     from sightline.corruptions.corruption import Corrupted
-    from sightline.data.kitti_trees import Part
-    from sightline.data.sample_dataset import SampleDataset
+    from sightline.data.datasets.sample_dataset import SampleDataset
+    from sightline.data.layouts.kitti_trees import Part
     from sightline.structures.sample import CameraLidarSample
 
 Scores = Mapping[str, float | None]

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from sightline.data.kitti_conversion import labels_from_kitti
-from sightline.data.pixels import crop_to_view
+from sightline.data.formats.kitti_conversion import labels_from_kitti
+from sightline.data.formats.pixels import crop_to_view
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration
 from sightline.simulation.settings import SimulationConfig

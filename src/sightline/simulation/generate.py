@@ -10,19 +10,19 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.image_file import write_rgb
-from sightline.data.kitti_calibration import (
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.kitti_calibration import (
     CalibrationMatrices,
     check_intrinsics,
     object_calibration_text,
     raw_calibration_texts,
 )
-from sightline.data.kitti_labels import write_objects
-from sightline.data.kitti_trees import Velodyne, list_drive
-from sightline.data.map_png import write_depth_png, write_instance_png
-from sightline.data.pixels import crop_to_view, sparse_depth_map
-from sightline.data.recording_files import is_recording
-from sightline.data.velodyne import write_sweep
+from sightline.data.formats.kitti_labels import write_objects
+from sightline.data.formats.map_png import write_depth_png, write_instance_png
+from sightline.data.formats.pixels import crop_to_view, sparse_depth_map
+from sightline.data.formats.velodyne import write_sweep
+from sightline.data.layouts.kitti_trees import Velodyne, list_drive
+from sightline.data.layouts.recording_files import is_recording
 from sightline.files.atomic import atomic_write_text
 from sightline.files.extras import require_library
 from sightline.files.problem import FileError

@@ -8,10 +8,15 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int32
 from scipy.ndimage import find_objects
 
-from sightline.data.kitti_boxes import box_corners, project_box
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.kitti_labels import NO_ALPHA, NO_LOCATION, KittiObjects, objects_from_rows
-from sightline.data.pixels import wrap_angle
+from sightline.data.formats.kitti_boxes import box_corners, project_box
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_labels import (
+    NO_ALPHA,
+    NO_LOCATION,
+    KittiObjects,
+    objects_from_rows,
+)
+from sightline.data.formats.pixels import wrap_angle
 from sightline.simulation.camera.samples import (
     LEVEL_CAMERA_AXES,
     RollingView,

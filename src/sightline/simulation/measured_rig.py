@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 from jaxtyping import Float64
 
-from sightline.data.rings import rings_of_any_order
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.formats.rings import rings_of_any_order
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import Tilt
 from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from sightline.data.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
 from sightline.geometry.road_height import LidarPose
 from sightline.geometry.tilt import Tilt
 from sightline.simulation.camera.samples import LEVEL_CAMERA_AXES

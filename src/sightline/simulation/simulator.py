@@ -7,9 +7,9 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float32, Float64, Int32, UInt8
 
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.kitti_labels import KittiObjects
-from sightline.data.pixels import resized_and_cropped
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_labels import KittiObjects
+from sightline.data.formats.pixels import resized_and_cropped
 from sightline.geometry.road_height import LidarPose
 from sightline.simulation.bodies.own_car import bonnet, own_car
 from sightline.simulation.camera.camera import (

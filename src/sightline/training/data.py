@@ -15,8 +15,8 @@ import numpy as np
 from lightning.pytorch.utilities import rank_zero_only
 from torch.utils.data import DataLoader, Dataset
 
-from sightline.data.kitti_trees import Part
-from sightline.data.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.layouts.kitti_trees import Part
 from sightline.files.problem import error_text
 from sightline.files.settings import NetworkConfig
 from sightline.geometry.arguments import check_collection

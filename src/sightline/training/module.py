@@ -20,7 +20,7 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torchmetrics import Metric
 
-from sightline.data.image_file import write_rgb
+from sightline.data.formats.image_file import write_rgb
 from sightline.files.settings import NetworkConfig, config_to_dict
 from sightline.files.weights import CHECKPOINT_KEY, Weights
 from sightline.geometry.arguments import check_collection

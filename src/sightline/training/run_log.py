@@ -10,7 +10,7 @@ from typing import Final, TypeVar
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from sightline.data.image_file import decode_rgb, read_rgb
+from sightline.data.formats.image_file import decode_rgb, read_rgb
 from sightline.files.extras import import_library
 from sightline.files.problem import FileError
 

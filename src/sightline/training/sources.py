@@ -11,13 +11,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool
 
-from sightline.data.frame_lists import read_sample_list
-from sightline.data.kitti_labels import CLASS_NAMES, KittiObjects, read_labels
-from sightline.data.kitti_trees import Part, Velodyne
+from sightline.data.checks.truncations import TRUNCATION_REMEDY, TruncationTally
+from sightline.data.datasets.sample_dataset import NamedSubset, SampleDataset
+from sightline.data.datasets.sample_files import label_file
+from sightline.data.formats.kitti_labels import CLASS_NAMES, KittiObjects, read_labels
+from sightline.data.layouts.frame_lists import read_sample_list
+from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset, resolve_split
-from sightline.data.sample_dataset import NamedSubset, SampleDataset
-from sightline.data.sample_files import label_file
-from sightline.data.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.evaluation.object_tally import listed
 from sightline.files.plain_text import shortened
 from sightline.files.shard_path import data_path, stored_file

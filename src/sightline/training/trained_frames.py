@@ -8,9 +8,9 @@ from itertools import chain, product
 from pathlib import Path
 from typing import Any, Final
 
-from sightline.data.kitti_trees import Part
-from sightline.data.sample_dataset import SampleDataset
-from sightline.data.sample_files import digest_labels
+from sightline.data.datasets.sample_dataset import SampleDataset
+from sightline.data.datasets.sample_files import digest_labels
+from sightline.data.layouts.kitti_trees import Part
 from sightline.training.sources import SourceConfig, data_tree, open_source
 
 FramesByTree = dict[Path, set[str]]

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float, Float64, UInt8
 from torch import Tensor
 
-from sightline.data.map_png import MAX_DEPTH_M, STEPS_PER_METRE
+from sightline.data.formats.map_png import MAX_DEPTH_M, STEPS_PER_METRE
 from sightline.files.atomic import atomic_path
 from sightline.files.extras import import_library
 from sightline.geometry.boxes3d import Boxes3D

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
+from sightline.data.formats.recording_calibration import read_recording_calibration
 from sightline.data.importing.bag import open_bag
 from sightline.data.importing.bag_messages import image_file_from_message, image_from_message
 from sightline.data.importing.bag_sectors import describe_parts_of_turns
 from sightline.data.importing.import_recording import import_recording
-from sightline.data.recording_calibration import read_recording_calibration
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
     CAMERA_MATRIX,

@@ -11,14 +11,14 @@ from rosbags.rosbag2 import StoragePlugin
 
 from sightline.cli.main import main
 from sightline.data.check import check_tree
-from sightline.data.image_file import read_rgb
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.recording_calibration import read_recording_calibration
 from sightline.data.importing import import_bag
 from sightline.data.importing.bag import CLOUD, TRANSFORMS, kind_of, open_bag
 from sightline.data.importing.bag_topics import choose_topics
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.importing.writer import write_cloud
 from sightline.data.open import open_dataset
-from sightline.data.recording_calibration import read_recording_calibration
 from sightline.geometry.tilt import Tilt
 from tests.data.recordings import (
     BASE_FROM_LIDAR,

@@ -7,9 +7,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from sightline.data.check import check_tree
+from sightline.data.formats.kitti_labels import read_labels
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.importing.nuscenes import find_tables
-from sightline.data.kitti_labels import read_labels
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
 from tests.data.recordings import SAMPLE, edit_table, write_nuscenes

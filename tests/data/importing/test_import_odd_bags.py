@@ -15,6 +15,7 @@ from sightline.data.importing import bag_files, bag_limits
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
+from tests.data.formats.test_image_file import with_exif
 from tests.data.recordings import (
     CAMERA_FROM_LIDAR,
     CAMERA_MATRIX,
@@ -25,7 +26,6 @@ from tests.data.recordings import (
     usual_topics,
     write_bag,
 )
-from tests.data.test_image_file import with_exif
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from sightline.data.check import check_tree
+from sightline.data.formats.recording_calibration import read_recording_calibration
 from sightline.data.importing.import_recording import ImportReport, import_recording
 from sightline.data.open import open_dataset
-from sightline.data.recording_calibration import read_recording_calibration
 from sightline.files.problem import FileError
 from tests.data.recordings import BASE_FROM_LIDAR, CAMERA_FROM_BASE, POINTS, SAMPLE, BagMaker
 

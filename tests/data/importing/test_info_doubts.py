@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from sightline.data.formats.recording_calibration import read_recording_calibration
 from sightline.data.importing.import_recording import import_recording
-from sightline.data.recording_calibration import read_recording_calibration
 from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, IMAGE, BagMaker
 
 BASELINE_M = 0.12

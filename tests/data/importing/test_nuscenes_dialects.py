@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from sightline.data.check import check_tree
-from sightline.data.image_file import read_rgb
+from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.kitti_labels import read_labels
+from sightline.data.formats.rings import ring_numbers
 from sightline.data.importing.import_recording import import_recording
-from sightline.data.kitti_labels import read_labels
 from sightline.data.open import open_dataset
-from sightline.data.rings import ring_numbers
 from sightline.files.problem import FileError
 from tests.data.recordings import CAMERA_MATRIX, IMAGE, POINTS, edit_table, write_nuscenes
 

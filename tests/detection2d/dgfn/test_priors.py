@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sightline.data.kitti_labels import parse_objects
+from sightline.data.formats.kitti_labels import parse_objects
 from sightline.detection2d.config import CLASSES, DgfnConfig
 from sightline.detection2d.dgfn.network import (
     corners_of,

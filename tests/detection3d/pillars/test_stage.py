@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from sightline.data.kitti_object import KittiObjectDataset
+from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.detection3d.classes import CAR, CYCLIST, PEDESTRIAN
 from sightline.detection3d.pillars.boxes import find_boxes
 from sightline.detection3d.pillars.config import (

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.pixels import resized_and_cropped
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.pixels import resized_and_cropped
 from sightline.simulation.camera.camera import CameraConfig, SensorConfig
 from sightline.simulation.scene import Actor, Light, Material, Mesh, Pose, Scene
 

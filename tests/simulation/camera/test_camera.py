@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sightline.data.pixels import image_from_lidar, resized_and_cropped
+from sightline.data.formats.pixels import image_from_lidar, resized_and_cropped
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.simulation.camera.camera import (
     SKY,

@@ -9,7 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from sightline.data.frame_checks import read_or_note
+from sightline.data.checks.lidar_mount import pose_of_recording
+from sightline.data.formats.recording_calibration import (
+    Lens,
+    RecordingCalibration,
+    checked_matrices,
+    read_recording_calibration,
+    require_usable,
+)
 from sightline.data.importing.bag import Bag, plain_frame
 from sightline.data.importing.bag_camera_info import (
     CALIBRATION_REMEDY,
@@ -25,17 +32,10 @@ from sightline.data.importing.bag_transforms import (
     world_fault,
 )
 from sightline.data.importing.frames import Rigid, find_transform
-from sightline.data.kitti_trees import describe_absent
-from sightline.data.lidar_mount import pose_of_recording
-from sightline.data.recording_calibration import (
-    Lens,
-    RecordingCalibration,
-    checked_matrices,
-    read_recording_calibration,
-    require_usable,
-)
-from sightline.data.recording_files import list_recording
+from sightline.data.layouts.kitti_trees import describe_absent
+from sightline.data.layouts.recording_files import list_recording
 from sightline.files.plain_text import shortened
+from sightline.files.problem import read_or_note
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
 

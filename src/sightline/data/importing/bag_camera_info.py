@@ -7,13 +7,13 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.data.formats.kitti_calibration import check_intrinsics
+from sightline.data.formats.recording_calibration import Lens, checked_matrices
+from sightline.data.formats.undistortion import check_lens, is_straight, lens_model, without_filling
 from sightline.data.importing.bag import Bag, plain_frame
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.camera_region import ImageRegion, region_of_image
 from sightline.data.importing.frames import Rigid
-from sightline.data.kitti_calibration import check_intrinsics
-from sightline.data.recording_calibration import Lens, checked_matrices
-from sightline.data.undistortion import check_lens, is_straight, lens_model, without_filling
 from sightline.files.plain_text import shortened
 from sightline.geometry.mount import resolution_doubt
 from sightline.geometry.rotations import rotation_fault

@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
+from sightline.data.datasets.newer_frames import changed_at
 from sightline.data.importing.bag_limits import STEP_BYTES, bounded_library, zstd_module
-from sightline.data.newer_frames import changed_at
 from sightline.files.leftovers import is_leftover
 from sightline.files.plain_file import check_no_pointer, read_start
 from sightline.files.plain_text import shortened

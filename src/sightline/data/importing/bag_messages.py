@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from sightline.data.frame_checks import is_blank
-from sightline.data.image_file import decode_pixels
-from sightline.data.image_header import parse_image_header
-from sightline.data.point_files import columns_of
-from sightline.data.point_rows import USED_NAMES, plain_name, warn_of_repeated
+from sightline.data.checks.frame_checks import is_blank
+from sightline.data.formats.image_file import decode_pixels
+from sightline.data.formats.image_header import parse_image_header
+from sightline.data.formats.point_files import columns_of
+from sightline.data.formats.point_rows import USED_NAMES, plain_name, warn_of_repeated
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
 

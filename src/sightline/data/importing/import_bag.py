@@ -14,8 +14,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from sightline.data.frame_checks import is_blank
-from sightline.data.image_file import write_rgb
+from sightline.data.checks.frame_checks import is_blank
+from sightline.data.checks.lidar_mount import describe_rotation
+from sightline.data.formats.image_file import write_rgb
+from sightline.data.formats.recording_calibration import (
+    RecordingCalibration,
+    read_recording_calibration,
+    recording_calibration_text,
+)
 from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_bag
 from sightline.data.importing.bag_calibration import (
     calibration_of_bag,
@@ -63,13 +69,7 @@ from sightline.data.importing.writer import (
     write_or_keep_calibration,
     write_or_keep_times,
 )
-from sightline.data.lidar_mount import describe_rotation
-from sightline.data.recording_calibration import (
-    RecordingCalibration,
-    read_recording_calibration,
-    recording_calibration_text,
-)
-from sightline.data.recording_files import IMAGES, POINTS
+from sightline.data.layouts.recording_files import IMAGES, POINTS
 from sightline.files.atomic import atomic_write_bytes
 from sightline.files.plain_text import shortened
 from sightline.files.problem import Problem

@@ -10,7 +10,16 @@ from typing import Final
 
 import numpy as np
 
-from sightline.data.image_header import IMAGE_SUFFIXES
+from sightline.data.datasets.newer_frames import changed_at
+from sightline.data.formats.image_header import IMAGE_SUFFIXES
+from sightline.data.formats.kitti_calibration import CalibrationMatrices, check_intrinsics
+from sightline.data.formats.kitti_labels import write_objects
+from sightline.data.formats.recording_calibration import (
+    Lens,
+    RecordingCalibration,
+    checked_matrices,
+)
+from sightline.data.formats.undistortion import COEFFICIENTS, LensModel, check_lens
 from sightline.data.importing.frames import Rigid
 from sightline.data.importing.nuscenes import Moment, Moments, Tables
 from sightline.data.importing.nuscenes_files import (
@@ -42,15 +51,7 @@ from sightline.data.importing.writer import (
     write_cloud,
     write_or_keep_times,
 )
-from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
-from sightline.data.kitti_labels import write_objects
-from sightline.data.newer_frames import changed_at
-from sightline.data.recording_calibration import (
-    Lens,
-    RecordingCalibration,
-    checked_matrices,
-)
-from sightline.data.recording_files import (
+from sightline.data.layouts.recording_files import (
     CALIBRATION_SUFFIXES,
     CALIBRATIONS,
     IMAGES,
@@ -58,7 +59,6 @@ from sightline.data.recording_files import (
     POINTS,
     begins_sequence,
 )
-from sightline.data.undistortion import COEFFICIENTS, LensModel, check_lens
 from sightline.files.atomic import atomic_link
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Final
 
+from sightline.data.formats.recording_calibration import read_recording_calibration
 from sightline.data.importing.bag import is_bag
 from sightline.data.importing.bag_clocks import Clock
 from sightline.data.importing.bag_files import SUFFIXES, unread_bag
@@ -10,7 +11,6 @@ from sightline.data.importing.import_bag import import_bag
 from sightline.data.importing.import_nuscenes import import_nuscenes
 from sightline.data.importing.nuscenes import find_tables
 from sightline.data.importing.writer import ImportReport
-from sightline.data.recording_calibration import read_recording_calibration
 from sightline.files.byte_source import url_of
 from sightline.files.problem import refuse_without_effect, shown_place
 from sightline.geometry.wrong_types import named_arguments

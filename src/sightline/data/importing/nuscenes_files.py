@@ -8,11 +8,11 @@ from typing import Final, TypeVar
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.image_header import ImageHeader, read_complete_header
+from sightline.data.formats.image_header import ImageHeader, read_complete_header
+from sightline.data.formats.rings import in_kitti_order
+from sightline.data.formats.velodyne import COLUMNS, other_format
 from sightline.data.importing.nuscenes import Moment
 from sightline.data.importing.writer import CloudTally, count_echoes
-from sightline.data.rings import in_kitti_order
-from sightline.data.velodyne import COLUMNS, other_format
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
 from sightline.geometry.cloud_layouts import has_columns

@@ -11,11 +11,9 @@ import torch
 from jaxtyping import Float32, Float64
 from torch import Tensor
 
-from sightline.data.importing.frames import Rigid
-from sightline.data.importing.nuscenes import Annotation, plain_word
-from sightline.data.kitti_boxes import ImageBox, box_corners, project_box
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.kitti_labels import (
+from sightline.data.formats.kitti_boxes import ImageBox, box_corners, project_box
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_labels import (
     NO_ALPHA,
     NO_LOCATION,
     NO_ROTATION,
@@ -23,6 +21,8 @@ from sightline.data.kitti_labels import (
     UNKNOWN,
     KittiObjects,
 )
+from sightline.data.importing.frames import Rigid
+from sightline.data.importing.nuscenes import Annotation, plain_word
 from sightline.files.plain_text import shortened
 from sightline.geometry.boxes3d import Boxes3D, kitti_from_boxes3d
 from sightline.geometry.mount import MAX_RANGE_M

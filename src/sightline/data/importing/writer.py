@@ -13,26 +13,28 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float32
 
-from sightline.data.between_frames import check_orientations
-from sightline.data.entry_checks import describe_grey
-from sightline.data.frame_lists import TIMES_NAME
-from sightline.data.image_header import read_image_size
-from sightline.data.importing.frames import Rigid
-from sightline.data.kitti_calibration import CalibrationMatrices, check_intrinsics
-from sightline.data.kitti_trees import find_file, list_files
-from sightline.data.newer_frames import changed_at
-from sightline.data.point_files import checked_cloud
-from sightline.data.recording_calibration import (
-    RecordingCalibration,
-    read_recording_calibration,
-    recording_calibration_text,
-)
-from sightline.data.recording_checks import (
+from sightline.data.checks.between_frames import check_orientations
+from sightline.data.checks.entry_checks import describe_grey
+from sightline.data.checks.recording_checks import (
     describe_recording,
     examine_recording_frame,
     view_of_drive,
 )
-from sightline.data.recording_files import (
+from sightline.data.datasets.newer_frames import changed_at
+from sightline.data.formats.image_header import read_image_size
+from sightline.data.formats.kitti_calibration import CalibrationMatrices, check_intrinsics
+from sightline.data.formats.point_files import checked_cloud
+from sightline.data.formats.recording_calibration import (
+    RecordingCalibration,
+    read_recording_calibration,
+    recording_calibration_text,
+)
+from sightline.data.formats.rings import turned_in_order
+from sightline.data.formats.velodyne import write_sweep
+from sightline.data.importing.frames import Rigid
+from sightline.data.layouts.frame_lists import TIMES_NAME
+from sightline.data.layouts.kitti_trees import find_file, list_files
+from sightline.data.layouts.recording_files import (
     CALIBRATION_SUFFIXES,
     CALIBRATIONS,
     IMAGES,
@@ -41,8 +43,6 @@ from sightline.data.recording_files import (
     check_times,
     list_recording,
 )
-from sightline.data.rings import turned_in_order
-from sightline.data.velodyne import write_sweep
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import FileError, Problem, plain_line
 from sightline.geometry.echoes import echoes

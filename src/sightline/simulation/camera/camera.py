@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt16
 
-from sightline.data.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
 from sightline.geometry.choices import check_choices
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.ranges import Within, check_ranges

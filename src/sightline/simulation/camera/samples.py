@@ -5,8 +5,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
-from sightline.data.kitti_calibration import CalibrationMatrices
-from sightline.data.pixels import unproject_pixels
+from sightline.data.formats.kitti_calibration import CalibrationMatrices
+from sightline.data.formats.pixels import unproject_pixels
 from sightline.ops.compiled import compiled
 from sightline.simulation.arrays import RayRows, RayValues, Vector3
 from sightline.simulation.camera.shading import SUN_QUARTERS, LitWorld

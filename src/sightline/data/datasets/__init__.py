@@ -1,0 +1,1 @@
+"""Data sets of samples in KITTI's layouts and as recordings."""

@@ -1,0 +1,1 @@
+"""Formats of single files: images, maps, point clouds, calibrations, labels."""
