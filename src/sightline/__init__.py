@@ -75,8 +75,8 @@ _MODULES: Final = {
     "perceive": "perception.perceive",
     "project_points": "geometry.projection",
     "sparse_depth_map": "geometry.projection",
-    "undistort": "data.undistortion",
-    "write_rgb": "data.image_file",
+    "undistort": "data.formats.undistortion",
+    "write_rgb": "data.formats.image_file",
 }
 """Where each name is defined, below this package."""
 

@@ -29,7 +29,7 @@ MIN_ROOF_GAP_M: Final = 0.1
 """Smallest height of a LiDAR above the own car's roof."""
 MIN_SIDE_PX: Final = 32
 MAX_SIDE_PX: Final = 8192
-"""Together the limits of `data.image_header` for an image."""
+"""Together the limits of `data.formats.image_header` for an image."""
 _MAX_RINGS: Final = 256
 _MIN_RINGS_WITH_VIEW: Final = 4
 _MIN_VIEW_DEG: Final = 2.0  # a LiDAR with rings sees 10 degrees or more; 115 are 2 radians
