@@ -1,6 +1,7 @@
 from dataclasses import replace
 from itertools import product
 
+import numpy as np
 import pytest
 
 from sightline.data.formats.kitti_labels import parse_objects
@@ -46,6 +47,20 @@ def test_every_class_metric_and_difficulty_has_a_score_even_without_detections()
     names |= {f"{name}{suffix}" for name in names for suffix in ("_R11", "_all_points")}
     metric.update([parse_objects(b"", "nothing", with_scores=True)] * len(labels), labels)
     assert metric.compute() == dict.fromkeys(names, 0.0)
+
+
+def test_a_score_without_a_counted_label_is_told_to_select_nothing():
+    metric = KittiObjectMetric(LOOSE)
+    found, labels = records(FILES)
+    unknown = [replace(each, occlusion=np.full(len(each), 3.0)) for each in labels]
+    metric.update(found, unknown)
+    metric.compute()
+    told = "WARNING: no label counts for validation/Car/3d/moderate: there is none, or none by"
+    assert metric.notes("validation/Car/3d/moderate")[-1].startswith(told)
+    metric.reset()
+    metric.update(found, labels)
+    metric.compute()
+    assert "WARNING" not in " ".join(metric.notes("validation/Car/3d/moderate"))
 
 
 def test_frames_and_records_that_do_not_belong_together_are_refused():

@@ -2,11 +2,13 @@
 
 import json
 import shutil
+from itertools import count
 from pathlib import Path
 
 import pytest
 import torch
 
+from sightline.files.weights import read_checkpoint_weights, read_weights
 from sightline.training.command import run_training
 from tests.training import toy
 
@@ -256,3 +258,47 @@ def test_other_data_with_the_checkpoints_names_are_told_as_compared_by_name(
     (line,) = scored_after_training(recipes, capsys, "[{path: .}]", "[{path: .}]", *changes)
     assert line.startswith("9 of 9 test frames of")
     assert "compared by name), so scores are too good unless the run was trained on another" in line
+
+
+def test_frames_that_a_limit_leaves_out_are_told_with_their_sources(recipes, capsys):
+    Path("few.txt").write_text("000000\n000001\n000002\n")
+    sources = '[{"path": ".", "sample_list": "few.txt"}, {"path": "training"}]'
+    given = ["--config", "toy", "--data.validation", sources]
+    limit = ["--trainer.limit_val_batches", "3"]
+    note = (
+        "3 of the 12 validation frames are scored, the first ones, none of training "
+        "(--trainer.limit_val_batches, which a recipe may set; --trainer.limit_val_batches 1.0 "
+        "scores all)"
+    )
+    run_training("fit", [*given, *limit], recipes)
+    assert capsys.readouterr().err.count(note) == 1
+    run_training("validate", [*given, *limit], recipes)
+    assert note in capsys.readouterr().err
+    assert json.loads(Path("runs/toy/validate.json").read_text())["notes"] == [note]
+    run_training("validate", [*given, "--trainer.limit_val_batches", "0.5"], recipes)
+    assert "6 of the 12 validation frames are scored, the first ones (" in capsys.readouterr().err
+    run_training("validate", [*given, "--trainer.limit_val_batches", "1.0"], recipes)
+    assert "are scored" not in capsys.readouterr().err
+    assert json.loads(Path("runs/toy/validate.json").read_text())["notes"] == []
+
+
+def test_of_equal_scores_the_last_one_keeps_its_weights(recipes, capsys, monkeypatch):
+    """A score that stays 0, as no label counts, must not keep the weights of the first epoch."""
+    monkeypatch.setattr(toy.ToyScores, "compute", lambda _: {"mse": torch.tensor(0.0)})
+    run_training("fit", ["--config", "toy"], recipes)
+    last = "weights.safetensors (step 8 of 8, the best by validation/mse: 0)"
+    assert last in capsys.readouterr().out
+    written = read_weights(Path("runs/toy/weights.safetensors"))
+    ended = read_checkpoint_weights(Path("runs/toy/last.ckpt"))
+    assert written.provenance["steps"] == "8"
+    assert all(torch.equal(each, ended.tensors[name]) for name, each in written.tensors.items())
+
+
+def test_of_different_scores_the_best_one_keeps_its_weights(recipes, capsys, monkeypatch):
+    scores = count(1)
+    monkeypatch.setattr(
+        toy.ToyScores, "compute", lambda _: {"mse": torch.tensor(float(next(scores)))}
+    )
+    run_training("fit", ["--config", "toy"], recipes)
+    assert "(step 4 of 8, the best by" in capsys.readouterr().out
+    assert read_weights(Path("runs/toy/weights.safetensors")).provenance["steps"] == "4"

@@ -421,3 +421,23 @@ def test_labels_on_a_server_are_read_until_each_class_has_been_found(tree):
     assert labelled_classes([there], ("Cyclist",)).num_objects == 24
     assert labelled_classes([here], ("Car",), count_all=True).num_objects == 24
     memory.rm("/labels", recursive=True)
+
+
+def test_a_class_without_a_visible_object_in_a_data_set_is_told_where_it_is_not_learned(tree):
+    here, there = tree, toy.write_frames(tree.parent / "there", count=2)
+    sound, unknown = LABEL, LABEL.replace(" 0 0 0 ", " 0 3 0 ", 1)
+    for number in range(12):
+        text = sound.format("Car") + unknown.format("Pedestrian") * (number == 0)
+        (here / "training" / "label_2" / f"{number:06}.txt").write_text(text)
+    for number in range(2):
+        text = unknown.format("Car") * 2 + sound.format("Cyclist") + unknown.format("Van") * 2
+        (there / "training" / "label_2" / f"{number:06}.txt").write_text(text)
+    names = ("Car", "Pedestrian", "Cyclist")
+    with warnings.catch_warnings(action="ignore"):  # of the labels themselves
+        data_sets = [open_with_classes(each) for each in (here, there)]
+    found = labelled_classes(data_sets, names, "2D", count_all=True)
+    assert found.hidden == {"Car": 4}
+    (told,) = found.training_warnings(names, "2D")
+    assert "have an occlusion above 2 (Car 4; 3 is unknown): the image detector does not" in told
+    assert not found.training_warnings(names, "3D")
+    assert not labelled_classes(data_sets[:1], names, "2D", count_all=True).hidden

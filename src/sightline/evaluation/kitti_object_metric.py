@@ -110,7 +110,18 @@ class KittiObjectMetric(Metric):
         Args:
             monitored: Name of the score that selects checkpoints.
         """
-        notes = () if self.last_report is None else tuple(self.last_report.notes())
+        if self.last_report is None:
+            return ()
+        notes = tuple(self.last_report.notes())
+        for each in self.last_report.entries:
+            name = "/".join((each.class_name, each.metric, each.difficulty))
+            if not each.n_gt and monitored.endswith(name):
+                return (
+                    *notes,
+                    f"WARNING: no label counts for {monitored}: there is none, or none by "
+                    "occlusion (3 is unknown), truncation and height in the image. It stays 0 and "
+                    "selects nothing: the weights of the last validation are kept.",
+                )
         return (*notes, f"Checkpoints are still selected by {monitored}, R40.") if notes else ()
 
     def report(self) -> ObjectReport:

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, Checkpoint, ModelCheckpoint
+from torch import Tensor
 from torch.optim import Optimizer
 
 from sightline.files.weights import read_checkpoint_weights, write_weights
@@ -160,7 +161,20 @@ def _is_logged(trainer: Trainer, step: int) -> bool:
 
 
 class _BestCheckpoint(ModelCheckpoint):
-    """Checkpoint of the best score, which survives a move of the run's folder."""
+    """Checkpoint of the best score, the latest of equal ones; it survives a move of the folder."""
+
+    num_saved: int = 0
+    """Number of checkpoints saved in this process."""
+
+    def check_monitor_top_k(self, trainer: Trainer, current: Tensor | None = None) -> bool:
+        """Return whether the score is the best so far, or equals it.
+
+        A score that stays 0 chooses nothing, as no label counts: then the last weights are kept.
+        """
+        is_equal = current is not None and current == self.best_model_score
+        is_saved = super().check_monitor_top_k(trainer, current) or bool(is_equal)
+        self.num_saved += is_saved
+        return is_saved
 
     @property
     def state_key(self) -> str:
@@ -190,29 +204,34 @@ class WriteWeights(Checkpoint):
     may convert them (`TrainingModule.final_weights`).
     """
 
-    def __init__(self, folder: Path, last: LastCheckpoint, best: ModelCheckpoint | None) -> None:
+    def __init__(self, folder: Path, last: LastCheckpoint, best: _BestCheckpoint | None) -> None:
         """Store the folder and the checkpoint callbacks, which must come before this callback."""
         self.path = folder / RUN_WEIGHTS
         self._last = last
         self._best = best
-        self._written_score: float | None = None
+        self._num_written = -1  # a resumed run writes at its first validation
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Write if the validation was the best so far."""
-        if self._best is None or trainer.sanity_checking or self._best.best_model_score is None:
+        if self._best is None or trainer.sanity_checking:
             return
-        score = float(self._best.best_model_score)
-        if score != self._written_score:
-            self._written_score = score
-            best = Path(self._best.best_model_path)
-            self._write(trainer, pl_module, best, {str(self._best.monitor): score})
+        if self._num_written != self._best.num_saved:
+            self._num_written = self._best.num_saved
+            self._write_best(trainer, pl_module, self._best)
 
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Write if nothing was validated, or if a complete run is resumed and has no weights."""
         if self._best is None or self._best.best_model_score is None:
             self._write(trainer, pl_module, self._last.path, {})
         elif not self.path.is_file() or not self.path.stat().st_size:
-            self.on_validation_end(trainer, pl_module)
+            self._write_best(trainer, pl_module, self._best)
+
+    def _write_best(
+        self, trainer: Trainer, pl_module: LightningModule, best: _BestCheckpoint
+    ) -> None:
+        if best.best_model_score is not None:
+            scores = {str(best.monitor): float(best.best_model_score)}
+            self._write(trainer, pl_module, Path(best.best_model_path), scores)
 
     def _write(
         self,

@@ -33,6 +33,7 @@ from sightline.training.sampling import (
     SampleKey,
     ScoringBatches,
     TrainingBatches,
+    limit_batches,
 )
 from sightline.training.sources import (
     LearnedBox,
@@ -40,6 +41,7 @@ from sightline.training.sources import (
     data_tree,
     labelled_classes,
     open_source,
+    unscored_note,
 )
 from sightline.training.trained_frames import (
     FramesByTree,
@@ -159,8 +161,10 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
     ) -> None:
         """Store open data sets, each with its number of repeats."""
         self._datasets = tuple(dataset for dataset, _ in datasets)
-        self._lengths = np.array([len(dataset) for dataset, _ in datasets], dtype=np.int64)
-        self._ends = np.cumsum(self._lengths * np.array([repeat for _, repeat in datasets]))
+        self.num_frames = tuple(len(dataset) for dataset, _ in datasets)
+        self._ends = np.cumsum(
+            np.array(self.num_frames) * np.array([repeat for _, repeat in datasets])
+        )
         self._preparation = preparation
         self._seed = seed
         self._training = training
@@ -184,7 +188,7 @@ class PreparedSamples(Dataset[FieldwiseBatch]):
         """Find the data set of a sample, and its index there."""
         source = int(np.searchsorted(self._ends, index, side="right"))
         start = int(self._ends[source - 1]) if source else 0
-        return self._datasets[source], (index - start) % int(self._lengths[source])
+        return self._datasets[source], (index - start) % self.num_frames[source]
 
     def _names(self, keys: Sequence[SampleKey]) -> list[str]:
         """List the names of samples."""
@@ -272,6 +276,8 @@ class CameraLidarData(lightning.LightningDataModule):
         self._training_frames: FramesByTree = {}
         self._checkpoint_frames: FramesByTree = {}  # those of a scored checkpoint
         self._validated: dict[str, Any] = {}  # state of the validation frames in checkpoints
+        self.unscored: str | None = None
+        """Note on validation or test frames that the Trainer's limit leaves out."""
         self._printed: set[str] = set()
         self._warned: set[tuple[str, str]] = set()
 
@@ -362,6 +368,13 @@ class CameraLidarData(lightning.LightningDataModule):
         samples = self._open(name, training=False)
         rank, world = self._rank_and_world()
         batches = ScoringBatches(len(samples), self.validation_batch_size, rank=rank, world=world)
+        limit = getattr(
+            self.trainer, f"limit_{'val' if name == 'validation' else name}_batches", None
+        )
+        num_batches = limit_batches(limit, len(batches))
+        num_scored = num_batches * self.validation_batch_size * world
+        self.unscored = unscored_note(name, self.sources[name], samples.num_frames, num_scored)
+        self._print_once(self.unscored)
         return BatchLoader(samples, batches, workers=self.workers, seed=self.seed)
 
     def check_training_sources(self, *, world: int) -> None:

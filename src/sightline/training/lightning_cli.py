@@ -26,7 +26,7 @@ from lightning.pytorch.utilities import rank_zero_only
 from sightline.files.atomic import atomic_write_text, disk_fault
 from sightline.files.settings import shorten_parser_error, without_backspaces
 from sightline.files.weights import read_checkpoint_weights
-from sightline.files.weights_header import RUN_WEIGHTS, has_weights
+from sightline.files.weights_header import RUN_WEIGHTS, has_weights, read_description
 from sightline.jobs.output_dirs import check_outside_dataset
 from sightline.training.arguments import (
     CHECKPOINT_EVERY_N_STEPS,
@@ -379,7 +379,14 @@ class _TrainingCLI(LightningCLI):
             )
         if self.trainer.is_global_zero:
             kept = f"the weights are in {RUN_WEIGHTS}" if is_written else "no weights were written"
-            print(f"{folder}: {kept}")
+            print(f"{folder}: {kept}{self._chosen_by(folder / RUN_WEIGHTS) if is_written else ''}")
+
+    def _chosen_by(self, path: Path) -> str:
+        """Describe the step of written weights, and the score that chose them."""
+        provenance = read_description(path).provenance
+        name, _ = self.model.monitored
+        by = f", the best by {name}: {provenance[name]}" if name in provenance else ""
+        return f" (step {int(provenance['steps']):,} of {self.trainer.global_step:,}{by})"
 
     def after_validate(self) -> None:
         """Write the metrics."""
@@ -450,7 +457,7 @@ class _TrainingCLI(LightningCLI):
             "metrics": {
                 name: score if math.isfinite(score) else None for name, score in scores.items()
             },
-            "notes": list(self.model.notes),
+            "notes": [*self.model.notes, *filter(None, [self.datamodule.unscored])],
         }
         path = config["run_folder"] / f"{self.subcommand}.json"
         atomic_write_text(path, json.dumps(report, indent=2) + "\n")

@@ -11,6 +11,13 @@ SampleKey = tuple[int, int]
 """Epoch and index of a sample."""
 
 
+def limit_batches(limit: int | float | None, num_batches: int) -> int:  # noqa: PYI041 - they differ
+    """Compute the number of batches that a Trainer takes: a whole limit is a number, 0.5 half."""
+    if limit is None:
+        return num_batches
+    return min(limit, num_batches) if isinstance(limit, int) else int(limit * num_batches)
+
+
 class TrainingBatches(Sampler[list[SampleKey]]):
     """Shuffled batches of one epoch, from a given batch on.
 
@@ -112,12 +119,7 @@ class EpochPosition:
         """
         if self._trainer is None:
             return 0, 0
-        limit = self._trainer.limit_train_batches
-        num_batches = self._num_batches
-        if isinstance(limit, int):
-            num_batches = min(limit, num_batches)
-        elif limit is not None:
-            num_batches = int(limit * num_batches)
+        num_batches = limit_batches(self._trainer.limit_train_batches, self._num_batches)
         num_trained: int = self._trainer.fit_loop.epoch_loop.batch_progress.state_dict()["total"][
             "processed"
         ]

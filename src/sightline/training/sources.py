@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from itertools import compress
+from itertools import accumulate, compress
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +14,12 @@ from jaxtyping import Bool
 from sightline.data.checks.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.data.datasets.sample_dataset import NamedSubset, SampleDataset
 from sightline.data.datasets.sample_files import label_file
-from sightline.data.formats.kitti_labels import CLASS_NAMES, KittiObjects, read_labels
+from sightline.data.formats.kitti_labels import (
+    CLASS_NAMES,
+    MAX_OCCLUSION,
+    KittiObjects,
+    read_labels,
+)
 from sightline.data.layouts.frame_lists import read_sample_list
 from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset, resolve_split
@@ -29,6 +34,7 @@ from sightline.jobs.output_dirs import is_split
 LearnedBox = Literal["2D", "3D"]
 """Kind of the labelled boxes that a network learns."""
 
+_MIN_HIDDEN = 3  # number of objects that are not all hidden by chance
 _VALIDATION_SHARE = 10  # one frame in ten is for validation if there is no list
 
 
@@ -173,6 +179,9 @@ class LabelledClasses:
     """Learned classes of which there is no object, in order; none if a data set has no labels."""
     without_box: dict[str, int]
     """Numbers of the objects of learned classes that lack the learned box, by class."""
+    hidden: dict[str, int]
+    """Numbers of the objects of learned classes, by class, of which a data set has some and all
+    have an occlusion that does not count."""
     truncations: TruncationTally
     """Counts of the truncations in the files that were read."""
     unknown: dict[str, int]
@@ -208,6 +217,13 @@ class LabelledClasses:
             found.append(
                 f"warning: the labels of the training frames {doubt}; the image detector does not "
                 f"learn such objects; {TRUNCATION_REMEDY}"
+            )
+        if self.hidden and box == "2D":
+            found.append(
+                "warning: in the labels of the training frames all objects of a class and data set "
+                f"have an occlusion above {MAX_OCCLUSION} ({listed(self.hidden)}; 3 is unknown): "
+                "the image detector does not learn them; write 0 where it is not known, or leave "
+                "out their source"
             )
         effect = "these classes are learned as background"
         if len(self.absent) == len(learned):
@@ -256,26 +272,46 @@ def labelled_classes(
     """
     listed_files = [[label_file(each, index) for index in range(len(each))] for each in datasets]
     absent, counts, without_box = set(class_names), Counter[str](), Counter[str]()
+    in_set, hidden_in_set = Counter[tuple[int, str]](), Counter[tuple[int, str]]()
     truncations = TruncationTally()
-    for file in dict.fromkeys(file for files in listed_files for file in files if file is not None):
+    for file, place in _first_places(listed_files).items():
         if not absent and (not count_all or stored_file(file) is None):
             continue
         objects = read_labels(file)
-        counts.update(objects.class_names)
+        names = objects.class_names
+        counts.update(names)
         truncations.add(objects)
         has_box = _has_box(objects, box)
-        absent -= set(compress(objects.class_names, has_box.tolist()))
-        without_box.update(compress(objects.class_names, (~has_box).tolist()))
+        absent -= set(compress(names, has_box.tolist()))
+        without_box.update(compress(names, (~has_box).tolist()))
+        in_set.update((place, name) for name in names)
+        is_hidden = objects.occlusion > MAX_OCCLUSION
+        hidden_in_set.update((place, name) for name in compress(names, is_hidden.tolist()))
+    hidden = Counter[str]()
+    for (place, name), count in hidden_in_set.items():
+        if name in class_names and count == in_set[place, name] and count >= _MIN_HIDDEN:
+            hidden[name] += count
     known = {*CLASS_NAMES, "DontCare", *class_names}
     return LabelledClasses(
         absent=tuple(name for name in class_names if name in absent)
         if all(map(any, listed_files))
         else (),
         without_box={name: count for name, count in without_box.items() if name in class_names},
+        hidden=dict(hidden),
         truncations=truncations,
         unknown={name: count for name, count in counts.items() if name not in known},
         num_objects=counts.total(),
     )
+
+
+def _first_places(listed_files: Sequence[Sequence[Path | None]]) -> dict[Path, int]:
+    """Map each label file to the first data set that has it."""
+    places: dict[Path, int] = {}
+    for place, files in enumerate(listed_files):
+        for file in files:
+            if file is not None:
+                places.setdefault(file, place)
+    return places
 
 
 def _has_box(objects: KittiObjects, box: LearnedBox | None) -> Bool[np.ndarray, " num_objects"]:
@@ -284,6 +320,32 @@ def _has_box(objects: KittiObjects, box: LearnedBox | None) -> Bool[np.ndarray, 
     extents = objects.boxes2d[:, 2:] - objects.boxes2d[:, :2]
     sizes = extents if box == "2D" else objects.dimensions_hwl
     return np.asarray((sizes > 0).all(axis=1))
+
+
+def unscored_note(
+    name: str, sources: Sequence[SourceConfig], num_frames: Sequence[int], num_scored: int
+) -> str | None:
+    """Describe the frames of validation or test that the Trainer's limit leaves out; None: none.
+
+    Args:
+        name: Use of the frames: validation, test.
+        sources: Sources in the order of scoring.
+        num_frames: Number of frames of each.
+        num_scored: Number of scored frames, the first ones.
+    """
+    total = sum(num_frames)
+    if num_scored >= total:
+        return None
+    starts = accumulate(num_frames, initial=0)
+    unscored = [
+        str(each.path) for each, start in zip(sources, starts, strict=False) if start >= num_scored
+    ]
+    none_of = f", none of {', '.join(unscored)}" if unscored else ""
+    flag = f"--trainer.limit_{'val' if name == 'validation' else name}_batches"
+    return (
+        f"{num_scored:,} of the {total:,} {name} frames are scored, the first ones{none_of} "
+        f"({flag}, which a recipe may set; {flag} 1.0 scores all)"
+    )
 
 
 def _has_list(folder: Path, name: str) -> bool:
