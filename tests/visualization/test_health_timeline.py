@@ -56,6 +56,26 @@ def test_the_number_of_a_frame_stays_whole_in_a_short_name():
     assert np.array_equal(draw_health(frames), draw_health(short))
 
 
+@pytest.mark.parametrize("name", ["frame-{:04d}_cam", "drive_of_may_{:03d}_cam2"])
+def test_a_long_name_is_its_number_without_what_all_names_have(name):
+    frames = [frame(n, name=name) for n in range(0, 60, 3)]
+    short = [frame(n) for n in range(0, 60, 3)]
+    assert np.array_equal(draw_health(frames), draw_health(short))
+
+
+@pytest.mark.parametrize(("name", "shown"), [("{:04d}_left", "{}_left"), ("00{}.5", "{}.5")])
+def test_zero_stays_before_what_is_no_digit(name, shown):
+    frames = [frame(n, name=name) for n in (0, 3)]
+    assert np.array_equal(draw_health(frames), draw_health([frame(n, name=shown) for n in (0, 3)]))
+
+
+def test_names_of_which_one_begins_all_others_are_not_shortened_to_nothing():
+    frames = [frame(0, name="drive_of_may"), frame(0, name="drive_of_may_2")]
+    whole = [frame(0, name="drive_of_may"), frame(0, name="..ive_of_may_2")]
+    assert np.array_equal(draw_health(frames[1:]), draw_health(whole[1:]))
+    assert not np.array_equal(draw_health(frames), draw_health([frame(0), frames[1]]))
+
+
 def test_a_drive_without_frames_is_refused():
     with pytest.raises(ValueError, match="at least one frame"):
         draw_health([])

@@ -1,6 +1,7 @@
 """Chart of the health of a drive's sensors over its frames."""
 
 import itertools
+import re
 import textwrap
 from collections.abc import Sequence
 
@@ -27,6 +28,7 @@ _MAX_YAW_DEG = 4.0
 _MAP_HEIGHT = 150
 _NUM_TICKS = 6
 _MAX_NAME_LETTERS = 12  # of a frame's name below a chart
+_DIGITS = "0123456789"
 _NOTE_LINE_PX = 18
 _NOTE_LETTERS = 130  # per line of notes
 _DENSE = 300  # number of frames above which lines are thin and without dots
@@ -82,16 +84,25 @@ def _ticks(frames: Sequence[FrameHealth]) -> list[tuple[float, str]]:
 
 
 def _short_names(names: Sequence[str]) -> list[str]:
-    """Shorten names: without leading zeros, and without a common prefix if they are long.
+    """Shorten names: without leading zeros, and without common letters at the ends if long.
 
-    Numbers stay whole: the common prefix ends before the digits of a number.
+    Numbers stay whole: the common prefix ends before the digits of a number, the common ending
+    begins after them.
     """
     if len(names) > 1 and max(map(len, names)) > _MAX_NAME_LETTERS:
-        letters = itertools.takewhile(lambda each: len(set(each)) == 1, zip(*names, strict=False))
-        shared = "".join(each[0] for each in letters).rstrip("0123456789")
-        names = [name.removeprefix(shared) for name in names]
-    bare = [name.lstrip("0") or "0" for name in names]
+        prefix = _common_prefix(names).rstrip(_DIGITS)
+        if prefix not in names:
+            names = [name.removeprefix(prefix) for name in names]
+        ending = _common_prefix([name[::-1] for name in names])[::-1].lstrip(_DIGITS)
+        if ending not in names:
+            names = [name.removesuffix(ending) for name in names]
+    bare = [re.sub(r"^0+(?=[0-9])", "", name) for name in names]
     return [n if len(n) <= _MAX_NAME_LETTERS else f"..{n[-_MAX_NAME_LETTERS:]}" for n in bare]
+
+
+def _common_prefix(names: Sequence[str]) -> str:
+    letters = itertools.takewhile(lambda each: len(set(each)) == 1, zip(*names, strict=False))
+    return "".join(each[0] for each in letters)
 
 
 def _score_chart(
