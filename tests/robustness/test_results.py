@@ -211,6 +211,14 @@ def test_cases_without_results_are_left_out_with_a_note(written, tmp_path):
     assert theirs.record.scores == expected
     written_json = json.loads((tmp_path / "out" / "robustness.json").read_text())
     assert written_json["absent_cases"] == ["camera_blank"]
+    some = tmp_path / "some"
+    shutil.copytree(cases, some)
+    for path in some.glob("camera_dead_pixels-[12]"):
+        shutil.rmtree(path)
+        shutil.rmtree(mine / path.name)
+    few = score_results(OracleTask(), some, mine, tmp_path / "few", SETTINGS)
+    assert set(few.absent_cases) == {"camera_blank", "camera_dead_pixels-1", "camera_dead_pixels-2"}
+    assert few.notes()[0].endswith(": camera_blank, and 2 that are not in the folder of cases.")
     for path in mine.iterdir():
         if path.name != "clean":
             shutil.rmtree(path)

@@ -48,6 +48,8 @@ class RobustnessReport:
     healthy: Mapping[Sensor, Record] = field(default_factory=dict)
     absent_cases: tuple[str, ...] = ()
     """Cases of the suite without results: not scored, and not in any mean."""
+    unmade_cases: frozenset[str] = frozenset()
+    """Cases of `absent_cases` that are not in the folder of cases: the notes count them."""
     no_cases: tuple[str, ...] = ()
     """Folders of results that match no case of the suite: not scored."""
 
@@ -111,14 +113,20 @@ class RobustnessReport:
                 *notes,
             )
         if self.absent_cases:
-            count = len(self.absent_cases)
-            notes = (
-                f"WARNING: {count} case{'s' if count > 1 else ''} of suite "
-                f"{self.record.setting.suite} without results, not scored and in no mean: "
-                f"{', '.join(self.absent_cases)}.",
-                *notes,
-            )
+            notes = (self._note_of_absent_cases(), *notes)
         return notes
+
+    def _note_of_absent_cases(self) -> str:
+        count = len(self.absent_cases)
+        listed = [name for name in self.absent_cases if name not in self.unmade_cases]
+        if len(listed) < count:
+            joint = "and " if listed else "all "
+            listed.append(f"{joint}{count - len(listed)} that are not in the folder of cases")
+        return (
+            f"WARNING: {count} case{'s' if count > 1 else ''} of suite "
+            f"{self.record.setting.suite} without results, not scored and in no mean: "
+            f"{', '.join(listed)}."
+        )
 
     def markdown(self) -> str:
         """Format the tables as Markdown."""

@@ -149,7 +149,12 @@ def score_results(
     _draw(drawer, cases, results, chosen, made_with["velodyne"])
     absent = tuple(case.name for case in requested if case not in chosen)
     report = RobustnessReport(
-        record=record, baseline=baseline, healthy=healthy, absent_cases=absent, no_cases=unknown
+        record=record,
+        baseline=baseline,
+        healthy=healthy,
+        absent_cases=absent,
+        unmade_cases=frozenset(name for name in absent if not (cases / name).is_dir()),
+        no_cases=unknown,
     )
     report.write(out)
     return report
