@@ -16,7 +16,7 @@ from rich.console import Console
 from sightline.cli.main import main
 from sightline.files.problem import FileError
 from sightline.robustness.charts import heat_color, nice_top, remaining_share
-from sightline.robustness.compare import compare_runs
+from sightline.robustness.compare import Comparison, compare_runs
 from sightline.robustness.record import read_record
 from sightline.robustness.report import RobustnessReport
 from sightline.robustness.texts import TextTable
@@ -197,6 +197,18 @@ def test_three_runs_are_compared_each_with_the_first_and_drawn(two, tmp_path, ca
     assert re.search(r"clean +80\.0 +60\.0 +50\.0 +\+20\.0 +\+30\.0", shown)
     drawn = page.read_text()
     assert all(f'class="bar {style}"' in drawn for style in ("ours", "other", "third"))
+
+
+def test_runs_of_one_name_are_numbered_wherever_the_page_and_the_tables_name_them(tmp_path):
+    records = tuple(record_of(AP, first, TABLE) for first in (80.0, 60.0))
+    runs = Comparison(records=records)
+    runs.write(tmp_path / "both.html")
+    words = Page((tmp_path / "both.html").read_text()).words
+    assert "toy" not in words
+    assert words.count("toy (2)") == words.count("toy (1)") == 2  # heading and legend
+    assert "toy (1) and toy (2)" in words  # the title
+    assert any("by toy (1), 2 frames" in each and "and by toy (2)" in each for each in words)
+    assert "by toy (1), 2 frames" in text(runs)
 
 
 def test_notes_of_a_run_come_back_from_its_file_and_stand_in_every_report(two, tmp_path):

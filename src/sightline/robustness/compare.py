@@ -83,7 +83,7 @@ class Comparison:
         from rich.console import Group
         from rich.text import Text
 
-        first, *others = self.records
+        first, *others = self._named_records()
         names = ", ".join(each.method for each in others)
         head = Text("\n".join((f"{setting_text(first)}; and by {names}", *self.notes())))
         return Group(head, *(rich_table(each) for each in self.tables()))
@@ -101,7 +101,7 @@ class Comparison:
     def write(self, path: Path) -> None:
         """Draw all runs on a page."""
         page = compare_page(
-            self.records, self._metrics_table(), self.measured(), notes=self.notes()
+            self._named_records(), self._metrics_table(), self.measured(), notes=self.notes()
         )
         atomic_write_text(path, page)
 
@@ -142,6 +142,11 @@ class Comparison:
         if len(names) == 2:
             errors = ["mCE of the first"]
         return TextTable(title="All metrics", header=("metric", *header, *errors), rows=tuple(rows))
+
+    def _named_records(self) -> list[Record]:
+        """List the records, each with a name of its own."""
+        names = self._names()
+        return [replace(each, method=n) for n, each in zip(names, self.records, strict=True)]
 
     def _names(self) -> tuple[str, ...]:
         """List names of the methods, numbered if several have the same name."""

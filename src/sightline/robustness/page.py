@@ -86,7 +86,7 @@ def compare_page(
     """Make the page of several runs.
 
     Args:
-        records: The runs, of the same cases.
+        records: The runs, of the same cases and of different names.
         table: All metrics of all runs.
         measured: Every metric with the measures of all runs.
         notes: Notes on the interpretation of the scores.
