@@ -50,17 +50,21 @@ def discard_output(stream: TextIO) -> None:
 def show_table(table: "RenderableType") -> None:
     """Print a table in the colours and the width of the terminal, if there is one.
 
+    Tables that are wider are printed in parts, see `sightline.cli.tables`.
+
     Raises:
         BrokenPipeError: The reader has closed the pipe.
         ValueError: Standard output cannot be written to.
     """
-    from rich.console import Console
+    from rich.console import Console, Group
+
+    from sightline.cli.tables import fitted
 
     console = Console()
     if not console.is_terminal:
         console = Console(width=_FILE_WIDTH)
     with _standard_output():
-        console.print(_Plain(table))
+        console.print(_Plain(Group(*fitted(table, console))), crop=False)
 
 
 def warn(message: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from sightline.files.atomic import atomic_write_text
 from sightline.files.problem import markdown_text
@@ -190,7 +190,9 @@ def rich_table(table: TextTable) -> "Table":
         title=Text(table.title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
     for number, name in enumerate(table.header):
-        drawn.add_column(Text(name), justify="right" if number else "left", no_wrap=True)
+        has_words = any(" " in row[number] for row in table.rows)  # "12.5 camera_fog-3"
+        justify: Literal["left", "right"] = "right" if number else "left"
+        drawn.add_column(Text(name), justify=justify, no_wrap=not number or not has_words)
     for row in table.rows:
         drawn.add_row(*map(Text, row))
     return drawn
