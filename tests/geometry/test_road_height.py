@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sightline.geometry.road_height import (
-    describe_lowness,
+    describe_odd_height,
     drive_height_m,
     lidar_pose,
     mount_doubts,
@@ -86,6 +86,31 @@ def test_a_level_lidar_and_one_that_is_hardly_tilted_have_no_tilt():
     assert lidar_pose([POINTS]).height_m == road_height_m(POINTS)
 
 
+@pytest.mark.parametrize("height_m", [5.3, 7.0, 9.5])
+@pytest.mark.parametrize("pitch_deg", [0.0, 12.0])
+def test_a_lidar_on_a_mast_has_the_road_that_one_on_a_car_has(height_m, pitch_deg):
+    tilt = Tilt(roll_deg=0.0, pitch_deg=pitch_deg)
+    raised = POINTS[:, :3] - np.float32([0, 0, height_m - 1.73])
+    cloud = raised.astype(np.float64) @ tilt.level_from_lidar[:3, :3]
+    pose = lidar_pose([cloud])
+    assert pose.height_m == pytest.approx(height_m, abs=0.2)
+    assert (0.0 if pose.tilt is None else pose.tilt.pitch_deg) == pytest.approx(pitch_deg, abs=1.5)
+    assert upright_turn(cloud) is None
+    assert "lidar_height_m is 1.73, but the road" in str(mount_doubts([cloud], 1.73, None)[0])
+
+
+def test_a_road_far_below_counts_only_where_no_sweep_shows_one_near():
+    assert repr(lidar_pose([POINTS, POINTS - np.float32([0, 0, 6, 0])])) == repr(
+        lidar_pose([POINTS])
+    )
+
+
+def test_noise_has_no_road_far_below():
+    rng = np.random.default_rng(0)
+    clouds = [rng.uniform((-30, -30, -10), (30, 30, 10), (5000, 3)) for _ in range(3)]
+    assert all(road_plane(cloud, 10.0) is None for cloud in clouds)
+
+
 def test_a_tilt_that_is_given_is_kept():
     given_tilt = Tilt(roll_deg=0.0, pitch_deg=1.0)
     assert lidar_pose([tilted_cloud(given_tilt)], given_tilt).tilt == given_tilt
@@ -115,12 +140,16 @@ def tilted_cloud(tilt):
     return POINTS[:, :3].astype(np.float64) @ tilt.level_from_lidar[:3, :3]
 
 
-@pytest.mark.parametrize(("height_m", "is_doubted"), [(0.51, True), (0.0, False), (1.73, False)])
+@pytest.mark.parametrize(
+    ("height_m", "is_doubted"),
+    [(0.51, True), (0.0, False), (1.73, False), (4.9, False), (5.7, True), (7.0, False)],
+)
 def test_a_height_of_points_in_feet_is_doubted_and_an_origin_on_the_road_is_not(
     height_m, is_doubted
 ):
-    doubt = describe_lowness(height_m)
-    assert ("in feet" in doubt) == ("vehicle's frame" in doubt) == is_doubted
+    doubt = describe_odd_height(height_m)
+    cause = "on a mast" if height_m > 5 else "vehicle's frame"
+    assert ("in feet" in doubt) == (cause in doubt) == is_doubted
 
 
 @pytest.mark.parametrize(
@@ -132,5 +161,5 @@ def test_a_given_height_is_doubted_from_a_quarter_of_a_metre(error_m, is_doubted
 
 
 def test_a_height_below_the_road_is_doubted_one_on_it_is_not():
-    assert "no LiDAR is below the road" in describe_lowness(-0.17)
-    assert not describe_lowness(-0.05)
+    assert "no LiDAR is below the road" in describe_odd_height(-0.17)
+    assert not describe_odd_height(-0.05)

@@ -118,6 +118,15 @@ def test_a_height_that_has_to_be_assumed_is_warned_of():
     assert made.higher_than_kitti_m == 0
 
 
+def test_a_tilt_that_has_to_be_assumed_beside_a_given_height_is_warned_of():
+    calibration, points = mounted_arrays(LEVEL)
+    random = np.random.default_rng(0)
+    cloud = random.uniform((5, -15, 1, 0), (35, 15, 6, 1), (4000, 4)).astype(np.float32)
+    with pytest.warns(UserWarning, match=r"find the LiDAR's tilt .* give lidar_tilt_deg"):
+        CameraLidarSample.from_arrays(calibration, image=IMAGE, points=cloud, lidar_height_m=6.0)
+    CameraLidarSample.from_arrays(calibration, image=IMAGE, points=points[:20], lidar_height_m=6.0)
+
+
 def test_points_whose_z_axis_points_down_are_warned_of_with_what_to_convert():
     turn = np.diag([1.0, -1.0, -1.0, 1.0])
     down = POINTS * np.float32([1, -1, -1, 1])

@@ -19,7 +19,7 @@ _WINDOW_M = 0.2  # range of heights that contains most cells of a road
 _SCALES_M = (0.4, 0.3, 0.2, 0.15, 0.1, 0.1)  # scales of the residuals, from coarse to fine
 _MIN_CELLS = 30
 _PRIOR_CELLS = 5.0  # weight of a level road, for cells too close together to determine the slope
-_LOWEST_M, _HIGHEST_M = -0.3, 5.0
+_LOWEST_M = -0.3
 _LEVEL = Tilt(roll_deg=0.0, pitch_deg=0.0)
 _MAX_TILT_DEG, _STEP_DEG = 24.0, 3.0  # limits and step of the search, in roll and in pitch
 _SEARCHED_CELLS = 600  # enough to choose a step
@@ -33,7 +33,10 @@ _CLEARLY_MORE = 2.0  # ratio of cells on a road in another direction
 MIN_LIDAR_HEIGHT_M: Final = -0.3
 """Smallest LiDAR height: the origin may lie on the road, as in a frame called base_footprint."""
 MAX_LIDAR_HEIGHT_M: Final = 10.0
-"""Height above any LiDAR on wheels; a greater number is in another unit."""
+"""Height above any LiDAR on wheels and most on masts; a greater number is in another unit."""
+
+USUAL_HEIGHT_M: Final = 5.0
+"""Height above LiDARs on cars and trucks; a road farther below is searched where none is nearer."""
 
 MAX_TILT_DEG: Final = 45.0
 """Roll and pitch beyond any LiDAR on the road; a greater number is no tilt."""
@@ -41,6 +44,18 @@ MAX_TILT_DEG: Final = 45.0
 _FEET_M: Final = (0.3, 0.7)
 """Heights of a car's LiDAR whose points are in feet taken for metres: those of KITTI's 90 frames
 are 0.41 to 0.67 (but for one), and no sound one is below 1.5. An origin on the road lies below."""
+
+_FEET_AS_HIGH_M: Final = 6.5
+"""Heights from the usual to this one may be those of a car's LiDAR in feet, too."""
+
+_MANY_POINTS: Final = 2000
+"""Number of points from which a sweep without a road is no mere remainder of a sweep."""
+
+UNKNOWN_TILT: Final = (
+    "too little of the road is visible to find the LiDAR's tilt beside its given height: a level "
+    "one is assumed; give lidar_tilt_deg, zeros if it is level"
+)
+"""Warning for sweeps by `is_road_hidden`."""
 
 _BELOW_ROAD_M = -0.1  # an origin on the road may be measured a little below it
 
@@ -137,10 +152,15 @@ def mount_doubts(
     return tuple(doubts)
 
 
-def describe_lowness(height_m: float) -> str:
+def describe_odd_height(height_m: float) -> str:
     """Describe the causes of a height that few LiDARs have, in a clause; empty: plausible."""
     if height_m < _BELOW_ROAD_M:
         return "; no LiDAR is below the road: give lidar_height_m"
+    if USUAL_HEIGHT_M < height_m < _FEET_AS_HIGH_M:
+        return (
+            "; few are so high: give points in metres if these are in feet, else lidar_height_m, "
+            "as for a LiDAR on a mast"
+        )
     if not _FEET_M[0] < height_m < _FEET_M[1]:
         return ""
     return (
@@ -154,6 +174,7 @@ def lidar_pose(
 ) -> LidarPose:
     """Estimate a LiDAR's height and tilt by the median of the road planes in some sweeps.
 
+    A road more than 5 m below counts only if no sweep shows one nearer.
     Tilts below 3 degrees count as none; with less than three sweeps, those below 4. On 90 frames of
     KITTI, whose LiDAR is level, single sweeps are off by up to 3.4 degrees.
 
@@ -162,8 +183,25 @@ def lidar_pose(
         tilt: Known tilt, if any.
     """
     clouds = [sweep[:, :3].astype(np.float64) for sweep in sweeps]
+    pose = _pose_up_to(USUAL_HEIGHT_M, clouds, tilt)
+    if pose.height_m is not None:
+        return pose
+    high = _pose_up_to(MAX_LIDAR_HEIGHT_M, clouds, tilt)
+    return pose if high.height_m is None else high
+
+
+def is_road_hidden(
+    sweeps: Sequence[Float[np.ndarray, "_num_points _fields"]], pose: LidarPose
+) -> bool:
+    """Whether some sweeps have many points, but no road by which `lidar_pose` finds their pose."""
+    return pose.height_m is None and max(map(len, sweeps), default=0) >= _MANY_POINTS
+
+
+def _pose_up_to(
+    highest_m: float, clouds: Sequence[Float64[np.ndarray, "_num_points 3"]], tilt: Tilt | None
+) -> LidarPose:
     if tilt is None:
-        planes = [plane for xyz in clouds if (plane := road_plane(xyz)) is not None]
+        planes = [plane for xyz in clouds if (plane := road_plane(xyz, highest_m)) is not None]
         min_deg = _MIN_TILT_DEG if len(planes) >= _MANY_SWEEPS else _MIN_TILT_FEW_SWEEPS_DEG
         if planes:
             found = Tilt.from_up(np.median([plane.tilt.up for plane in planes], axis=0))
@@ -171,10 +209,12 @@ def lidar_pose(
     if tilt is not None:
         rotation = tilt.level_from_lidar[:3, :3]
         clouds = [xyz @ rotation.T for xyz in clouds]
-    return LidarPose(height_m=drive_height_m(clouds), tilt=tilt)
+    return LidarPose(height_m=drive_height_m(clouds, highest_m), tilt=tilt)
 
 
-def road_plane(points: Float[np.ndarray, "num_points fields"]) -> RoadPlane | None:
+def road_plane(
+    points: Float[np.ndarray, "num_points fields"], highest_m: float = USUAL_HEIGHT_M
+) -> RoadPlane | None:
     """Fit the road in a sweep of a LiDAR that is tilted by up to 24 degrees in roll and in pitch.
 
     The fit of `road_height_m` starts twice: from a level LiDAR, and from the best tilt of a grid in
@@ -184,17 +224,18 @@ def road_plane(points: Float[np.ndarray, "num_points fields"]) -> RoadPlane | No
     Args:
         points: x, y, z first [m], LiDAR frame with z about up; rows that are not finite are
             ignored.
+        highest_m: Greatest height of the LiDAR.
 
     Returns:
         The plane; None if hardly any road is visible.
     """
     xyz = points[:, :3].astype(np.float64)
     xyz = xyz[np.isfinite(xyz).all(axis=1)]
-    level = _plane_near(xyz, _LEVEL, fits=1)
+    level = _plane_near(xyz, _LEVEL, fits=1, highest_m=highest_m)
     if level is not None and level.share >= _PLAIN_SHARE:
         return level
-    coarse = _coarse_tilt(xyz)
-    tilted = None if coarse is None else _plane_near(xyz, coarse, fits=3)
+    coarse = _coarse_tilt(xyz, highest_m)
+    tilted = None if coarse is None else _plane_near(xyz, coarse, fits=3, highest_m=highest_m)
     if tilted is None or level is None:
         return level or tilted
     return tilted if tilted.num_cells > _MORE_CELLS * level.num_cells else level
@@ -214,7 +255,9 @@ def upright_turn(
     plane = road_plane(points)
     if plane is not None and plane.share >= _DOUBTFUL_SHARE:
         return None
-    best, max_cells = None, 0.0 if plane is None else _CLEARLY_MORE * plane.num_cells
+    below = (plane, road_plane(points, MAX_LIDAR_HEIGHT_M))
+    max_cells = _CLEARLY_MORE * max(0.0 if each is None else each.num_cells for each in below)
+    best = None
     xyz = points[:, :3].astype(np.float64)
     for rows in _UPRIGHT.values():
         turn = np.array(rows, dtype=np.float64)
@@ -228,7 +271,9 @@ def upright_turn(
     return best
 
 
-def road_height_m(points: Float[np.ndarray, "num_points fields"]) -> float | None:
+def road_height_m(
+    points: Float[np.ndarray, "num_points fields"], highest_m: float = USUAL_HEIGHT_M
+) -> float | None:
     """Estimate the height [m] of a level LiDAR above the road; None if hardly any is visible.
 
     The fit is a plane through the lowest points of cells of one metre, 4 to 30 m away, by
@@ -236,25 +281,30 @@ def road_height_m(points: Float[np.ndarray, "num_points fields"]) -> float | Non
 
     Args:
         points: x, y, z first [m], LiDAR frame with z up; rows that are not finite are ignored.
+        highest_m: Greatest height.
     """
-    fitted = _fit(points[:, :3].astype(np.float64))
+    fitted = _fit(points[:, :3].astype(np.float64), highest_m)
     return None if fitted is None else -float(fitted[0][2])
 
 
-def drive_height_m(sweeps: Iterable[Float[np.ndarray, "_num_points fields"]]) -> float | None:
+def drive_height_m(
+    sweeps: Iterable[Float[np.ndarray, "_num_points _fields"]], highest_m: float = USUAL_HEIGHT_M
+) -> float | None:
     """Median of the heights in some sweeps of a drive; None if no sweep shows the road."""
-    heights_m = [height for sweep in sweeps if (height := road_height_m(sweep)) is not None]
+    heights_m = [
+        height for sweep in sweeps if (height := road_height_m(sweep, highest_m)) is not None
+    ]
     return float(np.median(heights_m)) if heights_m else None
 
 
 def _plane_near(
-    xyz: Float64[np.ndarray, "num_points 3"], tilt: Tilt, *, fits: int
+    xyz: Float64[np.ndarray, "num_points 3"], tilt: Tilt, *, fits: int, highest_m: float
 ) -> RoadPlane | None:
     """Refine a plane by several fits, each in the frame levelled by the one before."""
     plane = None
     for _ in range(fits):
         rotation = tilt.level_from_lidar[:3, :3]
-        fitted = _fit(xyz @ rotation.T)
+        fitted = _fit(xyz @ rotation.T, highest_m)
         if fitted is None:
             return None
         (slope_x, slope_y, z_0), num_cells, share = fitted
@@ -264,10 +314,10 @@ def _plane_near(
 
 
 def _fit(
-    xyz: Float64[np.ndarray, "num_points 3"],
+    xyz: Float64[np.ndarray, "num_points 3"], highest_m: float
 ) -> tuple[Float64[np.ndarray, "3"], float, float] | None:
     """Fit z = slope_x * x + slope_y * y + z_0 to the road; also return cells and their share."""
-    lowest = _lowest_points(xyz, max_abs_z_m=2 * _HIGHEST_M)
+    lowest = _lowest_points(xyz, max_abs_z_m=2 * highest_m)
     if len(lowest) < _MIN_CELLS:
         return None
     z = np.sort(lowest[:, 2])
@@ -283,13 +333,15 @@ def _fit(
         level = np.diag([_PRIOR_CELLS, _PRIOR_CELLS, 0.0])
         plane = np.linalg.lstsq(terms.T @ weighed + level, weighed.T @ lowest[:, 2], rcond=None)[0]
     num_cells = float(weights.sum())
-    is_road = num_cells >= _MIN_CELLS / 2 and _LOWEST_M <= -float(plane[2]) <= _HIGHEST_M
-    return (plane, num_cells, num_cells / len(lowest)) if is_road else None
+    share = num_cells / len(lowest)
+    min_share = _DOUBTFUL_SHARE if highest_m > USUAL_HEIGHT_M else 0.0  # so far down lies any noise
+    is_road = num_cells >= _MIN_CELLS / 2 and _LOWEST_M <= -float(plane[2]) <= highest_m
+    return (plane, num_cells, share) if is_road and share >= min_share else None
 
 
-def _coarse_tilt(xyz: Float64[np.ndarray, "num_points 3"]) -> Tilt | None:
+def _coarse_tilt(xyz: Float64[np.ndarray, "num_points 3"], highest_m: float) -> Tilt | None:
     """Find the tilt of the search's grid with the most cells at one height."""
-    reach_m = 2 * _HIGHEST_M + _TO_M * float(np.tan(np.radians(_MAX_TILT_DEG)))
+    reach_m = 2 * highest_m + _TO_M * float(np.tan(np.radians(_MAX_TILT_DEG)))
     lowest = _lowest_points(xyz, max_abs_z_m=reach_m)
     if len(lowest) < _MIN_CELLS:
         return None
@@ -298,7 +350,7 @@ def _coarse_tilt(xyz: Float64[np.ndarray, "num_points 3"]) -> Tilt | None:
     for tilt, up, preference in _searched_tilts():
         z = np.sort(lowest @ up)
         in_window = np.searchsorted(z, z + _COARSE_WINDOW_M, side="right") - np.arange(len(z))
-        in_window[(-z < _LOWEST_M) | (-z > _HIGHEST_M + _COARSE_WINDOW_M)] = 0
+        in_window[(-z < _LOWEST_M) | (-z > highest_m + _COARSE_WINDOW_M)] = 0
         score = float(in_window.max()) * preference
         if score > best_score:
             best, best_score = tilt, score

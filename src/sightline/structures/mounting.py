@@ -15,8 +15,10 @@ from sightline.geometry.road_height import (
     MAX_LIDAR_HEIGHT_M,
     MAX_TILT_DEG,
     MIN_LIDAR_HEIGHT_M,
+    UNKNOWN_TILT,
     LidarPose,
-    describe_lowness,
+    describe_odd_height,
+    is_road_hidden,
     lidar_pose,
     mount_doubts,
 )
@@ -63,8 +65,8 @@ def pose_of_sweep(
 ) -> LidarPose:
     """Determine height and tilt of a sweep's LiDAR: the given values, else from the road.
 
-    Warns if a tilt is found, if a height has to be assumed or looks like one in another unit, and
-    if the road in the points contradicts the given values.
+    Warns if a tilt is found, if a height or the tilt beside a given one has to be assumed, if a
+    height looks like one in another unit, and if the road contradicts the given values.
     """
     for difference in mount_doubts([sweep.numpy()], height_m, tilt):
         warnings.warn(str(difference), stacklevel=3)
@@ -79,8 +81,10 @@ def pose_of_sweep(
             stacklevel=3,
         )
     if height_m is not None:
+        if is_road_hidden([sweep.numpy()], pose):
+            warnings.warn(UNKNOWN_TILT, stacklevel=3)
         return LidarPose(height_m=height_m, tilt=pose.tilt)
-    if pose.height_m is not None and (doubt := describe_lowness(pose.height_m)):
+    if pose.height_m is not None and (doubt := describe_odd_height(pose.height_m)):
         warnings.warn(
             f"by the road in its points the LiDAR is {pose.height_m:.2f} m above it{doubt}",
             stacklevel=3,

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from sightline.data.check import check_tree, summarize_tree
-from sightline.data.checks.lidar_mount import pose_of_tree
+from sightline.data.checks.lidar_mount import pose_of_tree, record_pose
 from sightline.data.formats.kitti_files import (
     write_image,
     write_object_calibration,
@@ -157,7 +157,7 @@ def mounted_lower(lower_m):
 
 
 @KINDS
-@pytest.mark.parametrize("lower_m", [0.9, -1.5])
+@pytest.mark.parametrize("lower_m", [0.9, -1.5, -5.0])
 def test_another_height_over_the_road_is_said_once_and_taken(tmp_path, kind, lower_m):
     dataset, (said,) = opened(write_frames(tmp_path, kind, mounted_lower(lower_m)))
     assert dataset[0].lidar_height_m == pytest.approx(1.73 - lower_m, abs=0.15)
@@ -184,6 +184,43 @@ def test_a_height_that_one_of_three_clouds_shows_is_not_taken(tmp_path):
     frames = list(list_object_frames(tmp_path / "training", ("points",)).values())
     assert pose_of_tree(frames).height_m is None
     assert pose_of_tree(frames[:1]).height_m == pytest.approx(0.83, abs=0.15)
+
+
+@KINDS
+def test_trees_whose_clouds_hide_the_road_are_told_unless_a_record_gives_the_mount(tmp_path, kind):
+    write_frames(tmp_path, kind, LEVEL)
+    told = "clouds show too little of the road to find the LiDAR's height"
+    for path in tmp_path.rglob("*.bin"):
+        write_points(path, above_road()[: 4000 - int(path.stem)])
+    dataset, said = opened(tmp_path)
+    (line,) = (each for each in said if told in each)
+    assert "with lidar_height_m (docs/recordings.md)" in line
+    assert dataset[0].lidar_height_m is None
+    (summary,) = summarize_tree(tmp_path)
+    assert f"warning: its {told}" in str(summary)
+    if kind == "tree":
+        record_pose(tmp_path / "training", dataset.pose)
+        assert not any(told in each for each in opened(tmp_path)[1])
+        (tmp_path / "training" / "lidar_mount.json").unlink()
+    for path in tmp_path.rglob("*.bin"):
+        write_points(path, above_road()[: 1000 - int(path.stem)])  # as of a fault
+    assert not any(told in each for each in opened(tmp_path)[1])
+
+
+def above_road():
+    """Points above the LiDAR's origin."""
+    random = torch.Generator().manual_seed(0)
+    points = torch.rand(4000, 4, generator=random)
+    return points * torch.tensor([30.0, 30, 5, 1]) + torch.tensor([5.0, -15, 1, 0])
+
+
+def test_a_near_road_in_one_of_three_clouds_is_not_confirmed_by_far_ones(tmp_path):
+    write_frames(tmp_path, "tree", mounted_lower(0.9))
+    for name in ("000001", "000002"):
+        cloud = SAMPLE.points - torch.tensor([0.0, 0, 5, 0])
+        write_points(tmp_path / "training" / "velodyne" / f"{name}.bin", cloud[: -int(name)])
+    frames = list(list_object_frames(tmp_path / "training", ("points",)).values())
+    assert pose_of_tree(frames).height_m is None
 
 
 def test_no_single_cloud_of_kitti_seems_as_high_or_low_as_those_that_are_moved(poses):

@@ -117,6 +117,23 @@ def test_the_height_of_the_lidar_is_that_of_the_file_or_told_by_some_clouds(tmp_
     assert "KITTI's 1.73 m is assumed" in str(summary)
 
 
+def test_a_tilt_that_no_road_shows_beside_a_given_height_is_told(tmp_path):
+    write_recording(tmp_path, ("a",), cloud=".npy", lidar_height_m=6.0)
+    random = np.random.default_rng(0)
+    cloud = random.uniform((5, -15, 1, 0), (35, 15, 6, 1), (4000, 4)).astype(np.float32)
+    write_cloud_file(tmp_path / "points" / "a.npy", cloud)
+    told = "find the LiDAR's tilt beside its given height: a level one is assumed; give lidar_tilt"
+    with pytest.warns(UserWarning, match=told):
+        open_dataset(tmp_path)
+    (summary,) = summarize_tree(tmp_path)
+    assert f"warning: too little of the road is visible to {told}" in str(summary)
+    write_calibration(tmp_path, lidar_height_m=6.0, lidar_tilt_deg={"roll": 0, "pitch": 0})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        open_dataset(tmp_path)
+    assert not any("tilt" in str(each.message) for each in caught)
+
+
 def test_the_height_is_not_spoken_of_where_no_cloud_can_be_read(tmp_path):
     write_recording(tmp_path, ("a",), cloud=".npy")
     for content in (b"nothing", None):

@@ -28,9 +28,13 @@ from sightline.geometry.echoes import describe_losses
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.mount import turn_ahead
 from sightline.geometry.road_height import (
+    MAX_LIDAR_HEIGHT_M,
+    UNKNOWN_TILT,
+    USUAL_HEIGHT_M,
     LidarPose,
     MountDoubt,
-    describe_lowness,
+    describe_odd_height,
+    is_road_hidden,
     lidar_pose,
     mount_doubts,
     road_height_m,
@@ -69,23 +73,53 @@ def pose_of_tree(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarP
     Raises:
         FileError: The record is damaged.
     """
+    known = _known_pose(frames)
+    if known is not None:
+        return known
+    sweeps = _some_sweeps(frames)
+    pose = lidar_pose(sweeps)
+    if pose.tilt is not None and pose.tilt.angle_deg < _MIN_TILT_DEG:
+        pose = replace(pose, tilt=None)
+    if pose.tilt is None and not (_has_other_height(pose) and _is_road_visible(sweeps, pose)):
+        return _KITTI_POSE
+    return _KITTI_POSE if _has_other_axes(sweeps) else pose
+
+
+def describe_hidden_road(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> tuple[str, ...]:
+    """Describe clouds without a road, by which `pose_of_tree` assumes KITTI's mount; empty: none.
+
+    Raises:
+        FileError: The record of the pose is damaged.
+    """
+    sweeps = [] if _known_pose(frames) is not None else _some_sweeps(frames)
+    if not is_road_hidden(sweeps, lidar_pose(sweeps)) or _has_other_axes(sweeps):
+        return ()
+    return (
+        "its clouds show too little of the road to find the LiDAR's height above it: KITTI's "
+        f"{KITTI_LIDAR_HEIGHT_M} m is assumed",
+    )
+
+
+def _known_pose(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> LidarPose | None:
+    """Pose that is recorded, or KITTI's where calibration files give it; None: it is estimated."""
     first = next((frame for frame in frames if isinstance(frame, ObjectFrame)), None)
     if first is not None and stated_pose(first) is not None:
         return _KITTI_POSE
     record = None if first is None else _record_of(first)
-    if record is not None:
-        return _read_record(record)
+    return None if record is None else _read_record(record)
+
+
+def _some_sweeps(
+    frames: Sequence[ObjectFrame] | Sequence[DriveFrame],
+) -> list[Float32[np.ndarray, "_num_points 4"]]:
     paths = select_spread([frame.points for frame in frames if frame.points is not None])
     read = (read_or_note(read_sweep, path, []) for path in paths)
-    sweeps = [sweep for sweep in read if sweep is not None]  # others: reported by their readers
-    pose = lidar_pose(sweeps)
-    if pose.tilt is not None and pose.tilt.angle_deg < _MIN_TILT_DEG:
-        pose = replace(pose, tilt=None)
-    if pose.tilt is None and not (_has_other_height(pose) and _is_road_visible(sweeps)):
-        return _KITTI_POSE
-    # Clouds with other axes have no such pose: they are reported by their own check.
-    has_other_axes = any(upright_turn(sweep) is not None for sweep in sweeps)
-    return _KITTI_POSE if has_other_axes else pose
+    return [sweep for sweep in read if sweep is not None]  # others: reported by their readers
+
+
+def _has_other_axes(sweeps: Sequence[Float32[np.ndarray, "_num_points 4"]]) -> bool:
+    """Whether a cloud's z axis does not point up, which is reported by its own check."""
+    return any(upright_turn(sweep) is not None for sweep in sweeps)
 
 
 def describe_lost_points(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> tuple[str, ...]:
@@ -211,8 +245,10 @@ def _usual_doubts(
     return (found[0],) if 2 * len(found) > given else ()
 
 
-def warn_of_mount(pose: LidarPose, folder: Path) -> None:
-    """Warn of a found tilt and of a height other than KITTI's, with their consequences."""
+def warn_of_mount(
+    pose: LidarPose, frames: Sequence[ObjectFrame] | Sequence[DriveFrame], folder: Path
+) -> None:
+    """Warn of a found tilt, and of a height other than KITTI's or unknown, with consequences."""
     remedy = "make the data a recording with"
     if pose.tilt is not None:
         warnings.warn(
@@ -221,7 +257,7 @@ def warn_of_mount(pose: LidarPose, folder: Path) -> None:
             f"tilt, {remedy} lidar_tilt_deg (docs/recordings.md)",
             stacklevel=4,
         )
-    for description in describe_height(pose):
+    for description in (*describe_height(pose), *describe_hidden_road(frames)):
         warnings.warn(
             f"{folder}: {description}; to set the height, {remedy} lidar_height_m "
             "(docs/recordings.md)",
@@ -236,12 +272,16 @@ def describe_height(pose: LidarPose) -> tuple[str, ...]:
     return (
         f"the road in its clouds shows that the LiDAR is {pose.height_m:.2f} m above it, not "
         f"{KITTI_LIDAR_HEIGHT_M} m like KITTI's: detectors get clouds shifted in z by the "
-        f"difference{describe_lowness(pose.height_m)}",
+        f"difference{describe_odd_height(pose.height_m)}",
     )
 
 
-def _is_road_visible(sweeps: Sequence[Float32[np.ndarray, "_num_points 4"]]) -> bool:
-    return 2 * sum(road_height_m(sweep) is not None for sweep in sweeps) > len(sweeps)
+def _is_road_visible(
+    sweeps: Sequence[Float32[np.ndarray, "_num_points 4"]], pose: LidarPose
+) -> bool:
+    is_high = pose.height_m is not None and pose.height_m > USUAL_HEIGHT_M
+    highest_m = MAX_LIDAR_HEIGHT_M if is_high else USUAL_HEIGHT_M
+    return 2 * sum(road_height_m(sweep, highest_m) is not None for sweep in sweeps) > len(sweeps)
 
 
 def _has_other_height(pose: LidarPose) -> bool:
@@ -275,7 +315,8 @@ def describe_pose(
     if matrices is None:
         return ()
     pose = pose_of_tree(frames)
-    return *describe_mount(matrices, pose.tilt), *describe_height(pose)
+    hidden = (f"warning: {each}" for each in describe_hidden_road(frames))
+    return *describe_mount(matrices, pose.tilt), *describe_height(pose), *hidden
 
 
 def describe_rotation(angle_deg: float, subject: str = "detectors get clouds") -> tuple[str, ...]:
@@ -312,6 +353,20 @@ def mount_doubts_of_recording(
     if calibration.lidar_tilt is None and calibration.lidar_height_m is None:
         return ()
     return mount_doubts(_some_clouds(frames), calibration.lidar_height_m, calibration.lidar_tilt)
+
+
+def describe_unknown_tilt(
+    frames: Sequence[ObjectFrame], calibration: RecordingCalibration, pose: LidarPose
+) -> tuple[str, ...]:
+    """Describe that no road shows the tilt beside a given height, in a clause; empty: it is known.
+
+    Args:
+        frames: All frames of the recording.
+        calibration: Calibration of the recording.
+        pose: Pose by `pose_of_recording`.
+    """
+    is_asked = calibration.lidar_height_m is not None and calibration.lidar_tilt is None
+    return (UNKNOWN_TILT,) if is_asked and is_road_hidden(_some_clouds(frames), pose) else ()
 
 
 def describe_lack_of_points(frames: Sequence[ObjectFrame]) -> str:

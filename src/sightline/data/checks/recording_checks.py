@@ -22,6 +22,7 @@ from sightline.data.checks.label_fit import check_label_fit
 from sightline.data.checks.lidar_mount import (
     describe_lack_of_points,
     describe_mount,
+    describe_unknown_tilt,
     frames_with_clouds,
     has_points,
     mount_doubts_of_recording,
@@ -50,7 +51,7 @@ from sightline.geometry.mount import (
     resolution_doubt,
 )
 from sightline.geometry.mount_axes import axes_doubt
-from sightline.geometry.road_height import LidarPose, describe_lowness
+from sightline.geometry.road_height import LidarPose, describe_odd_height
 
 CALIBRATION_REMEDY = (
     "correct the calibration file, or both clouds and calibration if both have another "
@@ -173,13 +174,16 @@ def describe_recording(frames: Sequence[ObjectFrame]) -> RecordingDescription:
     pose = unknown if has_other_axes else pose_of_recording(frames, calibration)
     source = "by the road in its clouds" if calibration.lidar_tilt is None else "by its calibration"
     described += describe_mount(calibration.matrices, pose.tilt, source)
+    if not has_other_axes:
+        unknown_tilt = describe_unknown_tilt(frames, calibration, pose)
+        described += (f"warning: {each}" for each in unknown_tilt)
     doubts = mount_doubts_of_recording(frames, calibration)
     if calibration.lidar_height_m is not None and pose.height_m is not None and not doubts:
         described.append(
             f"lidar_height_m is {calibration.lidar_height_m:g}; by the road in its clouds the "
             f"LiDAR is {pose.height_m:.2f} m above it"
         )
-    lowness = "" if pose.height_m is None else describe_lowness(pose.height_m)
+    lowness = "" if pose.height_m is None else describe_odd_height(pose.height_m)
     is_told = pose.height_m is not None or (has_points(frames) and not has_other_axes)
     if calibration.lidar_height_m is None and is_told:
         described.append(

@@ -126,7 +126,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
             matrices = read_or_note(read_object_matrices, first, [])
             warn_of_guessed_size(self.frames, matrices, folder)
         self._pose = pose_of_tree(tuple(found.values()))
-        warn_of_mount(self._pose, folder)
+        warn_of_mount(self._pose, tuple(found.values()), folder)
         for doubt in stated_mount_doubts(self.frames):
             warnings.warn(f"{part_folder('calibration')} of {folder}: {doubt}", stacklevel=3)
 

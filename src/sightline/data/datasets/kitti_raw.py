@@ -82,7 +82,7 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         self._stated_pose = read_drive_pose(files.calibration)
         self.take_pose(self.estimate_pose(files.frames))
         if self._stated_pose is None:
-            warn_of_mount(self._pose, self.folder)
+            warn_of_mount(self._pose, files.frames, self.folder)
         for difference in drive_pose_doubts(files.frames, self._stated_pose):
             warnings.warn(f"{files.calibration / RAW_CALIBRATION[1]}: {difference}", stacklevel=2)
         self._times = drive_times(files)

@@ -20,6 +20,7 @@ from sightline.data.checks.entry_checks import select_spread
 from sightline.data.checks.frame_checks import Findings
 from sightline.data.checks.guessed_size import recording_size_doubt
 from sightline.data.checks.lidar_mount import (
+    describe_unknown_tilt,
     has_points,
     mount_doubts_of_recording,
     pose_of_recording,
@@ -70,7 +71,7 @@ from sightline.files.shard_path import data_path, is_single_shard
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
-from sightline.geometry.road_height import LidarPose, describe_lowness
+from sightline.geometry.road_height import LidarPose, describe_odd_height
 from sightline.geometry.tilt import Tilt
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
@@ -330,13 +331,19 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 "detectors get levelled clouds; give lidar_tilt_deg (docs/recordings.md)",
                 stacklevel=5,
             )
-        for doubt in mount_doubts_of_recording(self._all_frames, contents):
+        doubts = mount_doubts_of_recording(self._all_frames, contents)
+        unknown = describe_unknown_tilt(self._all_frames, contents, self._pose)
+        for doubt in (*doubts, *unknown):
             warnings.warn(f"{path}: {doubt}", stacklevel=5)
         height_m = self._lidar_height_m(contents)
-        if height_m is not None and contents.lidar_height_m is None and describe_lowness(height_m):
+        if (
+            height_m is not None
+            and contents.lidar_height_m is None
+            and describe_odd_height(height_m)
+        ):
             warnings.warn(
                 f"{path}: the road in its clouds shows that the LiDAR is {height_m:.2f} m above it"
-                f"{describe_lowness(height_m)}",
+                f"{describe_odd_height(height_m)}",
                 stacklevel=5,
             )
         if height_m is None and has_points(self._all_frames):
