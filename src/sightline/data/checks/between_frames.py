@@ -18,6 +18,7 @@ from sightline.data.checks.frame_checks import is_blank
 from sightline.data.checks.label_alignment import LabelledSweep, check_label_alignment
 from sightline.data.checks.label_checks import doubts_in_space, lacks_box3d
 from sightline.data.checks.label_fit import visible_objects
+from sightline.data.checks.label_units import UNITS_REMEDY, doubt_about_units
 from sightline.data.checks.result_boxes import join_boxes, scored_boxes
 from sightline.data.checks.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.data.formats.image_file import read_rgb
@@ -58,7 +59,7 @@ def check_object_frames(frames: Sequence[ObjectFrame], folder: Path) -> list[Pro
         *_check_sensors(frames),
         *_check_labels(frames),
         *_check_image_sizes(frames),
-        *check_label_alignment(frames, _read_object_frame),
+        *_check_label_scale(frames, _read_object_frame),
     ]
 
 
@@ -85,7 +86,7 @@ def check_recording_frames(frames: Sequence[ObjectFrame]) -> list[Problem]:
         *check_orientations(frames),
         *_check_clouds(frames),
         *_check_labels(frames),
-        *check_label_alignment(frames, _read_recording_frame),
+        *_check_label_scale(frames, _read_recording_frame),
     ]
 
 
@@ -155,6 +156,18 @@ def _check_truncations(paths: Sequence[Path]) -> Iterator[Problem]:
             problem=f"holds labels that {doubt}; scores ignore objects above {MAX_TRUNCATION}",
             remedy=TRUNCATION_REMEDY,
         )
+
+
+def _check_label_scale(
+    frames: Sequence[ObjectFrame], read: Callable[[ObjectFrame], LabelledSweep | None]
+) -> list[Problem]:
+    """Find labels in another unit than metres, or else clouds that do not fit them."""
+    paths = [frame.objects for frame in frames if frame.objects is not None]
+    labels = (read_or_note(read_labels, path, []) for path in paths)
+    doubt = doubt_about_units(objects for objects in labels if objects is not None)
+    if doubt is None:
+        return check_label_alignment(frames, read)
+    return [Problem(path=paths[0].parent, problem=f"holds {doubt}", remedy=UNITS_REMEDY)]
 
 
 def _check_alphas(paths: Sequence[Path]) -> Iterator[Problem]:

@@ -30,7 +30,7 @@ _LONG_CLASSES = ("Car", "Van", "Truck", "Tram")  # length is their largest size
 _TALL_CLASSES = ("Pedestrian",)  # height is their largest size
 _MIN_SIZE_RATIO = 1.15  # ratio of clearly different sizes
 _SIZE_NAMES: Final = ("height", "width", "length")
-_TYPICAL_HWL_M: Final = {
+TYPICAL_HWL_M: Final = {
     "Car": (1.53, 1.63, 3.88),
     "Van": (2.21, 1.90, 5.08),
     "Truck": (3.25, 2.59, 10.1),
@@ -380,7 +380,7 @@ def scale_of_sizes(
         "halves" or "doubles".
     """
     if typical is None:
-        typical = np.array(_TYPICAL_HWL_M.get(name, (np.nan, np.nan, np.nan)))
+        typical = np.array(TYPICAL_HWL_M.get(name, (np.nan, np.nan, np.nan)))
     ratios = np.log2(np.maximum(sizes, 1e-6) / typical)
     for scale, word in ((-1, "halves"), (1, "doubles")):
         if (np.abs(ratios - scale) < _SCALE_MARGIN).all():
@@ -392,7 +392,7 @@ def _likely_orders(
     sizes: Float64[np.ndarray, "num_objects 3"], names: Shaped[np.ndarray, " num_objects"]
 ) -> str:
     """Name the orders, other than the expected one, that fit the classes' typical sizes best."""
-    typical = np.array([_TYPICAL_HWL_M[name] for name in names])
+    typical = np.array([TYPICAL_HWL_M[name] for name in names])
     ratios = {
         order: np.log(np.maximum(sizes, 1e-6) / typical[:, order])
         for order in itertools.permutations(range(3))
