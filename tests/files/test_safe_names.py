@@ -21,8 +21,11 @@ def test_a_plain_name_is_returned_as_it_is(name):
         ("a\\b", "holds a separator"),
         ("a\nb", "holds a control character"),
         ("a\x00b", "holds a control character"),
-        ("a\u202eb", "holds a control character"),
-        ("\ud800", "holds a control character"),
+        ("a\u202eb", r"holds U\+202E \(right-to-left override\), which cannot be seen"),
+        ("a\u202f1", r"holds U\+202F \(narrow no-break space\), which looks like a plain space"),
+        ("a\ue000", r"holds U\+E000 \(no known character\), which cannot be seen"),
+        ("\ud800", "is not UTF-8, expected"),
+        ("stra\udcdfe", r"is not UTF-8 \(Latin-1, from an older archive\?\)"),
         ("ä" * 101, "has more than 200 bytes"),
         (7, "is no text"),
     ],
@@ -40,6 +43,20 @@ def test_any_other_name_is_refused_with_its_place_in_one_printable_line(name, fa
 def test_a_path_that_leads_out_of_its_root_is_refused(tmp_path, relative):
     with pytest.raises(FileError, match=r"t.json: row 2: the filename is .*, expected a relative"):
         path_below(tmp_path, relative, "t.json", "row 2: the filename")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("stra\udcdfe", r"'stra.udcdfe', which is not UTF-8 \(Latin-1, from .*, expected a rel"),
+        ("a/b\u00a0", r"'a/b.xa0', of which a part holds U\+00A0 \(no-break space\), which"),
+        ("../a", r"'../a', of which a part is '\.\.', expected"),
+        ("C:", "'C:', which is a drive"),
+    ],
+)
+def test_frames_that_are_named_get_the_fault_of_their_name(tmp_path, name, said):
+    with pytest.raises(FileError, match=f"frame 1 is {said}.*where files have this name, rename"):
+        read_sample_list([name], tmp_path)
 
 
 def test_a_path_below_its_root_is_resolved_whether_or_not_it_is_there(tmp_path):

@@ -5,6 +5,7 @@ control characters; none of them may lead out of the input or output folder.
 """
 
 import os
+import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -16,7 +17,8 @@ MAX_NAME_BYTES: Final = 200
 """Longest name in UTF-8: file systems allow 255, and suffixes and numbers are added."""
 
 _MAX_PART_BYTES: Final = 255
-_REMEDY: Final = "get the data from a source that you trust"
+TRUST_REMEDY: Final = "get the data from a source that you trust"
+"""Remedy for names in tables and lists, which are written by others."""
 
 
 def checked_name(
@@ -25,7 +27,7 @@ def checked_name(
     place: str,
     *,
     max_bytes: int = MAX_NAME_BYTES,
-    remedy: str = _REMEDY,
+    remedy: str = TRUST_REMEDY,
 ) -> str:
     """Check the name of a file or folder, and return it.
 
@@ -37,7 +39,7 @@ def checked_name(
         remedy: Remedy, for errors.
 
     Raises:
-        FileError: The name is no text, empty or too long, contains a separator or a control
+        FileError: The name is no text, empty or too long, contains a separator or an invisible
             character, begins with a dot or a space, or ends with a space.
     """
     fault = _name_fault(name, max_bytes)
@@ -64,9 +66,7 @@ def unusable_names(folder: Path, names: Iterable[str]) -> Problem | None:
 
 def _frame_fault(name: str) -> str | None:
     """Return the first fault of the parts of a frame's name; see `relative_parts`."""
-    return next(
-        filter(None, (_name_fault(part, _MAX_PART_BYTES) for part in name.split("/"))), None
-    )
+    return next(filter(None, map(_part_fault, name.split("/"))), None)
 
 
 def path_below(root: Path, relative: object, source: Path | str, place: str) -> Path:
@@ -92,16 +92,22 @@ def path_below(root: Path, relative: object, source: Path | str, place: str) -> 
 
 
 def relative_parts(
-    relative: object, source: Path | str, place: str, *, remedy: str = _REMEDY
+    relative: object, source: Path | str, place: str, *, remedy: str = TRUST_REMEDY
 ) -> list[str]:
     """Check a path from data, and return its parts; see `path_below`."""
     parts = relative.split("/") if isinstance(relative, str) else [""]
-    if all(map(_is_plain, parts)):
+    fault = next(filter(None, map(_part_fault, parts)), None)
+    if fault is None:
         return parts
-    problem = f"{place} is {shortened(ascii(relative))}, expected a relative path of plain names"
-    if isinstance(relative, str) and all(map(_is_plain, relative.replace("\\", "/").split("/"))):
-        raise FileError(source, f"{problem} with / between them", "replace each backslash by /")
-    raise FileError(source, f"{problem}, without '..', hidden or empty parts", remedy)
+    shown = f"{place} is {shortened(ascii(relative))}"
+    expected = "expected a relative path of plain names"
+    if not isinstance(relative, str):
+        raise FileError(source, f"{shown}, {expected}", remedy)
+    if not any(map(_part_fault, relative.replace("\\", "/").split("/"))):
+        problem = f"{shown}, {expected} with / between them"
+        raise FileError(source, problem, "replace each backslash by /")
+    which = "of which a part" if len(parts) > 1 else "which"
+    raise FileError(source, f"{shown}, {which} {fault}, {expected}", remedy)
 
 
 def _check_link(path: Path, root: Path, source: Path | str, place: str) -> None:
@@ -122,8 +128,8 @@ def _name_fault(name: object, max_bytes: int) -> str | None:
         return "is empty"
     if "/" in name or "\\" in name:
         return "holds a separator"
-    if not name.isprintable():  # also false for lone surrogates, which no file system accepts
-        return "holds a control character"
+    if not name.isprintable():
+        return _invisible_fault(name)
     if name[0] in ". " or name[-1] == " ":
         return "begins with a dot or a space, or ends with a space"
     if len(name.encode()) > max_bytes:
@@ -131,8 +137,25 @@ def _name_fault(name: object, max_bytes: int) -> str | None:
     return None
 
 
-def _is_plain(part: str) -> bool:
-    return _name_fault(part, _MAX_PART_BYTES) is None and not _is_drive(part)
+def _invisible_fault(name: str) -> str:
+    """Return the fault of a name that cannot be printed."""
+    character = next(each for each in name if not each.isprintable())
+    category = unicodedata.category(character)
+    if category == "Cc":
+        return "holds a control character"
+    if category == "Cs":  # bytes of a file's name, or from an escape in JSON
+        is_byte = "\udc80" <= character <= "\udcff"
+        return f"is not UTF-8{' (Latin-1, from an older archive?)' * is_byte}"
+    described = unicodedata.name(character, "no known character").lower()
+    effect = "looks like a plain space" if category == "Zs" else "cannot be seen"
+    return f"holds U+{ord(character):04X} ({described}), which {effect}"
+
+
+def _part_fault(part: str) -> str | None:
+    """Return the fault of a part of a path, like `_name_fault`."""
+    if part in (".", "..") or _is_drive(part):
+        return f"is {'a drive' if _is_drive(part) else repr(part)}"
+    return _name_fault(part, _MAX_PART_BYTES)
 
 
 def _is_drive(part: str) -> bool:
