@@ -147,6 +147,19 @@ def test_files_of_the_same_frames_by_another_number_are_told_once_to_be_renamed(
         KittiObjectDataset(tree.parent)
 
 
+def test_labels_of_a_whole_sequence_are_not_to_be_renamed(tree):
+    labels = tree / "label_2"
+    tracked = f"0 4 {(labels / '000001.txt').read_text()}".splitlines()[0]
+    for path in labels.iterdir():
+        path.unlink()
+    (labels / "0001.txt").write_text(tracked)
+    (problem,) = check_tree(tree.parent)
+    assert problem.path == labels / "0001.txt"
+    assert "line 1 has 17 fields: frame and track number come before the class" in problem.problem
+    with pytest.raises(ValueError, match="frame and track number come before the class"):
+        KittiObjectDataset(tree.parent)
+
+
 def test_a_list_of_classes_beside_labels_is_no_frame(tree):
     (tree / "label_2" / "labels.txt").write_text("Car\nPedestrian\n")
     assert lines(tree.parent) == []

@@ -159,3 +159,11 @@ def test_packing_needs_no_pytorch():
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout == "False\n"
+
+
+def test_results_of_a_whole_sequence_are_told_as_such(results):
+    (results / "0003.txt").write_text(f"0 4 {CAR}")
+    with pytest.raises(
+        ValueError, match=r"0003\.txt: line 1 has 18 fields: frame and track number"
+    ):
+        write_submission(results, results.parent / "submission.zip")

@@ -55,7 +55,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     trees = find_trees(root)
     if not trees:
         yield no_data_set(root)
-    told: set[Problem] = set()  # splits of one root share faults
+    told: set[Problem] = set()  # by splits of one root, or by the files' names
     for tree in trees:
         yield from (gap for gap in tree.gaps if gap not in told)
         told.update(tree.gaps)
@@ -63,7 +63,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
         results = map_ahead(run, tree.checks, workers=workers)
         description = f"checking {tree.summary.folder.name}"
         for problems in track(results, description=description, total=len(tree.checks)):
-            yield from problems
+            yield from (each for each in problems if each not in told)
 
 
 def _run(check: Check, *, folder: Path) -> list[Problem]:

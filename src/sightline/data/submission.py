@@ -12,6 +12,7 @@ from sightline.data.formats.kitti_labels import (
     MAX_LABEL_BYTES,
     KittiObjects,
     parse_objects,
+    sequence_fault,
 )
 from sightline.data.layouts.frame_lists import (
     describe_left_out,
@@ -109,12 +110,20 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
             )
     for name in names:
         if not re.fullmatch("[0-9]{6}", name):
-            raise FileError(
-                results / f"{name}.txt",
-                "is not named by six digits as in the benchmark",
-                "rename it, or move it to another folder",
-            )
+            raise _misnamed(results / f"{name}.txt")
     return names
+
+
+def _misnamed(path: Path) -> FileError:
+    """Error for a file without the name of a frame."""
+    tracked = sequence_fault(path)
+    if tracked is not None:
+        return FileError(path, *tracked)
+    return FileError(
+        path,
+        "is not named by six digits as in the benchmark",
+        "rename it, or move it to another folder",
+    )
 
 
 def _check_objects(path: Path, objects: KittiObjects) -> None:

@@ -259,6 +259,14 @@ def test_files_of_the_same_frames_in_another_form_are_told_to_be_renamed(tmp_pat
     )
 
 
+@pytest.mark.parametrize("written", ["0000", "0020"])
+def test_results_of_a_whole_sequence_are_not_to_be_renamed(tmp_path, written):
+    (tmp_path / f"{written}.txt").write_text(f"0 4 Car {'1 ' * 14}0.9\n")
+    said = refusal(tmp_path)
+    assert f"{written}.txt, line 1 has 18 fields: frame and track number come before the" in said
+    assert "write a file for each frame without its first two fields" in said
+
+
 @pytest.mark.parametrize("written", [("0", "00"), ("0", "7"), ("0", "a"), ("0_1", "1_1")])
 def test_files_that_name_no_frame_each_are_of_other_frames(tmp_path, written):
     for name in written:

@@ -308,13 +308,8 @@ def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
             f"begins with '{name}' and numbers, as calibrations do",
             "give the folder of label or result files; KITTI's calib holds calibrations",
         )
-    if len(fields) >= _LABEL_FIELDS + 2 and is_number[:3] == [True, True, False]:
-        return (
-            f"has {len(fields)} fields: frame and track number come before the class, as in KITTI "
-            "tracking, whose files hold a whole sequence",
-            "write a file for each frame without its first two fields, and truncations from 0 to 1 "
-            "instead of its levels 0 to 2",
-        )
+    if tracked := _tracking(fields):
+        return tracked
     if len(fields) in (5, 6) and all(is_number) and all(0 <= float(x) <= 1 for x in fields[1:]):
         return (
             f"has {len(fields)} numbers, as YOLO labels have (class, centre, width, height "
@@ -322,6 +317,30 @@ def _other_format(fields: Sequence[bytes]) -> tuple[str, str] | None:
             "convert them to class names and x_min, y_min, x_max, y_max in pixels",
         )
     return None
+
+
+def sequence_fault(path: Path) -> tuple[str, str] | None:
+    """Problem and remedy for a file of KITTI tracking, of a whole sequence; None: it is none."""
+    try:
+        lines = _lines(_read_bytes(path, "result"))
+    except FileError:
+        return None  # its reader reports it
+    number, fields = next(lines, (0, []))
+    tracked = _tracking(fields)
+    return None if tracked is None else (f"line {number} {tracked[0]}", tracked[1])
+
+
+def _tracking(fields: Sequence[bytes]) -> tuple[str, str] | None:
+    """Problem and remedy for a line of KITTI tracking; or None."""
+    is_number = [_is_number(field) for field in fields[:3]]
+    if len(fields) < _LABEL_FIELDS + 2 or is_number != [True, True, False]:
+        return None
+    return (
+        f"has {len(fields)} fields: frame and track number come before the class, as in KITTI "
+        "tracking, whose files hold a whole sequence",
+        "write a file for each frame without its first two fields, and truncations from 0 to 1 "
+        "instead of its levels 0 to 2",
+    )
 
 
 def _spaced_class(fields: Sequence[bytes], num_expected: int) -> tuple[str, str] | None:

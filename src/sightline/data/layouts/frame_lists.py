@@ -8,16 +8,18 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
+from sightline.data.formats.kitti_labels import sequence_fault
 from sightline.files.leftovers import is_leftover
 from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import read_piped_text, read_text, shortened
 from sightline.files.problem import FileError, shown_place
-from sightline.files.safe_names import relative_parts
+from sightline.files.safe_names import TRUST_REMEDY, relative_parts
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import wrong_type
 
 _PACKAGED = Path(__file__).with_name("sample_lists")
 _MAX_BYTES, _REMEDY = 2**24, "give result files of KITTI's"
+_RENAME_REMEDY = "give names of frames; where files have this name, rename the files"
 _MAX_SEARCHED = 50  # largest number of searched folders and frames
 _SUFFIX = ".txt"
 _RECORD_SUFFIX = ".json"
@@ -58,11 +60,11 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         path = _find(sample_list, data_path(root))
         text = _piped_text(path, path.stat().st_ino) if path.is_fifo() else read_text(path)
         lines = (line.strip() for line in text.split("\n"))
-        frames, source = tuple(line for line in lines if line), str(path)
+        frames, source, remedy = tuple(line for line in lines if line), str(path), TRUST_REMEDY
     else:
         if not isinstance(sample_list, Iterable):
             raise wrong_type("sample_list", sample_list, "the frames' names; give a list of text")
-        frames, source = tuple(sample_list), "the list of frames"
+        frames, source, remedy = tuple(sample_list), "the list of frames", _RENAME_REMEDY
         invalid = next((frame for frame in frames if not isinstance(frame, str)), None)
         if invalid is not None:
             raise ValueError(
@@ -72,7 +74,9 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
         raise ValueError(f"{source} names no frames, expected one per line; name another list")
     for number, frame in enumerate(frames, start=1):
         try:
-            relative_parts(frame, source, f"frame {number}")  # becomes part of files' names
+            relative_parts(  # becomes part of files' names
+                frame, source, f"frame {number}", remedy=remedy
+            )
         except FileError as error:
             doubt = doubt_about_names([frame]) if "/" in frame else None
             if doubt is None:
@@ -296,6 +300,8 @@ def locate_frame_files(
     shown = [each for each in entries if each.is_file()]
     files = [each for each in shown if each.name.lower() != TIMES_NAME and not is_note(each.stem)]
     others = [each for each in files if each.suffix == suffix]
+    if others and (fault := sequence_fault(others[0])) is not None:
+        return f"{shortened(others[0].name)}, {fault[0]}; {fault[1]}"
     renamed = _same_frame(others, names)
     if renamed is not None:
         return (

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from sightline.data.formats.image_header import IMAGE_SUFFIXES
+from sightline.data.formats.kitti_labels import sequence_fault
 from sightline.data.layouts.frame_lists import doubt_about_names, frame_number, is_note
 from sightline.files.leftovers import is_leftover
 from sightline.files.plain_text import shortened
@@ -128,6 +129,10 @@ def named_in_two_ways(
     if not pairs or any(len(each) > 2 or set(each[0]) & set(each[1]) for each in folders):
         return None
     few, many = sorted(zip(folders[0], pairs[0], strict=True), key=lambda each: len(each[0]))
+    labels = few[1].objects
+    fault = None if labels is None else sequence_fault(labels)
+    if labels is not None and fault is not None:  # a sequence, of which a frame has the number
+        return Problem(path=labels, problem=fault[0], remedy=fault[1])
     wrong, right = (shortened(frame.sample_id) for _, frame in (few, many))
     return Problem(
         path=folder,
