@@ -1,3 +1,4 @@
+import re
 import shutil
 import tarfile
 from pathlib import Path
@@ -47,6 +48,25 @@ def test_a_sequence_of_odometry_is_called_so_with_what_to_do(tmp_path):
     (sequence / "times.txt").write_text("0.000000e+00\n")  # as each of KITTI's sequences has
     assert "and begin each line of times.txt with its frame's name" in told(sequence)
     assert f"{sequence} in it looks like one; give that folder" in told(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("images", "said"),
+    [
+        ("image_0", "rename image_0 to images and velodyne to points, .* numbers of P0, and cam"),
+        (
+            None,
+            "rename velodyne to points, and .* P2, image_size, that of the camera's images, and",
+        ),
+    ],
+)
+def test_grey_images_and_sweeps_alone_of_odometry_have_their_own_remedies(tmp_path, images, said):
+    sequence = write_odometry(tmp_path)
+    if images is None:
+        shutil.rmtree(sequence / "image_2")
+    else:
+        (sequence / "image_2").rename(sequence / images)
+    assert re.search(said, told(sequence))
 
 
 def test_tracking_is_called_so(tmp_path):

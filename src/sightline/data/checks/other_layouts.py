@@ -42,6 +42,8 @@ _LAYOUT_NAMES: Final = (
 _FURTHER_NAMES: Final = ({"image_2", "label_2"}, {"image", "intrinsics"})
 """Names of folders that lack something or are of another benchmark, for where there are no others.
 """
+_ODOMETRY_CAMERAS: Final = {"image_2": "P2", "image_0": "P0"}
+"""Projection in calib.txt of each folder of images, colour before grey."""
 _KITTI_360_FOLDERS: Final = ("data_2d_raw", "data_3d_raw")
 _SHARDS_REMEDY: Final = "copy the whole folder again, or pack the data again (sightline shard)"
 _MAX_SEARCHED = 200  # largest number of searched subfolders
@@ -165,17 +167,26 @@ def _is_shard(path: Path) -> bool:
 
 
 def _odometry(path: Path) -> Problem | None:
-    has_sensor = any((path / name).is_dir() for name in ("image_2", "image_0", "velodyne"))
-    if not has_sensor or not (path / "calib.txt").is_file() or (path / "calib").is_dir():
+    images = next((name for name in _ODOMETRY_CAMERAS if (path / name).is_dir()), None)
+    has_sweeps = (path / "velodyne").is_dir()
+    is_one = (images is not None or has_sweeps) and not (path / "calib").is_dir()
+    if not is_one or not (path / "calib.txt").is_file():
         return None
     has_times = (path / TIMES_NAME).is_file()
     times = f", and begin each line of {TIMES_NAME} with its frame's name" if has_times else ""
+    camera = _ODOMETRY_CAMERAS.get(images or "", "P2")
+    renamed = [
+        *([] if images is None else [f"{images} to images"]),
+        *(["velodyne to points"] if has_sweeps else []),
+    ]
+    size = ", image_size, that of the camera's images" if images is None else ""
     return Problem(
         path=path,
-        problem="is a sequence of KITTI odometry: one calib.txt, with P2 and Tr, for all frames",
-        remedy="make it a recording: rename image_2 to images and velodyne to points, and write "
-        "calibration.yaml with camera_matrix, the 3x4 numbers of P2, and camera_from_lidar, the "
-        f"3x4 numbers of Tr{times} (docs/recordings.md)",
+        problem=f"is a sequence of KITTI odometry: one calib.txt, with {camera} and Tr, for all "
+        "frames",
+        remedy=f"make it a recording: rename {' and '.join(renamed)}, and write calibration.yaml "
+        f"with camera_matrix, the 3x4 numbers of {camera}{size}, and camera_from_lidar, the 3x4 "
+        f"numbers of Tr{times} (docs/recordings.md)",
     )
 
 
