@@ -299,7 +299,9 @@ def _image_size(value: object) -> tuple[int, int] | None:
         raise ValueError("image_size is invalid, expected {width: .., height: ..}")
     height, width = value["height"], value["width"]
     if not all(type(each) is int and 0 < each <= MAX_PIXELS for each in (height, width)):
-        raise ValueError("image_size is invalid, expected width and height in whole pixels")
+        raise ValueError(
+            "image_size is invalid, expected width and height in whole pixels, no quotes"
+        )
     if height * width > MAX_PIXELS:
         raise ValueError(f"image_size is {height}x{width}, more than {MAX_PIXELS} pixels")
     return height, width
@@ -343,35 +345,32 @@ def _lens(value: object) -> Lens | None:
 def _lidar_height(value: object) -> float | None:
     if value is None:
         return None
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not MIN_LIDAR_HEIGHT_M <= value <= MAX_LIDAR_HEIGHT_M
-    ):
+    height_m = _number(value, "lidar_height_m")
+    if not MIN_LIDAR_HEIGHT_M <= height_m <= MAX_LIDAR_HEIGHT_M:
         raise ValueError(
             f"lidar_height_m is {str(value)[:40]}, expected the LiDAR's height above the road, "
             f"{MIN_LIDAR_HEIGHT_M:g} to {MAX_LIDAR_HEIGHT_M:g} m"
         )
-    return float(value)
+    return height_m
 
 
 def _lidar_tilt(value: object) -> Tilt | None:
     if value is None:
         return None
-    if (
-        not isinstance(value, dict)
-        or set(value) != {"roll", "pitch"}
-        or any(type(angle) not in (int, float) for angle in value.values())
-        or not all(abs(angle) <= MAX_TILT_DEG for angle in value.values())
-    ):
+    given = value if isinstance(value, dict) and set(value) == {"roll", "pitch"} else {}
+    angles = {name: _number(angle, "lidar_tilt_deg") for name, angle in given.items()}
+    if not angles or not all(abs(angle) <= MAX_TILT_DEG for angle in angles.values()):
         raise ValueError(
             f"lidar_tilt_deg is {str(value)[:60]}, expected {{roll: .., pitch: ..}}, the LiDAR's "
             f"tilt against the road in degrees, each from {-MAX_TILT_DEG:g} to {MAX_TILT_DEG:g}"
         )
-    return Tilt(roll_deg=float(value["roll"]), pitch_deg=float(value["pitch"]))
+    return Tilt(roll_deg=angles["roll"], pitch_deg=angles["pitch"])
 
 
 def _max_intensity(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e9:
-        raise ValueError("max_intensity is invalid, expected a positive number")
-    return float(value)
+    intensity = _number(value, "max_intensity")
+    if not 0 < intensity < _LIMIT:
+        raise ValueError(
+            f"max_intensity is {str(value)[:40]}, expected a number above 0, below 1e9"
+        )
+    return intensity
