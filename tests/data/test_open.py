@@ -353,3 +353,19 @@ def test_calibrations_and_labels_of_frames_that_are_not_there_are_no_frames(tmp_
     for name in ("image_2/000002.png", "velodyne/000002.bin"):
         (tmp_path / "training" / name).unlink()
     assert open_dataset(tmp_path).sample_ids == ("000001",)
+
+
+@pytest.mark.parametrize("place", [".", "000001.tar"])
+def test_a_tar_that_is_longer_than_its_index_is_told_by_check_and_on_opening(tmp_path, place):
+    write_whole_object_tree(tmp_path / "data", "000001", "000002")
+    shards = tmp_path / "shards"
+    write_shards(tmp_path / "data", shards, frames_per_shard=1)
+    before, tar = list(check_tree(shards / place)), shards / "000001.tar"
+    length = tar.stat().st_size
+    tar.write_bytes(tar.read_bytes() + bytes(10240))
+    said = f"000001.tar: is {length + 10240} bytes long, expected {length} by its index; copy it"
+    problem, *others = check_tree(shards / place)
+    assert said in str(problem)
+    assert others == before
+    with pytest.warns(UserWarning, match=said):
+        open_dataset(shards / place)

@@ -344,7 +344,7 @@ def test_a_file_that_cannot_be_read_fails_its_shard_alone(name, tree, tmp_path, 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda row: row.__setitem__(0, "../outside.txt"), "is '../outside.txt', expected a rel"),
+        (lambda row: row.__setitem__(0, "../outside.txt"), "'../outside.txt', of which a part is"),
         (lambda row: row.__setitem__(0, "/etc/passwd"), "expected a relative path"),
         (lambda row: row.__setitem__(2, 10**9), "is no index of a shard"),
         (lambda row: row.__setitem__(3, -1), "is no index of a shard"),

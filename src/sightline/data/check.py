@@ -8,7 +8,7 @@ from pathlib import Path
 from sightline.data.checks.other_layouts import no_data_set
 from sightline.data.checks.tree_checks import Check, TreeSummary, find_trees
 from sightline.files.problem import GIVE_ACCESS, Problem
-from sightline.files.shard_checks import shared_problem
+from sightline.files.shard_checks import longer_tars, shared_problem
 from sightline.files.shard_path import data_path
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
@@ -52,6 +52,7 @@ def check_tree(root: Path | str, *, num_workers: int | None = None) -> Iterator[
     damage = shared_problem(root)
     if damage is not None:
         yield damage
+    yield from longer_tars(root)
     trees = find_trees(root)
     if not trees:
         yield no_data_set(root)

@@ -49,6 +49,7 @@ from sightline.data.layouts.kitti_trees import (
 from sightline.data.layouts.recording_files import is_recording
 from sightline.files.problem import FileError
 from sightline.files.safe_names import unusable_names
+from sightline.files.shard_checks import longer_tars
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import plain_names, plain_path
 from sightline.geometry.wrong_types import named_arguments
@@ -95,6 +96,7 @@ def open_dataset(
             outside 0 to 1.
     """
     path = existing_folder(path)
+    _warn_of_longer_tars(path)
     parts = None if parts is None else plain_names("parts", parts, get_args(Part))
     needs = None if needs is None else plain_names("needs", needs, get_args(Part))
     requested: Collection[Part] = ("image", "points", "objects") if parts is None else parts
@@ -150,6 +152,12 @@ def existing_folder(path: Path | str) -> Path:
     if not folder.is_dir():
         raise _no_data_set(folder)
     return folder
+
+
+def _warn_of_longer_tars(path: Path) -> None:
+    """Warn of shards that were appended to, or are of another packing than their indexes."""
+    for problem in longer_tars(path):
+        warnings.warn(str(problem), stacklevel=3)
 
 
 def _open_object_tree(

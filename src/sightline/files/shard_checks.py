@@ -1,12 +1,13 @@
 """Shards compared with their indexes."""
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 
 from sightline.files.byte_source import url_of
 from sightline.files.problem import FileError, Problem
-from sightline.files.shard_index import SHARD_REMEDY, ShardIndex, read_index
-from sightline.files.shard_path import shared_tar
+from sightline.files.shard_index import SHARD_REMEDY, SHARED, ShardIndex, read_index
+from sightline.files.shard_path import shared_tar, tar_lengths
 
 
 def is_whole(tar: Path, *, source_sha256: str | None = None) -> bool:
@@ -60,6 +61,24 @@ def shared_problem(data: Path) -> Problem | None:
     except FileError as error:
         return error.problem
     return None
+
+
+def longer_tars(data: Path) -> Iterator[Problem]:
+    """Yield a problem for each tar of frames that is longer than its index tells.
+
+    Nothing is read: the tars of other lengths fail where a file in them is read.
+
+    Raises:
+        FileError: The shards are damaged or cannot be read.
+    """
+    for tar, expected in tar_lengths(data).items():
+        try:
+            length = 0 if url_of(tar) is not None else tar.stat().st_size
+        except OSError:  # told where a file in it is read
+            continue
+        if length > expected and tar.stem != SHARED:
+            problem = f"is {length} bytes long, expected {expected} by its index"
+            yield Problem(path=tar, problem=problem, remedy=SHARD_REMEDY)
 
 
 def check_whole(index: ShardIndex) -> None:

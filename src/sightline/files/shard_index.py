@@ -208,6 +208,8 @@ class ShardTree:
     files: Mapping[str, Member]
     folders: Mapping[str, tuple[str, ...]]
     """Names in each folder, sorted; the root is the empty path."""
+    lengths: Mapping[Path, int]
+    """Length of each tar by its index."""
 
 
 def open_tree(root: Path) -> ShardTree | None:
@@ -263,7 +265,8 @@ def _read_tree(root: Path) -> ShardTree | None:
             problem = f"names {min(both)}, which another shard holds, too"
             raise FileError(index_path(index.tar), problem, SHARD_REMEDY)
         files |= index.files
-    return ShardTree(files=files, folders=_folders(files)) if found else None
+    lengths = {index.tar: index.num_bytes for index in found}
+    return ShardTree(files=files, folders=_folders(files), lengths=lengths) if found else None
 
 
 def _required(tar: Path) -> ShardIndex:

@@ -4,7 +4,7 @@ import errno
 import io
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path, PosixPath
 from typing import Any
@@ -56,6 +56,16 @@ def stored_file(path: Path) -> Path | None:
     member = found[0].files.get(found[1]) if found is not None else None
     stored = path if member is None else member.tar
     return None if url_of(stored) is not None else stored
+
+
+def tar_lengths(path: Path) -> Mapping[Path, int]:
+    """Length of each tar of a path's shards by its index; empty: it is in none.
+
+    Raises:
+        FileError: The shards are damaged or cannot be read.
+    """
+    found = _tree_of(Path(str(path)))
+    return {} if found is None else found[0].lengths
 
 
 def shared_tar(path: Path) -> Path | None:
