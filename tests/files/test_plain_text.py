@@ -36,11 +36,21 @@ def test_each_text_format_is_read_with_a_mark_and_with_any_ends_of_lines(tmp_pat
     assert (found.image_from_camera == expected.image_from_camera).all()
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-32-be"])
-def test_text_in_utf_16_is_called_so(tmp_path, encoding):
+@pytest.mark.parametrize(
+    ("encoding", "said"),
+    [
+        ("utf-16", "is text in UTF-16"),
+        ("utf-32", "is text in UTF-32"),
+        ("utf-32-be", "or text in UTF-16 or UTF-32"),
+        ("utf-16-le", "or text in UTF-16 or UTF-32"),
+    ],
+)
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_text_in_utf_16_or_32_is_called_so(tmp_path, encoding, said, mark):
     path = tmp_path / "calib.txt"
-    path.write_bytes("P2: 1".encode(encoding))
-    with pytest.raises(FileError, match=r"UTF-16.*expected UTF-8; save it as plain text") as caught:
+    path.write_bytes(f"{mark}P2: 1".encode(encoding))
+    said = f"is text in {encoding[:6].upper()}" if mark else said
+    with pytest.raises(FileError, match=f"{said}, expected UTF-8; save it as plain") as caught:
         read_text(path)
     assert caught.value.problem.path == path
 

@@ -43,6 +43,10 @@ def test_aliases_stand_for_values_as_dumps_write_them(tmp_path):
         ("[" * 50_000, "nested more than 12 deep"),
         ('{"a":' * 10_000, "nested more than 12 deep"),
         ("- " * 10_000, "nested more than 12 deep"),
+        (
+            "%YAML:1.0\n---\na: 1\n",
+            "begins with OpenCV's header %YAML:.*; remove the line; see the",
+        ),
         ("a: [1\n", "is neither YAML nor JSON: line 2, column 1"),
         ("a: !!python/object:os.system {}\n", "is neither YAML nor JSON: line 1"),
         *(

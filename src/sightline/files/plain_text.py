@@ -14,7 +14,13 @@ REMEDY = "correct it or extract the file again"
 
 _MARK = b"\xef\xbb\xbf"
 """Byte order mark of UTF-8, which Windows editors write at the start of a text."""
-_WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
+_WIDE_MARKS = {
+    b"\xff\xfe\0\0": "UTF-32",
+    b"\0\0\xfe\xff": "UTF-32",
+    b"\xff\xfe": "UTF-16",
+    b"\xfe\xff": "UTF-16",
+}
+"""Encodings by their marks, longer ones before their beginnings."""
 
 
 def read_text(path: Path | str, *, max_bytes: int = _MAX_BYTES, remedy: str = REMEDY) -> str:
@@ -56,11 +62,14 @@ def without_marks(content: bytes, path: Path | str) -> bytes:
     Raises:
         FileError: The text is UTF-16 or UTF-32, or contains NUL bytes.
     """
-    if content.startswith(_WIDE_MARKS):
-        raise FileError(path, "is text in UTF-16, expected UTF-8", "save it as plain text in UTF-8")
+    wide = next((name for mark, name in _WIDE_MARKS.items() if content.startswith(mark)), None)
+    if wide is not None:
+        raise FileError(
+            path, f"is text in {wide}, expected UTF-8", "save it as plain text in UTF-8"
+        )
     nul = content.find(b"\0")
     if nul >= 0:
-        problem = f"holds a NUL byte at position {nul}: it is binary, or text in UTF-16"
+        problem = f"holds a NUL byte at position {nul}: it is binary, or text in UTF-16 or UTF-32"
         raise FileError(path, f"{problem}, expected UTF-8", "save it as plain text in UTF-8")
     return content.replace(_MARK, b"") if _MARK in content else content
 

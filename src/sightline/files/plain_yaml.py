@@ -18,6 +18,8 @@ _MAX_VALUES: Final = 2**16
 """Largest number of values, with aliases expanded."""
 
 
+_OPENCV_HEADER: Final = "%YAML:"
+"""How OpenCV's FileStorage begins; YAML has a space in place of the colon."""
 _WRONG_TAGS: Final = (ValueError, OverflowError, LookupError, AttributeError, TypeError)
 """Errors of YAML's constructors where a value does not fit its tag, as in `!!bool x`."""
 
@@ -111,6 +113,9 @@ def read_yaml(path: Path | str, remedy: str, *, max_bytes: int = _MAX_BYTES) -> 
     except _RefusedError as error:
         raise FileError(path, str(error), remedy) from error
     except (yaml.YAMLError, RecursionError, *_WRONG_TAGS) as error:
+        if text.startswith(_OPENCV_HEADER):
+            problem = f"begins with OpenCV's header {_OPENCV_HEADER}.., which is not of YAML"
+            raise FileError(path, problem, f"remove the line; {remedy}") from error
         problem = "is neither YAML nor JSON"
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f": line {mark.line + 1}, column {mark.column + 1}"
