@@ -511,9 +511,16 @@ def test_cycles_without_a_rider_are_misc_as_each_data_set_names_them(
         ("vehicle.bus (bendy & rigid)", "Truck"),
         ("semi_trailer", "Truck"),
         ("movable_object.barrier", None),
+        ("SUV", "Car"),  # as `check` reads the classes of labels
+        ("vehicle.automobile", "Car"),
+        ("minivan", "Van"),
+        ("vehicle.spaceship", None),
+        ("static_object.suv", None),
     ],
 )
-def test_categories_of_tier_iv_have_the_classes_of_nuscenes(data, tmp_path, category, class_name):
+def test_categories_of_tier_iv_and_others_have_the_classes_of_nuscenes(
+    data, tmp_path, category, class_name
+):
     place = int(class_name == "Pedestrian")  # of cars, or of pedestrians: their sizes are judged
     edit_table(data, "category", lambda rows: rows[place].update(name=category))
     report = str(import_recording(data, tmp_path / "out"))

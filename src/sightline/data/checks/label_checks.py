@@ -55,11 +55,13 @@ _MIN_LIKENESS: Final = 0.85
 _REGION = "DontCare"
 _MAX_LISTED: Final = 5  # faults of one kind listed one by one per file
 
+_BY_WORD: Final = {each.lower(): each for each in (*CLASS_NAMES, _REGION)}
 _SYNONYMS: Final = {
     "auto": "Car",
     "automobile": "Car",
     "suv": "Car",
     "vehicle": "Car",
+    "minivan": "Van",
     "lorry": "Truck",
     "bus": "Truck or Misc",
     "person": "Pedestrian",
@@ -161,16 +163,20 @@ def _suggested_class(name: str) -> str | None:
     """Class of KITTI's for another data set's, such as vehicle.bus.rigid, or a misspelt one."""
     text = "".join(character for character in name if character.isprintable()).strip().lower()
     first, *others = text.replace("-", "_").split(".")
-    by_word = {each.lower(): each for each in (*CLASS_NAMES, _REGION)}
     for word in reversed(others or [first]):  # the first of several is wide: vehicle, human, ..
-        singular = word.removesuffix("s")
-        known = (by_word | _SYNONYMS).get(word) or (by_word | _SYNONYMS).get(singular)
+        known = class_of_word(word)
         if known is None and len(word) >= _MIN_MISSPELT:
-            close = difflib.get_close_matches(word, by_word, n=1, cutoff=_MIN_LIKENESS)
-            known = by_word[close[0]] if close else None
+            close = difflib.get_close_matches(word, _BY_WORD, n=1, cutoff=_MIN_LIKENESS)
+            known = _BY_WORD[close[0]] if close else None
         if known is not None:
             return known
     return None
+
+
+def class_of_word(word: str) -> str | None:
+    """Class of KITTI's, or two to choose from, for a class of another data set in small letters."""
+    singular = word.removesuffix("s")
+    return (_BY_WORD | _SYNONYMS).get(word) or (_BY_WORD | _SYNONYMS).get(singular)
 
 
 def is_empty_box2d(

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float32, Float64
 from torch import Tensor
 
+from sightline.data.checks.label_checks import class_of_word
 from sightline.data.formats.kitti_boxes import ImageBox, box_corners, project_box
 from sightline.data.formats.kitti_calibration import CalibrationMatrices
 from sightline.data.formats.kitti_labels import (
@@ -88,6 +89,7 @@ _CLASSES: Final = {
     "motorcyclist": "Cyclist",
 }
 """KITTI's class of each category, including its subcategories; others are left out."""
+_ROAD_USERS: Final = ("Car", "Van", "Truck", "Tram", "Pedestrian", "Cyclist")
 _IGNORED_CATEGORIES: Final = ("vehicle.ego",)
 _CYCLES_WITHOUT_RIDER_INFO: Final = ("bicycle", "motorcycle", "motorbike")
 """Last words of cycle categories that do not distinguish riders."""
@@ -292,9 +294,16 @@ def _class_of(annotation: Annotation) -> str | None:
         return None
     found = next((begin for begin in begins if begin in _CLASSES), None)
     if found is None or (len(begins) > 1 and found == "vehicle"):
-        return None  # an unknown subcategory of nuScenes, such as vehicle.spaceship
+        return _class_of_last_word(words)
     may_be_parked = found.rpartition(".")[2] in _CYCLES_WITHOUT_RIDER_INFO
     return "Misc" if may_be_parked and annotation.is_ridden is False else _CLASSES[found]
+
+
+def _class_of_last_word(words: Sequence[str]) -> str | None:
+    """Return a road user's class by the words of labels, such as suv; None: vehicle.spaceship."""
+    name = class_of_word(words[-1])
+    is_other = len(words) > 1 and words[0] not in ("vehicle", "human")
+    return name if name in _ROAD_USERS and not is_other else None
 
 
 def _has_points(
