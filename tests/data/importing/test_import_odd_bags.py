@@ -91,7 +91,10 @@ def test_what_a_bag_says_of_its_types_and_services_is_not_followed(tmp_path):
     ("entry", "fault"),
     [
         ("relative_file_paths: [../other.mcap]", "names .*/other.mcap, which does not exist"),
-        ("relative_file_paths: [.hidden.mcap]", "entry 1 is '.hidden.mcap', expected a relative"),
+        (
+            "relative_file_paths: [.hidden.mcap]",
+            "entry 1 is '.hidden.mcap', which begins with a dot",
+        ),
         ("relative_file_paths: [7]", "entry 1 is 7"),
         ("relative_file_paths: []", "lacks relative_file_paths"),
         ("relative_file_paths: &a [*a]", "alias"),

@@ -240,6 +240,28 @@ def test_a_rectification_of_zeros_beside_p_is_none(tmp_path):
     np.testing.assert_allclose(matrix, CAMERA_MATRIX)
 
 
+@pytest.mark.parametrize("rectification", [ZEROS, np.eye(3)])
+def test_p_alone_is_used_for_any_topic_if_nothing_is_distorted(tmp_path, rectification):
+    info = {"matrix": ZEROS, "projection": CAMERA_MATRIX, "rectification": rectification}
+    report, matrix = report_of_infos(tmp_path, [info], "/front/image_raw")
+    assert "K of CameraInfo holds only zeros: P is used in its place, so images of" in report
+    assert "/front/image_raw count as rectified" in report
+    np.testing.assert_allclose(matrix, CAMERA_MATRIX)
+
+
+def test_p_alone_is_named_in_the_error_if_there_is_a_lens(tmp_path):
+    info = {"matrix": ZEROS, "projection": CAMERA_MATRIX, "distortion": LENS}
+    with pytest.raises(ValueError, match="K holds only zeros, and P, which is given, is without"):
+        report_of_infos(tmp_path, [info], "/front/image_raw")
+
+
+def test_a_message_with_k_goes_before_more_messages_without(tmp_path):
+    infos = [*[{"matrix": ZEROS, "projection": SMALLER}] * 2, {}]
+    report, matrix = report_of_infos(tmp_path, infos, "/front/image_raw")
+    assert "the first of them: K holds only zeros" in report
+    np.testing.assert_allclose(matrix, CAMERA_MATRIX)
+
+
 def test_a_message_with_p_goes_before_more_messages_without(tmp_path):
     report, matrix = report_of_infos(
         tmp_path, [*[{"matrix": SMALLER, "projection": ZEROS}] * 2, {}]

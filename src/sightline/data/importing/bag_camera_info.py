@@ -98,11 +98,11 @@ def camera_of_bag(
                 fault = fault or str(error)
                 continue
             read_notes = _projection_notes(info, topics)
-            lacks_projection = "P has no usable focal length" if read_notes else ""
+            lack = "P has no usable focal length" if topics.is_rectified else "K holds only zeros"
             candidates[content] = _Candidate(
                 calibration,
                 message.number,
-                (_doubt(calibration, image_size), lacks_projection),
+                (_doubt(calibration, image_size), lack if read_notes else ""),
                 _has_size(info, topics, calibration, image_size),
                 read_notes,
             )
@@ -200,13 +200,18 @@ def _has_size(
 def _projection(info: Any, topics: ChosenTopics) -> tuple[Float64[np.ndarray, "3 4"], Rigid]:  # noqa: ANN401
     """Read image_from_camera of the full resolution, and the rectifying rotation.
 
-    Nodes that undistort images often send K alone, and zeros or the identity for P and R.
+    Nodes that undistort images often send K alone, and zeros or the identity for P and R; few send
+    P alone.
 
     Raises:
-        ValueError: R is no rotation; the message continues a sentence that begins with the topic.
+        ValueError: R is no rotation, or K is missing beside a distortion; the message continues a
+            sentence that begins with the topic.
     """
     rectified_from_camera = np.eye(4)
-    if topics.is_rectified and _has_projection(info):
+    has_p_alone = _has_p_alone(info)
+    if has_p_alone and not topics.is_rectified and _lens(info) is not None:
+        raise ValueError("K holds only zeros, and P, which is given, is without the lens of D")
+    if has_p_alone or (topics.is_rectified and _has_projection(info)):
         image_from_camera = _field(info, "p").reshape(3, 4)
         rotation = _field(info, "r").reshape(3, 3)
         rotation = rotation if rotation.any() else np.eye(3)
@@ -225,6 +230,11 @@ def _has_projection(info: Any) -> bool:  # noqa: ANN401 - a message
     return bool((np.abs(focal_px) > _PLACEHOLDER_FOCAL_PX).all())
 
 
+def _has_p_alone(info: Any) -> bool:  # noqa: ANN401 - a message
+    """Check if P has focal lengths, and K holds only zeros."""
+    return _has_projection(info) and not _field(info, "k").any()
+
+
 def _looks_rectified(info: Any, image_size: tuple[int, int] | None) -> bool:  # noqa: ANN401
     """Check if the principal point of K is off the middle of the images, and that of P is not."""
     if image_size is None or (info.height, info.width) != image_size or not _has_projection(info):
@@ -235,7 +245,12 @@ def _looks_rectified(info: Any, image_size: tuple[int, int] | None) -> bool:  # 
 
 
 def _projection_notes(info: Any, topics: ChosenTopics) -> tuple[str, ...]:  # noqa: ANN401
-    """Note that rectified images get K, as P is a placeholder; empty: not so."""
+    """Note that rectified images get K, as P is a placeholder, or others P; empty: not so."""
+    if not topics.is_rectified and _has_p_alone(info):
+        return (
+            "K of CameraInfo holds only zeros: P is used in its place, so images of "
+            f"{shortened(topics.camera.name)} count as rectified",
+        )
     if not topics.is_rectified or _has_projection(info):
         return ()
     return (
