@@ -157,7 +157,7 @@ def existing_folder(path: Path | str) -> Path:
 def _warn_of_longer_tars(path: Path) -> None:
     """Warn of shards that were appended to, or are of another packing than their indexes."""
     for problem in longer_tars(path):
-        warnings.warn(str(problem), stacklevel=3)
+        warnings.warn(str(problem), stacklevel=4)
 
 
 def _open_object_tree(
