@@ -1,12 +1,14 @@
 """The kinds of the LiDAR and of its alignment, against loops."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from sightline.corruptions.kinds import KINDS
 from sightline.corruptions.lidar_fog import LidarFog, fog_response
@@ -209,6 +211,23 @@ def test_of_an_older_sweep_all_that_stands_is_further_away():
     found = corrupt(KINDS["misalignment_temporal"].at(5), sample)
     assert found.sample.points[0, 0] > 24.5
     assert found.record.parameters["speed_mps"] == 10
+
+
+@few
+@given(seed=seeds, yaw=st.floats(-180, 180), pitch=st.floats(-20, 20))
+def test_the_car_drives_ahead_however_the_lidar_is_mounted(seed, yaw, pitch):
+    level = sample_of(seed, num_points=50)
+    mount = torch.eye(4, dtype=torch.float64)
+    turn = Rotation.from_euler("zy", (yaw, pitch), degrees=True)
+    mount[:3, :3] = torch.from_numpy(turn.as_matrix())
+    turned = torch.cat((level.points[:, :3] @ mount[:3, :3].float(), level.points[:, 3:]), dim=1)
+    mounted = replace(level, points=turned, level_from_lidar=mount)
+    older, older_mounted = (
+        corrupt(KINDS["misalignment_temporal"].at(5), each, seed).sample.points
+        for each in (level, mounted)
+    )
+    found = older_mounted[:, :3] @ mount[:3, :3].float().T
+    np.testing.assert_allclose(found, older[:, :3], atol=1e-4)
 
 
 @few

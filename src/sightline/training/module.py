@@ -336,8 +336,8 @@ class TrainingModule(lightning.LightningModule, ABC):
         check_collection(f"{type(self).__name__}.score_notes()", self.notes)
         with torch.inference_mode(mode=False):  # otherwise training could not use its tensors
             self.metric.reset()
-        _, step = self._scored_at or (self.current_epoch, self.global_step)
-        self.log(STEP, float(step))  # else loggers would take the step before, or 0
+        if self._scored_at is not None:
+            self.log(STEP, float(self._scored_at[1]))  # else loggers would take step 0
         monitored, _ = self.monitored
         for name, score in scores.items():
             self.log(name, score, prog_bar=name == monitored)

@@ -18,6 +18,13 @@ def limit_batches(limit: int | float | None, num_batches: int) -> int:  # noqa: 
     return min(limit, num_batches) if isinstance(limit, int) else int(limit * num_batches)
 
 
+def scoring_limit(trainer: "lightning.Trainer | None", name: str) -> int | float | None:
+    """Return a Trainer's limit of validation or test batches; None: none, or a trial run's own."""
+    if trainer is None or trainer.fast_dev_run or trainer.overfit_batches:  # type: ignore[attr-defined]
+        return None
+    return trainer.limit_test_batches if name == "test" else trainer.limit_val_batches
+
+
 class TrainingBatches(Sampler[list[SampleKey]]):
     """Shuffled batches of one epoch, from a given batch on.
 

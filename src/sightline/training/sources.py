@@ -14,12 +14,7 @@ from jaxtyping import Bool
 from sightline.data.checks.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.data.datasets.sample_dataset import NamedSubset, SampleDataset
 from sightline.data.datasets.sample_files import label_file
-from sightline.data.formats.kitti_labels import (
-    CLASS_NAMES,
-    MAX_OCCLUSION,
-    KittiObjects,
-    read_labels,
-)
+from sightline.data.formats.kitti_labels import CLASS_NAMES, KittiObjects, read_labels
 from sightline.data.layouts.frame_lists import read_sample_list
 from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset, resolve_split
@@ -181,7 +176,9 @@ class LabelledClasses:
     """Numbers of the objects of learned classes that lack the learned box, by class."""
     hidden: dict[str, int]
     """Numbers of the objects of learned classes, by class, of which a data set has some and all
-    have an occlusion that does not count."""
+    have an occlusion above `max_occlusion`."""
+    max_occlusion: int | None
+    """Largest occlusion of the objects that are learned; None: any."""
     truncations: TruncationTally
     """Counts of the truncations in the files that were read."""
     unknown: dict[str, int]
@@ -218,12 +215,12 @@ class LabelledClasses:
                 f"warning: the labels of the training frames {doubt}; the image detector does not "
                 f"learn such objects; {TRUNCATION_REMEDY}"
             )
-        if self.hidden and box == "2D":
+        if self.hidden:
             found.append(
                 "warning: in the labels of the training frames all objects of a class and data set "
-                f"have an occlusion above {MAX_OCCLUSION} ({listed(self.hidden)}; 3 is unknown): "
-                "the image detector does not learn them; write 0 where it is not known, or leave "
-                "out their source"
+                f"have an occlusion above {self.max_occlusion} ({listed(self.hidden)}; 3 is "
+                "unknown): they are not learned; write 0 where it is not known, or raise the "
+                "preparation's targets.max_occlusion"
             )
         effect = "these classes are learned as background"
         if len(self.absent) == len(learned):
@@ -254,6 +251,7 @@ def labelled_classes(
     class_names: Sequence[str],
     box: LearnedBox | None = None,
     *,
+    max_occlusion: int | None = None,
     count_all: bool = False,
 ) -> LabelledClasses:
     """Find which classes the label files of some data sets have, and which they lack.
@@ -265,6 +263,7 @@ def labelled_classes(
         datasets: Data sets; a file that several have counts once.
         class_names: Learned classes.
         box: Kind of box without which an object does not count for a learned class. None: none.
+        max_occlusion: Largest occlusion of the objects that are learned. None: any.
         count_all: Whether to read all files.
 
     Raises:
@@ -285,7 +284,7 @@ def labelled_classes(
         absent -= set(compress(names, has_box.tolist()))
         without_box.update(compress(names, (~has_box).tolist()))
         in_set.update((place, name) for name in names)
-        is_hidden = objects.occlusion > MAX_OCCLUSION
+        is_hidden = objects.occlusion > (math.inf if max_occlusion is None else max_occlusion)
         hidden_in_set.update((place, name) for name in compress(names, is_hidden.tolist()))
     hidden = Counter[str]()
     for (place, name), count in hidden_in_set.items():
@@ -298,6 +297,7 @@ def labelled_classes(
         else (),
         without_box={name: count for name, count in without_box.items() if name in class_names},
         hidden=dict(hidden),
+        max_occlusion=max_occlusion,
         truncations=truncations,
         unknown={name: count for name, count in counts.items() if name not in known},
         num_objects=counts.total(),
@@ -322,6 +322,7 @@ def _has_box(objects: KittiObjects, box: LearnedBox | None) -> Bool[np.ndarray, 
     return np.asarray((sizes > 0).all(axis=1))
 
 
+@named_arguments
 def unscored_note(
     name: str, sources: Sequence[SourceConfig], num_frames: Sequence[int], num_scored: int
 ) -> str | None:
