@@ -1,10 +1,23 @@
+import shutil
+from functools import partial
+
 import cv2
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
+from sightline.data.importing.bag import open_bag
+from sightline.data.importing.bag_clocks import find_set_back
 from sightline.data.importing.import_recording import import_recording
 from sightline.data.open import open_dataset
-from tests.data.recordings import CAMERA_FROM_LIDAR, IMAGE, POINTS, BagMaker, calibration_entries
+from tests.data.recordings import (
+    CAMERA_FROM_LIDAR,
+    IMAGE,
+    POINTS,
+    BagMaker,
+    Ros1BagMaker,
+    calibration_entries,
+)
 
 YEAR_NS = 366 * 86_400 * 10**9
 START_NS = 40 * YEAR_NS
@@ -194,6 +207,116 @@ def test_a_drive_without_any_clock_is_refused(tmp_path):
         import_recording(tmp_path / "drive", tmp_path / "out")
     with pytest.raises(ValueError, match=r"all 3 messages of .* try --clock header"):
         import_recording(tmp_path / "drive", tmp_path / "out", clock="received")
+
+
+SET_BACK_NS = 1_985 * 10**6
+SET_BACK = "warning: times of receipt of /front/image_raw go back by 1.89 s within the bag, as "
+
+
+def write_set_back_drive(path, maker=BagMaker, *, order=None, has_own_clock=False, late_ms=5):
+    """Write 40 frames; the recorder's clock is set back after 20, stamps are of it or sound.
+
+    Each frame's number is in its picture, and is the number of points that it lacks.
+    """
+    with maker(path) as bag:
+        bag.transforms("/tf_static", START_NS, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        write = bag.write
+        for at in range(40) if order is None else order:
+            true_ns, set_ns = START_NS + at * 10**8, SET_BACK_NS * (at >= 20 and order is None)
+            stamp_ns = true_ns - set_ns * (not has_own_clock)
+            late_ns = late_ms * 10**6 + true_ns - set_ns - stamp_ns
+            bag.write = lambda topic, message, ns, late=late_ns: write(topic, message, ns + late)
+            matrix = np.array(calibration_entries()["camera_matrix"]) / [[8], [8], [1]]
+            bag.info("/front/camera_info", stamp_ns, matrix=matrix, size=SMALL.shape[:2])
+            picture = SMALL.copy()
+            picture[0, 0] = at
+            bag.image("/front/image_raw", stamp_ns, picture=picture)
+            bag.cloud("/points", stamp_ns + 10**7, points=FEW[: len(FEW) - at])
+    return path
+
+
+def frames_of(recording):
+    """Numbers of the images and sweeps of a recording of `write_set_back_drive`."""
+    samples = list(open_dataset(recording))
+    return [(int(each.image[0, 0, 0]), len(FEW) - len(each.points)) for each in samples]
+
+
+@pytest.mark.parametrize("storage", ["mcap", "no index", "sqlite3", "ros 1"])
+def test_a_recorders_clock_that_is_set_back_is_told(tmp_path, storage):
+    if storage == "ros 1":
+        bag = write_set_back_drive(tmp_path / "drive.bag", Ros1BagMaker)
+    elif storage == "sqlite3":
+        plugin = partial(BagMaker, storage=StoragePlugin.SQLITE3)
+        bag = write_set_back_drive(tmp_path / "drive", plugin)
+    else:
+        bag = write_set_back_drive(tmp_path / "drive")
+        if storage == "no index":
+            content = (bag / "drive.mcap").read_bytes()
+            (bag / "drive.mcap").write_bytes(content[:-28] + bytes(20) + content[-8:])
+    for clock in ("header", "received"):
+        report = str(import_recording(bag, tmp_path / clock, clock=clock))
+        assert f"by {clock} time, 5.0 ms apart" in report
+        assert SET_BACK in report
+        expected = f"have the times from {START_NS // 10**9}.020 to {START_NS // 10**9 + 1}.915 s"
+        assert expected in report
+        assert "--clock header" not in report
+
+
+def test_stamps_of_another_clock_than_the_recorders_that_is_set_back_count(tmp_path):
+    bag = write_set_back_drive(tmp_path / "drive", has_own_clock=True)
+    report = str(import_recording(bag, tmp_path / "out"))
+    assert "paired 40 of 40 images and 40 sweeps by header time, 10.0 ms apart" in report
+    assert "warning" not in report
+    assert frames_of(tmp_path / "out") == [(at, at) for at in range(40)]
+    report = str(import_recording(bag, tmp_path / "received", clock="received"))
+    assert SET_BACK in report
+    assert report.count("or take --clock header, which rises") == 1
+
+
+ORDERS = {
+    "parts joined in another order": [*range(20, 40), *range(20)],
+    "by name": sorted(range(40), key=str),
+    "reversed": range(39, -1, -1),
+}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_messages_that_are_written_in_another_order_are_no_clock_that_is_set_back(tmp_path, order):
+    bag = write_set_back_drive(tmp_path / "drive", order=ORDERS[order])
+    report = str(import_recording(bag, tmp_path / "out"))
+    assert "warning" not in report
+    assert frames_of(tmp_path / "out") == [(at, at) for at in range(40)]
+
+
+def test_two_recorders_of_the_same_messages_are_no_clock_that_is_set_back(tmp_path):
+    for name, first, late_ms in (("a", 0, 5), ("b", 10, 9)):
+        write_set_back_drive(tmp_path / name, order=range(first, 40), late_ms=late_ms)
+        (tmp_path / name / f"{name}.mcap").rename(tmp_path / f"{name}.mcap")
+        shutil.rmtree(tmp_path / name)
+    report = str(import_recording(tmp_path, tmp_path.with_name("out")))
+    assert "go back" not in report
+    assert frames_of(tmp_path.with_name("out")) == [(at, at) for at in range(40)]
+
+
+def test_a_damaged_index_of_messages_leaves_a_drive_readable(tmp_path):
+    bag = write_set_back_drive(tmp_path / "drive", order=range(40))
+    path = bag / "drive.mcap"
+    with open_bag(path) as opened:
+        (topic,) = (each for each in opened.topics if each.name == "/points")
+        assert len(opened.times_in_files(topic)) == 40
+        chunk = opened._readers[0].chunks[0]
+    content = bytearray(path.read_bytes())
+    for at in chunk.message_index_offsets.values():
+        content[at] = 0x70
+    path.write_bytes(content)
+    with open_bag(path) as opened:
+        assert opened.times_in_files(topic) is None
+    assert import_recording(bag, tmp_path / "out").written == 40
+
+
+def test_few_messages_are_no_clock_that_is_set_back():
+    for times in ([], [5], [5 * 10**9, 4 * 10**9], [0, 10**9, 2 * 10**9, 16 * 10**8, 3 * 10**9]):
+        assert find_set_back(np.array(times, np.int64)) is None
 
 
 class RenamedBag(OddBag):

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+from jaxtyping import Int64
+
 from sightline.data.importing.bag_files import (
     CONVERSION_REMEDY,
     METADATA_NAME,
@@ -17,6 +20,7 @@ from sightline.data.importing.bag_files import (
     open_files,
 )
 from sightline.data.importing.bag_limits import decompressed_zstd, scanned_messages
+from sightline.data.importing.bag_order import times_in_file
 from sightline.files.plain_text import shortened
 from sightline.files.problem import install_command
 
@@ -151,6 +155,23 @@ class Bag:
                 "intact copy"
             ) from error
 
+    def times_in_files(self, topic: Topic) -> Int64[np.ndarray, " num_messages"] | None:
+        """Read the times of receipt [ns] of a topic's messages in the order of the bag's files.
+
+        Returns:
+            Times; None: a file's index is damaged.
+        """
+        kinds = {topic.name: topic.kind}
+        try:
+            times = [
+                received_ns
+                for reader in self._readers
+                for received_ns in times_in_file(reader, _of_kinds(reader, kinds))
+            ]
+            return np.array(times, np.int64)
+        except Exception:  # noqa: BLE001 - arbitrary bytes may raise any error
+            return None
+
     def undecodable_notes(self, topics: Collection[str]) -> tuple[str, ...]:
         """Return a line for each topic with undecodable messages, with their count."""
         notes = []
@@ -250,11 +271,7 @@ class Bag:
         from rosbags.rosbag2.storage_mcap import McapReader
 
         def from_reader(reader: "Reader") -> "Iterator[tuple[Connection, int, bytes]]":
-            chosen: list[Any] = [
-                each
-                for each in reader.connections
-                if kind_of(each.msgtype) == kinds.get(each.topic)
-            ]
+            chosen: list[Any] = _of_kinds(reader, kinds)
             if chosen:  # for an empty list ROS 1's reader yields all
                 messages: Iterator[tuple[Connection, int, bytes]] = reader.messages(chosen)
                 if isinstance(reader, McapReader) and not reader.chunks:
@@ -288,6 +305,11 @@ class Bag:
     def _connections(self) -> "Iterator[Connection]":
         for reader in self._readers:
             yield from (each for each in reader.connections if isinstance(each.topic, str))
+
+
+def _of_kinds(reader: "Reader", kinds: dict[str, str]) -> "list[Connection]":
+    """List a file's connections of topics with their kinds."""
+    return [each for each in reader.connections if kind_of(each.msgtype) == kinds.get(each.topic)]
 
 
 def kind_of(msgtype: object) -> str:

@@ -22,11 +22,18 @@ _MIN_STEADY: Final = 8
 """Number of messages, at least, before and after a step of a clock: more than recorders queue."""
 _MAX_FALL_NS: Final = 10**9
 """Largest decrease of stamps that is explained by reordered messages."""
+_MIN_SET_BACK_NS: Final = 3 * 10**8
+"""Smallest decrease of times in the order of the files that is told: of some messages."""
+_MIN_DENSITY: Final = 1.5
+"""Smallest number of messages, of that usual in their time, where two moments mix."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MessageTimes:
-    """Times of a topic's messages, in the order of receipt."""
+    """Times of a topic's messages, in the order of receipt.
+
+    After a recorder's clock was set back, times of receipt fall in this order.
+    """
 
     topic: str
     header_ns: Int64[np.ndarray, " count"]
@@ -39,6 +46,45 @@ class MessageTimes:
             self.header_ns, self.received_ns, dtype=np.int64
         ).astype(np.float64)
         return offsets
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SetBack:
+    """Stretch of times through which a clock ran twice."""
+
+    start_ns: int
+    end_ns: int
+    fall_ns: int
+    """Time by which a message is earlier than that before it."""
+
+
+def find_set_back(times_ns: Int64[np.ndarray, " count"]) -> SetBack | None:
+    """Find where a clock was set back, by messages that are then closer together than others.
+
+    Messages of one clock that are written in another order, such as parts of a drive that were
+    joined, are as far apart as everywhere. Equal times are those of one message.
+
+    Args:
+        times_ns: Times of a topic's messages, in the order of receipt.
+    """
+    steps = np.diff(times_ns)
+    falls = np.flatnonzero(steps < -_MIN_SET_BACK_NS)
+    if not len(falls) or not (steps > 0).any():
+        return None
+    earliest_after = np.minimum.accumulate(times_ns[::-1])[::-1][falls + 1]
+    latest_after = np.maximum.accumulate(times_ns[::-1])[::-1][falls + 1]
+    starts = np.maximum(np.minimum.accumulate(times_ns)[falls], earliest_after)
+    ends = np.minimum(np.maximum.accumulate(times_ns)[falls], latest_after)
+    in_order = np.unique(times_ns)
+    counts = np.searchsorted(in_order, ends, "right") - np.searchsorted(in_order, starts)
+    usual = np.maximum(ends - starts, 0) / np.median(steps[steps > 0]) + 1
+    excess = counts - _MIN_DENSITY * usual
+    most = int(np.argmax(excess))
+    if excess[most] < 1:
+        return None
+    return SetBack(
+        start_ns=int(starts[most]), end_ns=int(ends[most]), fall_ns=-int(steps[falls[most]])
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -92,7 +138,7 @@ def choose_clock(topics: Sequence[MessageTimes], clock: Clock) -> ChosenClock:
             "separate clocks, images are paired with sweeps of other moments; then take --clock "
             "received"
         )
-    notes += _step_notes(topics)
+    notes += (*_set_back_notes(topics, "header"), *_step_notes(topics))
     filled = []
     for times, delay in zip(topics, delays, strict=True):
         is_set = _is_set(times)
@@ -116,7 +162,29 @@ def _received(topics: Sequence[MessageTimes], fault: str, remedy: str) -> Chosen
             )
     notes = (f"warning: {fault}: messages are paired by the time of receipt",) if fault else ()
     return ChosenClock(
-        clock="received", times_ns=tuple(times.received_ns for times in topics), notes=notes
+        clock="received",
+        times_ns=tuple(times.received_ns for times in topics),
+        notes=(*notes, *_set_back_notes(topics, "received")),
+    )
+
+
+def _set_back_notes(topics: Sequence[MessageTimes], clock: Clock) -> tuple[str, ...]:
+    """Warn of the recorder's clock that was set back, if the chosen clock was too."""
+    found = {times.topic: find_set_back(times.received_ns) for times in topics}
+    known = {topic: each for topic, each in found.items() if each is not None}
+    stamps_rise = all(find_set_back(times.header_ns[_is_set(times)]) is None for times in topics)
+    if not known or (clock == "header" and stamps_rise):
+        return ()
+    topic, first = next(iter(known.items()))
+    start_ms = min(each.start_ns for each in known.values()) // 10**6
+    end_ms = -(-max(each.end_ns for each in known.values()) // 10**6)
+    other = "; or take --clock header, which rises" if stamps_rise else ""
+    return (
+        f"warning: times of receipt of {shortened(topic)} go back by {first.fall_ns / 1e9:.3g} s "
+        "within the bag, as where the recorder's clock is set: two moments have the times from "
+        f"{start_ms / 1e3:.3f} to {end_ms / 1e3:.3f} s, where images are paired with sweeps of "
+        "either and frames of both alternate; cut the bag there by time (`mcap filter`, `ros2 bag "
+        f"convert`, `rosbag filter`), and import what is before and what is after it{other}",
     )
 
 
@@ -145,13 +213,18 @@ def _stamps_fault(times: MessageTimes) -> str | None:
     falls_ns = np.maximum.accumulate(stamps) - stamps
     if np.count_nonzero(steps < 0) * 2 > np.count_nonzero(steps):
         return f"{stamps_label} fall from message to message"
-    if falls_ns.max() > _MAX_FALL_NS:
+    if falls_ns.max() > _MAX_FALL_NS and find_set_back(times.received_ns) is None:
         return f"{stamps_label} go back by {falls_ns.max() / 1e9:.4g} s in between"
     return None
 
 
 def _step_notes(topics: Sequence[MessageTimes]) -> tuple[str, ...]:
-    """Warn of stamps that step against those of another topic within the drive."""
+    """Warn of stamps that step against those of another topic within the drive.
+
+    Not in bags whose times of receipt fall: steps are found by the messages received together.
+    """
+    if any((np.diff(times.received_ns) < 0).any() for times in topics):
+        return ()
     for times, other in permutations(topics, 2):
         step_s = abs(_step_ns(times, other)) / 1e9
         if step_s:

@@ -7,8 +7,8 @@ from decimal import Decimal
 import numpy as np
 from jaxtyping import Int64
 
-from sightline.data.importing.bag import Bag, Message, plain_frame
-from sightline.data.importing.bag_clocks import Clock, MessageTimes, choose_clock
+from sightline.data.importing.bag import Bag, Message, Topic, plain_frame
+from sightline.data.importing.bag_clocks import Clock, MessageTimes, choose_clock, find_set_back
 from sightline.data.importing.bag_topics import ChosenTopics
 from sightline.data.importing.pairing import pair_nearest
 from sightline.files.plain_text import shortened
@@ -48,6 +48,8 @@ def pair_messages(
     for name in names:
         if not by_topic[name].numbers:
             raise bag.unreadable_topic_error(name)
+    for topic in (topics.camera, topics.lidar):
+        by_topic[topic.name].undo_set_back(bag, topic)
     try:
         chosen = choose_clock([by_topic[name].times(name) for name in names], clock)
     except ValueError as error:
@@ -110,6 +112,20 @@ class _TopicMessages:
         self.numbers.append(message.number)
         self.header_ns.append(message.stamp_ns)
         self.received_ns.append(message.received_ns)
+
+    def undo_set_back(self, bag: Bag, topic: Topic) -> None:
+        """Sort into the order of the bag's files if the recorder's clock was set back."""
+        times_ns = bag.times_in_files(topic)
+        if times_ns is None or find_set_back(times_ns) is None:
+            return
+        places = np.argsort(times_ns, kind="stable")  # by the messages' numbers
+        if len(places) != bag.num_read[topic.name]:  # of a damaged index
+            return
+        order = np.argsort(places[self.numbers])
+        self.numbers, self.header_ns, self.received_ns = (
+            [values[each] for each in order]
+            for values in (self.numbers, self.header_ns, self.received_ns)
+        )
 
     def times(self, topic: str) -> MessageTimes:
         """Return the times of measurement and receipt."""
