@@ -89,6 +89,7 @@ def test_an_empty_list_and_a_frame_named_twice_are_refused_by_name(tmp_path):
             "000000 000001",
             "'000000 000001' in the list is no single name; write one frame per line",
         ),
+        ("000000\t1", r"'000000\t1' in the list is no single name; write one frame per line"),
     ],
 )
 def test_a_line_that_is_no_name_is_told_where_its_frame_is_missing(tmp_path, line, said):

@@ -78,7 +78,7 @@ def read_sample_list(sample_list: str | Path | Sequence[str], root: Path | str) 
                 frame, source, f"frame {number}", remedy=remedy
             )
         except FileError as error:
-            doubt = doubt_about_names([frame]) if "/" in frame else None
+            doubt = doubt_about_names([frame]) if "/" in frame or "\t" in frame else None
             if doubt is None:
                 raise
             raise ValueError(f"{source}: {doubt}") from error
