@@ -124,6 +124,26 @@ def test_a_turned_lidar_keeps_its_tilt_by_tf(tmp_path, axis, angle_deg):
     assert (tilt.roll_deg, tilt.pitch_deg) == pytest.approx((0.0, -2.5), abs=1e-3)
 
 
+@pytest.mark.parametrize("is_upright", [True, False])
+def test_the_calibration_of_a_lidar_upside_down_for_clouds_without_that_is_refused(
+    tmp_path, is_upright
+):
+    """They are upright, or show no road."""
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_euler("yx", [11, 180], degrees=True).as_matrix()
+    turned = FULL.copy()
+    turned[:, :3] = FULL[:, :3] @ mount[:3, :3]
+    imported(tmp_path, distinct(turned, 2), BASE_FROM_LIDAR @ mount)
+    calibration = tmp_path / "out" / "calibration.yaml"
+    assert "clouds_from_source" in calibration.read_text()
+    other = FULL if is_upright else turned[FULL[:, 2] > 0]
+    (tmp_path / "other").mkdir()
+    with pytest.raises(
+        FileError, match=r"calibration\.yaml: does not fit the clouds of this bag: "
+    ):
+        imported(tmp_path / "other", distinct(other, 2), calibration=calibration)
+
+
 def test_a_lidar_upside_down_whose_calibration_is_of_one_upright_is_refused(tmp_path):
     with pytest.raises(FileError, match=r"-z points up: .*convert only the points"):
         imported(tmp_path, distinct(FULL * np.float32([1, -1, -1, 1]), 2))

@@ -35,7 +35,7 @@ from sightline.data.importing.frames import Rigid, find_transform
 from sightline.data.layouts.kitti_trees import describe_absent
 from sightline.data.layouts.recording_files import list_recording
 from sightline.files.plain_text import shortened
-from sightline.files.problem import read_or_note
+from sightline.files.problem import FileError, read_or_note
 from sightline.geometry.road_height import MAX_TILT_DEG
 from sightline.geometry.tilt import Tilt
 
@@ -213,6 +213,25 @@ def with_plausible_tilt(calibration: RecordingCalibration) -> RecordingCalibrati
     tilt = calibration.lidar_tilt
     is_plausible = tilt is not None and _MIN_TILT_DEG <= tilt.angle_deg <= MAX_TILT_DEG
     return calibration if is_plausible else replace(calibration, lidar_tilt=None)
+
+
+def require_fitting_tilt(calibration: RecordingCalibration, file: Path) -> None:
+    """Refuse a given calibration whose LiDAR is upside down or on its side after the clouds' turn.
+
+    Such a file is that of an import which turned clouds, and this bag's clouds are not turned.
+
+    Raises:
+        FileError: It is.
+    """
+    tilt = calibration.lidar_tilt
+    if tilt is not None and max(abs(tilt.roll_deg), abs(tilt.pitch_deg)) > MAX_TILT_DEG:
+        raise FileError(
+            file,
+            "does not fit the clouds of this bag: by it the LiDAR is upside down or on its side, "
+            "which the road in the clouds does not show",
+            "give the calibration of this LiDAR with this setting of its driver; if it is that, "
+            "import a part of the drive whose sweeps show the road",
+        )
 
 
 def doubt_about_level(tilt: Tilt | None, out: Path) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from sightline.data.importing.bag import COMPRESSED_IMAGE, Bag, Message, open_ba
 from sightline.data.importing.bag_calibration import (
     calibration_of_bag,
     doubt_about_level,
+    require_fitting_tilt,
     with_plausible_tilt,
 )
 from sightline.data.importing.bag_clocks import Clock
@@ -147,6 +148,8 @@ def import_bag(
         )
         if calibration is None:
             written = with_plausible_tilt(written)
+        else:
+            require_fitting_tilt(written, calibration)
         settings = {
             "sightline": version("sightline"),
             "source": data_name(source),
