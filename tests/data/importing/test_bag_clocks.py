@@ -277,6 +277,7 @@ ORDERS = {
     "parts joined in another order": [*range(20, 40), *range(20)],
     "by name": sorted(range(40), key=str),
     "reversed": range(39, -1, -1),
+    "at random": np.random.default_rng(0).permutation(40).tolist(),
 }
 
 

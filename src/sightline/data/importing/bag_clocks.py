@@ -24,8 +24,10 @@ _MAX_FALL_NS: Final = 10**9
 """Largest decrease of stamps that is explained by reordered messages."""
 _MIN_SET_BACK_NS: Final = 3 * 10**8
 """Smallest decrease of times in the order of the files that is told: of some messages."""
-_MIN_DENSITY: Final = 1.5
+_MIN_DENSITY: Final = 1.3
 """Smallest number of messages, of that usual in their time, where two moments mix."""
+_MAX_FALLS: Final = 0.25
+"""Largest share of decreases: messages with more were written in any order."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -69,7 +71,7 @@ def find_set_back(times_ns: Int64[np.ndarray, " count"]) -> SetBack | None:
     """
     steps = np.diff(times_ns)
     falls = np.flatnonzero(steps < -_MIN_SET_BACK_NS)
-    if not len(falls) or not (steps > 0).any():
+    if not 0 < len(falls) <= _MAX_FALLS * len(steps) or not (steps > 0).any():
         return None
     earliest_after = np.minimum.accumulate(times_ns[::-1])[::-1][falls + 1]
     latest_after = np.maximum.accumulate(times_ns[::-1])[::-1][falls + 1]
