@@ -27,9 +27,9 @@ class _Needs:
     """With words kept whole, and figures too."""
     longest_word: int
     is_text: bool
-    """Whether it is at the left: it is the last to get narrower."""
+    """True for left-aligned columns, which are narrowed last."""
     is_wrapped: bool
-    """Whether rich may wrap its cells."""
+    """True if rich may wrap the column's cells."""
 
 
 def fitted(content: RenderableType, console: Console) -> list[RenderableType]:
@@ -131,7 +131,10 @@ def _whole(content: RenderableType, console: Console) -> Measurement:
 
 
 def _wraps_between_words(needs: Sequence[_Needs], room: int) -> bool:
-    """Whether rich shows all columns whole: it makes the widest of those that wrap equally wide."""
+    """Predict that rich shows all columns without cutting a word or figure.
+
+    It makes the widest of the columns that wrap equally wide.
+    """
     room -= sum(each.natural for each in needs if not each.is_wrapped)
     wrapped = [each for each in needs if each.is_wrapped]
     if sum(each.natural for each in wrapped) <= room:

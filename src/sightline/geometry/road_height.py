@@ -193,7 +193,7 @@ def lidar_pose(
 def is_road_hidden(
     sweeps: Sequence[Float[np.ndarray, "_num_points _fields"]], pose: LidarPose
 ) -> bool:
-    """Whether some sweeps have many points, but no road by which `lidar_pose` finds their pose."""
+    """Recognise sweeps of many points without a road by which `lidar_pose` would find the pose."""
     return pose.height_m is None and max(map(len, sweeps), default=0) >= _MANY_POINTS
 
 

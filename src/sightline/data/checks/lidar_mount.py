@@ -92,6 +92,8 @@ def describe_hidden_road(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -
         FileError: The record of the pose is damaged.
     """
     sweeps = [] if _known_pose(frames) is not None else _some_sweeps(frames)
+    if any(road_height_m(sweep) is not None for sweep in sweeps):
+        return ()  # as usual, and sooner known than the pose
     if not is_road_hidden(sweeps, lidar_pose(sweeps)) or _has_other_axes(sweeps):
         return ()
     return (
@@ -118,7 +120,7 @@ def _some_sweeps(
 
 
 def _has_other_axes(sweeps: Sequence[Float32[np.ndarray, "_num_points 4"]]) -> bool:
-    """Whether a cloud's z axis does not point up, which is reported by its own check."""
+    """Find clouds whose z axis does not point up, which their own check reports."""
     return any(upright_turn(sweep) is not None for sweep in sweeps)
 
 
