@@ -170,6 +170,14 @@ def test_figures_are_whole_in_a_terminal_and_where_there_is_none(name, monkeypat
     assert max(map(len, text.splitlines())) <= 80
 
 
+def test_figures_are_whole_in_a_terminal_without_a_size(monkeypatch, capsys):
+    report = next(iter(REPORTS.values()))()
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "0")
+    show_table(report.table())
+    check_whole(report, re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out))
+
+
 @pytest.mark.parametrize("name", REPORTS)
 def test_a_table_that_fits_is_printed_as_it_is(name):
     content = REPORTS[name]().table()

@@ -61,7 +61,7 @@ def show_table(table: "RenderableType") -> None:
     from sightline.cli.tables import fitted
 
     console = Console()
-    if not console.is_terminal:
+    if not console.is_terminal or console.width < 1:  # a terminal without a size, COLUMNS=0
         console = Console(width=_FILE_WIDTH)
     with _standard_output():
         console.print(_Plain(Group(*fitted(table, console))), crop=False)
