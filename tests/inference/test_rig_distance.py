@@ -82,10 +82,10 @@ def test_the_line_names_both_distances_numbers_ranges_and_results():
     )
     assert "\n" not in line
     for part in (
-        "1.5 (its camera) and 0.0 (its LiDAR)",
+        "(distance: camera 1.5, LiDAR 0.0; 0: as trained, 1: costs much)",
         "camera's focal length 1900 px (trained 690 to 750)",
         "camera's pitch 5 degrees (trained -1.5 to 1.5)",
-        "expect worse the sizes of objects, far objects",
+        "expect losses in the sizes of objects, far objects",
         "docs/guides/own_rig.md",
     ):
         assert part in line
@@ -147,13 +147,13 @@ def test_predict_and_perceive_say_it_once_on_standard_error(tmp_path, capsys):
         arguments = [str(tmp_path / each) if len(each) == 1 else each for each in command]
         assert main([*arguments, "--workers=1", "--engine=torch"]) == 0
         lines = capsys.readouterr().err.splitlines()
-        assert sum("expect worse everything" in line for line in lines) == 1
+        assert sum("expect losses in everything" in line for line in lines) == 1
 
 
 @pytest.mark.usefixtures("far_away")
 def test_check_says_it_and_writes_it(tmp_path, capsys):
     assert main(["check", str(PACKAGED_FRAMES), "--json", str(tmp_path / "check.json")]) == 0
-    assert "6.2 (its camera) and 0.0 (its LiDAR)" in capsys.readouterr().out
+    assert "distance: camera 6.2, LiDAR 0.0" in capsys.readouterr().out
     written = json.loads((tmp_path / "check.json").read_text())
     assert written["problems"] == []
     assert written["data"][0]["frames"] == 2

@@ -83,16 +83,16 @@ class RigDistance:
         return math.hypot(*(each.distance for each in self.departures if each.sensor == sensor))
 
     def __str__(self) -> str:
-        """Name both distances, the farthest numbers and the results that suffer."""
-        numbers = " and ".join(
-            f"{self.of_sensor(sensor):.1f} (its {title})" for sensor, title in _SENSORS.items()
+        """Name the farthest numbers, the results that suffer and both distances."""
+        distances = ", ".join(
+            f"{title} {self.of_sensor(sensor):.1f}" for sensor, title in _SENSORS.items()
         )
         shown = self.departures[:_NAMED]
         suffering = dict.fromkeys(result for each in shown for result in each.suffers)
         return (
-            f"this rig lies {numbers} from the one that the networks were trained on, where 0 is "
-            f"as trained and 1 costs much: {', '.join(map(str, shown))}; expect worse "
-            f"{', '.join(suffering)}; `sightline adapt` fine-tunes (docs/guides/own_rig.md)"
+            f"this rig differs from the training data: {', '.join(map(str, shown))}; expect losses "
+            f"in {', '.join(suffering)} (distance: {distances}; 0: as trained, 1: costs much); "
+            "`sightline adapt` fine-tunes (docs/guides/own_rig.md)"
         )
 
     def to_json(self) -> dict[str, Any]:
