@@ -10,7 +10,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from sightline.data.importing.import_recording import import_recording
-from tests.data.recordings import BagMaker, Ros1BagMaker, usual_topics
+from tests.data.recordings import CAMERA_FROM_LIDAR, BagMaker, Ros1BagMaker, usual_topics
 
 SCHEMA, CHANNEL, CHUNK_INDEX, STATISTICS = 3, 4, 8, 11
 
@@ -192,3 +192,26 @@ def test_chunks_of_another_compression_are_no_damage(tmp_path, is_indexed):
         ValueError, match=r"compression 'none'; write it anew with chunks that are c"
     ):
         import_recording(path, tmp_path / "out")
+
+
+@pytest.mark.parametrize("maker", [BagMaker, Ros1BagMaker])
+def test_a_drive_that_a_folder_holds_twice_is_read_once(tmp_path, maker):
+    """Images are received late, so pairs by the time of receipt would be wrong."""
+    source = tmp_path / "source"
+    with maker(source if maker is BagMaker else tmp_path / "source.bag") as bag:
+        bag.transforms("/tf_static", 10**9, camera_optical__lidar=CAMERA_FROM_LIDAR)
+        for at in range(6):
+            time_ns = 2 * 10**9 + at * 10**8
+            bag.info("/front/camera_info", time_ns)
+            bag.image("/front/image_raw", time_ns, shift_ns=9 * 10**7)
+            bag.cloud("/points", time_ns)
+    original = mcap_of(source) if maker is BagMaker else tmp_path / "source.bag"
+    twice = tmp_path / "twice"
+    twice.mkdir()
+    for name in ("drive", "drive.orig"):
+        shutil.copy(original, twice / f"{name}{original.suffix}")
+    report = str(import_recording(twice, tmp_path / "out"))
+    assert "paired 6 of 6 images and 6 sweeps by header time, 0.0 ms apart at most" in report
+    assert "6 messages of /front/image_raw in drive.orig" in report
+    assert "stand still" not in report
+    assert "statistics count" not in report

@@ -311,3 +311,30 @@ def test_a_static_transform_goes_before_another_one_told_the_other_way(tmp_path)
     assert "moves relative to" in report
     used = open_dataset(tmp_path / "out")[0].calibration.camera_from_lidar
     np.testing.assert_allclose(used, CAMERA_FROM_LIDAR, atol=1e-6)
+
+
+@pytest.mark.parametrize("robot", ["a", "b"])
+def test_transforms_come_from_the_topics_beside_the_sensors(tmp_path, robot):
+    mounts = {"a": CAMERA_FROM_LIDAR.copy(), "b": CAMERA_FROM_LIDAR.copy()}
+    mounts["b"][0, 3] += 0.5
+    with BagMaker(tmp_path / "drive") as bag:
+        for name, mount in mounts.items():
+            bag.transforms(f"/{name}/tf_static", 1, camera_optical__lidar=mount)
+            bag.info(f"/{name}/cam/camera_info", 10**9)
+            bag.image(f"/{name}/cam/image_raw", 10**9)
+            bag.cloud(f"/{name}/points", 10**9)
+    topics = {"camera_topic": f"/{robot}/cam/image_raw", "lidar_topic": f"/{robot}/points"}
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out", **topics))
+    assert "moves relative to" not in report
+    used = open_dataset(tmp_path / "out")[0].calibration.camera_from_lidar
+    np.testing.assert_allclose(used, mounts[robot], atol=1e-6)
+
+
+def test_topics_of_contradicting_transforms_are_named(tmp_path):
+    moved = CAMERA_FROM_LIDAR.copy()
+    moved[0, 3] += 0.5
+    with BagMaker(tmp_path / "drive") as bag:
+        usual_topics(bag)
+        bag.transforms("/other/tf_static", 10**9, camera_optical__lidar=moved)
+    report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
+    assert "it is in topics /other/tf_static, /tf_static" in report

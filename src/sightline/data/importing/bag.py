@@ -98,6 +98,8 @@ class Bag:
     topics: tuple[Topic, ...] = field(init=False)
     num_read: dict[str, int] = field(default_factory=dict)
     """Numbers of messages, by topic, of the topics that were read to their end."""
+    copies: dict[tuple[str, Path], int] = field(default_factory=dict)
+    """Numbers of left-out messages, by topic and file, which another file holds as well."""
     undecodable: dict[tuple[str, int], str] = field(default_factory=dict)
     """Reasons why messages read so far cannot be decoded, by topic and number."""
 
@@ -123,7 +125,8 @@ class Bag:
     ) -> Iterator[Message]:
         """Yield messages in the order of receipt.
 
-        Messages that cannot be decoded are left out and noted in `undecodable`.
+        Messages that cannot be decoded are left out and noted in `undecodable`; those that another
+        file holds as well, in `copies`.
 
         Args:
             topics: Names of the topics.
@@ -134,8 +137,9 @@ class Bag:
         """
         kinds = {topic.name: topic.kind for topic in self.topics if topic.name in topics}
         numbers = dict.fromkeys(kinds, 0)
+        copies = Counter[tuple[str, Path]]()
         try:
-            for connection, received_ns, raw in self._raw_messages(kinds):
+            for connection, received_ns, raw in self._raw_messages(kinds, copies):
                 name = connection.topic
                 number = numbers[name]
                 numbers[name] += 1
@@ -148,6 +152,7 @@ class Bag:
                 if content is not None:
                     yield Message(name, number, received_ns, content)
             self.num_read |= numbers
+            self.copies |= copies
         except Exception as error:
             raise ValueError(
                 f"{self.path} is damaged after {sum(numbers.values())} messages "
@@ -183,6 +188,16 @@ class Bag:
                     f"{reasons[0]}"
                 )
         return tuple(notes)
+
+    def copy_notes(self, topics: Collection[str]) -> tuple[str, ...]:
+        """Return a warning for each topic whose messages several files of the folder hold."""
+        return tuple(
+            f"warning: {number} messages of {shortened(name)} in {shortened(file.name)} are in "
+            "another file, too, with the same bytes and time of receipt, and are left out: if the "
+            "folder holds a drive twice, move one copy away"
+            for (name, file), number in self.copies.items()
+            if name in topics
+        )
 
     def publisher_notes(self, topics: Collection[str]) -> tuple[str, ...]:
         """Return a warning for each topic that several nodes publish, with their names."""
@@ -238,6 +253,7 @@ class Bag:
                 for (name, kind), count in self._counts.items()
                 if (name, kind_of(kind)) == (topic.name, topic.kind)
             )
+            number += sum(n for (name, _), n in self.copies.items() if name == topic.name)
             if number < topic.count:
                 notes.append(
                     f"warning: only {number} of the {topic.count} messages of "
@@ -266,20 +282,34 @@ class Bag:
             "choose another topic"
         )
 
-    def _raw_messages(self, kinds: dict[str, str]) -> "Iterator[tuple[Connection, int, bytes]]":
-        """Yield connection, time [ns] and bytes of the messages of the given kinds, by time."""
+    def _raw_messages(
+        self, kinds: dict[str, str], copies: Counter[tuple[str, Path]]
+    ) -> "Iterator[tuple[Connection, int, bytes]]":
+        """Yield connection, time [ns] and bytes of the messages of the given kinds, by time.
+
+        Messages that another file holds as well are counted in `copies` instead.
+        """
         from rosbags.rosbag2.storage_mcap import McapReader
 
-        def from_reader(reader: "Reader") -> "Iterator[tuple[Connection, int, bytes]]":
+        def from_reader(reader: "Reader") -> "Iterator[tuple[Connection, int, bytes, Path]]":
             chosen: list[Any] = _of_kinds(reader, kinds)
             if chosen:  # for an empty list ROS 1's reader yields all
                 messages: Iterator[tuple[Connection, int, bytes]] = reader.messages(chosen)
                 if isinstance(reader, McapReader) and not reader.chunks:
                     messages = scanned_messages(reader, chosen)
                 for connection, received_ns, raw in messages:
-                    yield connection, received_ns, bytes(raw)
+                    yield connection, received_ns, bytes(raw), Path(str(reader.path))
 
-        return heapq.merge(*map(from_reader, self._readers), key=lambda each: each[1])
+        merged = heapq.merge(*map(from_reader, self._readers), key=lambda each: each[1])
+        at_once: dict[str, tuple[int, dict[bytes, Path]]] = {}  # latest time and its messages
+        for connection, received_ns, raw, file in merged:
+            name = connection.topic
+            if at_once.get(name, (None,))[0] != received_ns:
+                at_once[name] = received_ns, {}
+            if len(self._readers) > 1 and at_once[name][1].setdefault(raw, file) != file:
+                copies[name, file] += 1
+            else:
+                yield connection, received_ns, raw
 
     def _content(self, raw: bytes, connection: "Connection", key: tuple[str, int]) -> Any:  # noqa: ANN401
         """Decode a message; None if it cannot be decoded."""

@@ -140,7 +140,7 @@ def _lidar_mount(
     The first camera frame with a chain of transforms is used.
     """
     lidar = _first_frame(bag, topics.lidar.name)
-    transforms = transforms_of_bag(bag)
+    transforms = transforms_of_bag(bag, (topics.camera.name, topics.lidar.name))
     for camera in camera_frames:
         found = find_transform(transforms.between(camera, lidar), camera, lidar)
         if found is not None:

@@ -66,7 +66,9 @@ def pair_messages(
         f"paired {len(positions)} of {len(camera)} images and {len(lidar)} sweeps by "
         f"{chosen.clock} time, {gaps_ms.max():.1f} ms apart at most; dropped "
         f"{len(camera) - len(positions)} images and {len(lidar) - len(positions)} sweeps",
-        *_few_pairs_notes(len(positions), (len(camera), len(lidar)), max_gap_s, chosen.clock),
+        *_few_pairs_notes(
+            len(positions), (len(camera), len(lidar)), max_gap_s, chosen.clock, clock
+        ),
         *chosen.notes,
         *bag.undecodable_notes(names),
         *(note for name in names for note in by_topic[name].frame_notes(name)),
@@ -154,18 +156,17 @@ class _TopicMessages:
 
 
 def _few_pairs_notes(
-    num_pairs: int, counts: tuple[int, int], max_gap_s: float, clock: Clock
+    num_pairs: int, counts: tuple[int, int], max_gap_s: float, clock: Clock, requested: Clock
 ) -> tuple[str, ...]:
     """Warn if most messages of the rarer sensor have no partner; empty: they have."""
     rarer = min(counts)
     if num_pairs * 2 >= rarer:
         return ()
     sensor = "images" if rarer == counts[0] else "sweeps"
-    other = "received" if clock == "header" else "header"
     return (
         f"warning: only {num_pairs} of {rarer} {sensor} have a partner within {max_gap_s:g} s by "
-        f"{clock} time: try --clock {other} or a larger --max-gap-s, or look whether both sensors "
-        "were recorded all the time",
+        f"{clock} time: try {_other_clock(clock, requested)}a larger --max-gap-s, or look whether "
+        "both sensors were recorded all the time",
     )
 
 
@@ -180,10 +181,14 @@ def _no_pairs_reason(
     camera, lidar = (np.sort(each) for each in times_ns)
     image, sweep = pair_nearest(camera, lidar, np.iinfo(np.int64).max)[0]
     gap_s = abs(int(camera[image]) - int(lidar[sweep])) / 1e9
-    other = "received" if clock == "header" else "header"
-    switch = f"--clock {other} or " if clock == requested else ""
     return (
         f"no image of {shortened(topics.camera.name)} and sweep of {shortened(topics.lidar.name)} "
         f"lie within {max_gap_s:g} s; the first are {gap_s:.3g} s apart by their {clock} time; try "
-        f"{switch}a larger --max-gap-s"
+        f"{_other_clock(clock, requested)}a larger --max-gap-s"
     )
+
+
+def _other_clock(clock: Clock, requested: Clock) -> str:
+    """Begin of a remedy by the other clock; empty: it was requested, but is unusable."""
+    other = "received" if clock == "header" else "header"
+    return f"--clock {other} or " if clock == requested else ""

@@ -156,7 +156,7 @@ def _choose_info(bag: Bag, camera: Topic, name: str | None) -> Topic | None:
     for topic in candidates:
         if topic.name.strip("/") == beside:
             return topic
-    num_shared = {topic.name: _num_shared_names(topic.name, raw_name) for topic in candidates}
+    num_shared = {topic.name: num_shared_names(topic.name, raw_name) for topic in candidates}
     closest = [topic for topic in candidates if num_shared[topic.name] == max(num_shared.values())]
     usual = [topic for topic in closest if topic.name.rpartition("/")[2] == "camera_info"]
     for chosen in (closest, usual):
@@ -176,7 +176,7 @@ def describe_info(topics: ChosenTopics) -> tuple[str, ...]:
     if topics.info is None:
         return ()
     names = topics.info.name, _raw_topic_name(topics.camera.name)
-    num_shared = _num_shared_names(*names)
+    num_shared = num_shared_names(*names)
     own, images = (name.strip("/").split("/")[num_shared:] for name in names)
     if min(len(own), len(images)) < 2 or own[-1] == images[-1]:
         return ()  # /front/camera_info or /camera_info/front beside /front/image or /image/front
@@ -186,7 +186,7 @@ def describe_info(topics: ChosenTopics) -> tuple[str, ...]:
     )
 
 
-def _num_shared_names(first: str, second: str) -> int:
+def num_shared_names(first: str, second: str) -> int:
     """Number of common leading names of two topics' paths."""
     pairs = zip(first.strip("/").split("/"), second.strip("/").split("/"), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sightline.data.importing.bag import TRANSFORMS, Bag, plain_frame
+from sightline.data.importing.bag_topics import num_shared_names
 from sightline.data.importing.frames import (
     Rigid,
     find_chain,
@@ -54,9 +55,13 @@ class _Values:
     """Numbers of messages with the kept values, of static ones if the pair is static."""
     total: int = 0
     """Number of messages that are counted."""
+    topics: dict[str, None] = field(default_factory=dict)
+    """Topics of the values, the first first."""
 
-    def add(self, rigid: Rigid, *, is_static: bool) -> None:
+    def add(self, rigid: Rigid, topic: str) -> None:
         """Add a message's value."""
+        is_static = _is_static(topic)
+        self.topics[topic] = None
         key = rigid.tobytes()
         first = next(iter(self.kept.values()), rigid)
         if _distance_m(first, rigid) > _distance_m(first, self.farthest):
@@ -92,6 +97,8 @@ class BagTransforms:
     """Reasons why some transforms are invalid."""
     unsettled: frozenset[tuple[str, str]] = frozenset()
     """Pairs without a value that most messages have."""
+    topics: dict[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
+    """Topics of each pair's values."""
 
     def between(self, target: str, source: str) -> dict[tuple[str, str], Rigid]:
         """Select the transforms that never change if they connect two frames, else all.
@@ -106,13 +113,22 @@ class BagTransforms:
         return self.usual if find_chain(fixed, target, source) is None else fixed
 
 
-def transforms_of_bag(bag: Bag) -> BagTransforms:
-    """Read all TF messages."""
+def transforms_of_bag(bag: Bag, sensors: Collection[str] = ()) -> BagTransforms:
+    """Read all TF messages.
+
+    In a bag of several robots, whose frames may have the same names, a transform is taken from the
+    topics that share most leading names with the sensors' topics.
+
+    Args:
+        bag: The bag.
+        sensors: Topics of the sensors.
+    """
     values: dict[tuple[str, str], _Values] = {}
+    nearness: dict[tuple[str, str], int] = {}
     faults: list[str] = []
     names = [topic.name for topic in bag.topics_of_kind(TRANSFORMS)]
-    for name in sorted(names, key=lambda name: "static" not in name):
-        is_static = "static" in name
+    shared = {name: sum(num_shared_names(name, each) for each in sensors) for name in names}
+    for name in sorted(names, key=lambda name: (-shared[name], not _is_static(name))):
         for message in bag.messages([name]):
             for each in message.content.transforms:
                 pair = (plain_frame(each.header.frame_id), plain_frame(each.child_frame_id))
@@ -122,17 +138,24 @@ def transforms_of_bag(bag: Bag) -> BagTransforms:
                     label = f"{shortened(pair[1])} in {shortened(pair[0])}"
                     faults.append(f"{name}: the transform of {label} {error}")
                     continue
+                if nearness.setdefault(min(pair, pair[::-1]), shared[name]) > shared[name]:
+                    continue  # of another robot
                 reverse = values.get(pair[::-1])
-                if not is_static and reverse is not None and reverse.is_static:
+                if not _is_static(name) and reverse is not None and reverse.is_static:
                     pair, rigid = pair[::-1], np.linalg.inv(rigid)
-                known = values.setdefault(pair, _Values(is_static=is_static, farthest=rigid))
-                known.add(rigid, is_static=is_static)
+                known = values.setdefault(pair, _Values(is_static=_is_static(name), farthest=rigid))
+                known.add(rigid, name)
     return BagTransforms(
         usual={pair: each.usual for pair, each in values.items()},
         others={pair: (*each.kept.values(), each.farthest) for pair, each in values.items()},
         faults=tuple(faults),
         unsettled=frozenset(pair for pair, each in values.items() if not each.is_settled),
+        topics={pair: (*each.topics,) for pair, each in values.items()},
     )
+
+
+def _is_static(topic: str) -> bool:
+    return "static" in topic
 
 
 def _rigid(transform: Any) -> Rigid:  # noqa: ANN401 - a message
@@ -218,10 +241,12 @@ def describe_transforms(
     steps = _steps(selected, lidar, camera)
     moves = _largest_move(transforms, used, steps, lidar, camera)
     if moves is not None:
+        topics = dict.fromkeys(name for step in steps for name in transforms.topics.get(step, ()))
+        several = f"; it is in topics {', '.join(map(shortened, topics))}" * (len(topics) > 1)
         notes.append(
             f"warning: by TF {shortened(lidar)} moves relative to {shortened(camera)} in the "
             f"drive, by {_text(moves)} at times: the pose of most messages is used, or else "
-            "the first"
+            f"the first{several}"
         )
     for step in steps[: 2 * _MAX_COMPARED_TRANSFORMS]:
         rest = {each: rigid for each, rigid in selected.items() if each != step}

@@ -128,7 +128,7 @@ def import_bag(
         )
         notes += describe_parts_of_turns(bag, topics.lidar.name)
         read = (topics.camera.name, topics.lidar.name)
-        notes += (*bag.kind_notes(read), *bag.publisher_notes(read))
+        notes += (*bag.kind_notes(read), *bag.publisher_notes(read), *bag.copy_notes(read))
         notes += bag.count_notes(bag.num_read)
         intensity = max_intensity or given.max_intensity
         is_guessed = max_intensity is None and intensity == 1
