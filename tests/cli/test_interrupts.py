@@ -118,3 +118,18 @@ class Broken:
 Broken()
 """
     assert "by chance" in run(script).stderr
+
+
+def test_ctrl_c_that_is_dropped_as_python_ends_does_not_kill_it():
+    script = """
+import atexit
+from sightline.cli.interrupts import keep_interrupts
+class Dropped:
+    def __del__(self):
+        raise KeyboardInterrupt
+keep_interrupts()
+atexit.register(lambda: Dropped() and None)
+many = [[] for _ in range(3_000_000)]  # freed in more time than the alarm needs
+"""
+    done = run(script)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,5 +1,6 @@
 """Handling of Ctrl-C, SIGTERM and SIGHUP where imports or forks would lose the exception."""
 
+import atexit
 import contextlib
 import logging
 import math
@@ -37,6 +38,8 @@ def keep_interrupts() -> None:
     for number in SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, interrupter)
+    # An alarm during Python's end would kill it, as there is no handler by then.
+    atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
     sys.unraisablehook = partial(interrupter.repeat_dropped, sys.unraisablehook, os.getpid())
 
 
