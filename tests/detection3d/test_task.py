@@ -105,10 +105,12 @@ def test_the_first_stage_alone_answers_by_its_proposals(batch, scored):
     assert {"Car/3d/moderate", "loose/Car/bev/easy_R11", "recall/0.7"} <= set(scores)
 
 
-def test_a_first_stage_that_is_held_still_does_not_change(batch):
+@pytest.mark.parametrize("mode_is_set", [False, True])
+def test_a_first_stage_that_is_held_still_does_not_change(batch, mode_is_set):
     torch.manual_seed(0)
     task = Detection3D(TINY, loss=LOSS, stages="second")
-    task.train()
+    if mode_is_set:  # Lightning sets none
+        task.train()
     before = {name: tensor.clone() for name, tensor in task.network.points.state_dict().items()}
     losses = task.losses(batch)
     losses.total.backward()

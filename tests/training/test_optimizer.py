@@ -1,10 +1,13 @@
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
+from lightning.pytorch.callbacks import EMAWeightAveraging
 
 from sightline.training.optimizer import OptimizerConfig, make_optimizer, make_schedule
+from sightline.training.sources import SourceConfig
 from tests.training import toy
 
 
@@ -120,6 +123,31 @@ def test_parts_with_the_factor_0_are_frozen(frames, tmp_path):
     after = dict(module.named_parameters())
     unchanged = [name for name in before if torch.equal(after[name], before[name])]
     assert unchanged == [frozen]
+
+
+@pytest.mark.filterwarnings("ignore:Found 1 module")
+@pytest.mark.parametrize("averaged", [False, True])
+def test_a_frozen_network_stays_as_it_is_with_its_batch_normalisation(frames, tmp_path, averaged):
+    trained = "network.layers.3.bias"
+    module = toy.module(rate_factors={trained: 1.0, "*": 0.0})
+    before = {name: each.clone() for name, each in module.state_dict().items()}
+    callbacks = [EMAWeightAveraging(decay=0.8)] if averaged else []
+    data = toy.data(frames, validation=(SourceConfig(path=Path()),))
+    toy.trainer(tmp_path, max_epochs=2, callbacks=callbacks).fit(module, datamodule=data)
+    after = module.state_dict()
+    assert not torch.equal(after.pop(trained), before.pop(trained))
+    tolerance = 1e-6 if averaged else 0.0  # means of equal numbers are rounded
+    torch.testing.assert_close(after, before, rtol=tolerance, atol=0.0)
+    module.train()  # as a caller may
+    assert not module.network.layers[1].training
+    assert module.network.layers[2].training  # dropout
+
+
+def test_batch_normalisation_goes_on_where_one_of_its_parameters_is_trained(frames, tmp_path):
+    module = toy.module(rate_factors={"*.layers.1.bias": 0.0})
+    mean = module.network.layers[1].running_mean.clone()
+    toy.trainer(tmp_path, max_epochs=1).fit(module, datamodule=toy.data(frames))
+    assert not torch.equal(module.network.layers[1].running_mean, mean)
 
 
 @pytest.mark.parametrize("factor", [-1.0, math.inf, math.nan])

@@ -98,7 +98,7 @@ class Detection3D(TrainingModule):
         self._identity: str | None = None  # the frozen first stage's
         self._proposed: list[Proposed] = []  # of the batch scored last
         for stage in self._still:
-            stage.requires_grad_(requires_grad=False)
+            stage.requires_grad_(requires_grad=False).eval()
 
     @property
     def _still(self) -> list[nn.Module]:

@@ -29,6 +29,7 @@ from sightline.training.initial_weights import check_network, check_shapes, load
 from sightline.training.optimizer import (
     OptimizerConfig,
     freeze,
+    hold_frozen_norms,
     make_optimizer,
     make_schedule,
     unmatched_rate_factors,
@@ -116,11 +117,17 @@ class TrainingModule(lightning.LightningModule, ABC):
             )
         elif initial_part is not None:
             raise ValueError(f"initial_part {initial_part} needs initial_weights; set both")
-        freeze(self.named_parameters(), optimizer)
+        freeze(self, optimizer)
 
     @abstractmethod
     def network_config(self) -> NetworkConfig:
         """Settings for rebuilding the network."""
+
+    def train(self, mode: bool = True) -> "TrainingModule":  # noqa: FBT001 - as PyTorch's
+        """Set the mode; frozen batch normalisations stay in evaluation mode."""
+        super().train(mode)
+        hold_frozen_norms(self)
+        return self
 
     def final_weights(self, weights: Weights) -> Weights:
         """Convert weights of a checkpoint for use: by default they stay as they are."""

@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from typing import Any, Final, Literal
 
 from torch import nn
+from torch.nn.modules.batchnorm import _BatchNorm
 from torch.optim import SGD, Adam, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler, OneCycleLR
 
@@ -41,7 +42,8 @@ class OptimizerConfig:
     """Factor by which the schedule `steps` multiplies the learning rate."""
     rate_factors: dict[str, float] = field(default_factory=dict)
     """Factors on the learning rate of parts of the network, by patterns of their parameters' names
-    (`*` is any text; of several that fit, the first counts): {"*_gate.*": 0.05}. 0: frozen."""
+    (`*` is any text; of several that fit, the first counts): {"*_gate.*": 0.05}. 0: frozen, with
+    the running mean and variance of batch normalisations all of whose parameters are."""
 
     def __post_init__(self) -> None:
         """Check the choices and the ranges."""
@@ -100,12 +102,26 @@ def make_optimizer(
 
 
 @named_arguments
-def freeze(parameters: Iterable[tuple[str, nn.Parameter]], config: OptimizerConfig) -> None:
-    """Exclude named parameters from training whose factor in `rate_factors` is 0."""
-    for name, parameter in parameters:
+def freeze(module: nn.Module, config: OptimizerConfig) -> None:
+    """Exclude the parameters of a module from training whose factor in `rate_factors` is 0."""
+    for name, parameter in module.named_parameters():
         pattern = _pattern_of(name, config)
         if pattern is not None and config.rate_factors[pattern] == 0:
             parameter.requires_grad = False
+    hold_frozen_norms(module)
+
+
+def hold_frozen_norms(module: nn.Module) -> None:
+    """Set the batch normalisations all of whose parameters are frozen to evaluation mode.
+
+    In training mode their running mean and variance would go on, and their outputs depend on the
+    batch.
+    """
+    for layer in module.modules():
+        own = list(layer.parameters(recurse=False))
+        is_frozen = bool(own) and not any(each.requires_grad for each in own)
+        if is_frozen and isinstance(layer, _BatchNorm):
+            layer.eval()
 
 
 def _pattern_of(name: str, config: OptimizerConfig) -> str | None:

@@ -14,6 +14,7 @@ LIGHTNING_NOISE = (
     "The number of training batches .* is smaller than the logging interval",
     "Checkpoint directory .* exists and is not empty",
     "The dirpath has changed from",
+    r"Found \d+ module\(s\) in eval mode at the start",  # those that are frozen
     "Precision .* is not supported by the model summary",
     "You're using the WeightAveraging callback, but loading a checkpoint outside",
     "`isinstance.treespec, LeafSpec.` is deprecated",
