@@ -153,6 +153,18 @@ def test_vgg_weights_are_taken_when_a_training_begins_and_only_then(tmp_path):
         task.setup("fit")
 
 
+def test_initial_weights_go_before_those_of_vgg(tmp_path, capsys):
+    path, vgg = tmp_path / "w.safetensors", str(tmp_path / "absent.pth")
+    whole = write_network(path)
+    task = attached(Detection2D(initial_weights=path, vgg_weights=vgg))
+    task.load_start()  # as before step 0
+    task.setup("fit")
+    for name, tensor in task.network.state_dict().items():
+        assert torch.equal(tensor, whole.state_dict()[name])
+    line = f"the training starts from {path}, not from VGG16's weights ({vgg})\n"
+    assert capsys.readouterr().err == line
+
+
 def test_streams_are_taken_over_the_weights_when_a_training_begins_and_only_then(tmp_path):
     whole = write_network(tmp_path / "w.safetensors")
     torch.manual_seed(1)

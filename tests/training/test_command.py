@@ -402,12 +402,16 @@ def test_a_short_run_leaves_a_curve_of_its_loss(recipes):
     assert len(scalars("runs/toy", "training/mse")) == 8
 
 
-def test_given_weights_are_scored_before_they_are_changed(recipes, capsys):
+def test_given_weights_are_scored_before_they_are_changed(recipes, capsys, monkeypatch):
     run_training("fit", ["--config", "toy", "--run_folder", "first"], recipes)
     weights = "--model.initial_weights=first/weights.safetensors"
     progress_bar = "--trainer.enable_progress_bar=true"
     capsys.readouterr()
+    done, score = [], toy.ToyModule.score
+    monkeypatch.setattr(toy.ToyModule, "load_start", lambda _: done.append("start"))
+    monkeypatch.setattr(toy.ToyModule, "score", lambda *each: done.append("score") or score(*each))
     run_training("fit", ["--config", "toy", weights, progress_bar], recipes)
+    assert done[:2] == ["start", "score"]
     best = read_weights("first/weights.safetensors").provenance["validation/mse"]
     assert f"step 0: validation/mse {best}\n" in capsys.readouterr().err
     curve = scalars("runs/toy", "validation/mse")

@@ -1,5 +1,6 @@
 """Training and scoring of the 2D detectors."""
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -7,6 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import torch
 from jaxtyping import UInt8
+from lightning.pytorch.utilities import rank_zero_only
 from torch import Tensor
 
 from sightline.data.formats.kitti_conversion import kitti_from_detections2d
@@ -108,8 +110,9 @@ class Detection2D(TrainingModule):
                 or checkpoint.
             initial_streams: Networks whose streams it starts from, over initial_weights: camera and
                 lidar, each from a network that was trained with that sensor alone.
-            vgg_weights: VGG16's weights that its streams start from: imagenet, which torchvision
-                downloads, or a file of torchvision's VGG16. None: the streams start at random.
+            vgg_weights: VGG16's weights that its streams start from, unless there are initial
+                weights: imagenet, which torchvision downloads, or a file of torchvision's VGG16.
+                None: the streams start at random.
 
         Raises:
             ValueError: The initial weights cannot be read or are another network's.
@@ -126,6 +129,8 @@ class Detection2D(TrainingModule):
         self.loss = loss
         self.initial_streams = initial_streams or {}
         self.vgg_weights = vgg_weights
+        self._initial_weights = initial_weights
+        self._is_start_loaded = False
 
     def network_config(self) -> Detection2DConfig:
         """Return the network's settings."""
@@ -137,17 +142,31 @@ class Detection2D(TrainingModule):
         return fold_batch_norm(weights)
 
     def setup(self, stage: str) -> None:
-        """Load VGG16's weights, and other networks' streams, when a training starts.
+        """Load what a training starts from; a resumed one has it in its checkpoint.
 
-        A resumed training has them in its checkpoint.
+        Raises:
+            ValueError: See `load_start`.
+        """
+        if stage == "fit" and not self.is_resumed:
+            self.load_start()
+
+    def load_start(self) -> None:
+        """Load VGG16's weights, unless there are initial weights, and other networks' streams.
 
         Raises:
             ValueError: They are not available.
         """
-        if stage != "fit" or self.is_resumed:
+        if self._is_start_loaded:
             return
-        if self.vgg_weights is not None:
+        self._is_start_loaded = True
+        if self.vgg_weights is not None and self._initial_weights is None:
             load_vgg_weights(self.network, self.vgg_weights)
+        elif self.vgg_weights is not None:
+            rank_zero_only(print)(
+                f"the training starts from {self._initial_weights}, not from VGG16's weights "
+                f"({self.vgg_weights})",
+                file=sys.stderr,
+            )
         load_stream_weights(self.network, self.initial_streams, task_name=self.task_name)
 
     def losses(self, batch: DetectionBatch) -> DetectionLosses:

@@ -353,6 +353,7 @@ class _TrainingCLI(LightningCLI):
         is_scored = self._initial_weights is not None and not self.model.is_resumed
         if is_scored and self.datamodule.sources["validation"]:
             self.datamodule.check_training_sources(world=self.trainer.world_size)
+            self.model.load_start()
             self.trainer.validate(self.model, datamodule=self.datamodule, verbose=False)
 
     def after_fit(self) -> None:

@@ -133,6 +133,16 @@ class TrainingModule(lightning.LightningModule, ABC):
         """Convert weights of a checkpoint for use: by default they stay as they are."""
         return weights
 
+    def load_start(self) -> None:
+        """Load what a training starts from over the initial weights; by default nothing.
+
+        Called before these weights are scored at step 0; a second call must change nothing. A
+        resumed training has them in its checkpoint.
+
+        Raises:
+            ValueError: Weights cannot be loaded.
+        """
+
     @abstractmethod
     def losses(self, batch: Any) -> Losses:  # noqa: ANN401 - the task's own batch
         """Compute the loss of a batch and its terms."""
