@@ -6,7 +6,7 @@ import torch
 
 from sightline.augmentation.sweep_changes import GroundShapeConfig
 from sightline.data.formats.rings import ring_numbers
-from sightline.detection3d.examples import SceneChangeConfig, change_scene
+from sightline.detection3d.examples import SceneChangeConfig, change_scene, thin_beams
 from sightline.detection3d.sweeps import SweepConfig, cut_to_view
 from sightline.geometry.boxes3d import Boxes3D
 from tests.detection3d.frames import simulated_frames
@@ -74,7 +74,8 @@ def test_stretched_objects_differ_from_each_other_and_keep_their_mean_size(sampl
 
 def test_a_sweep_of_fewer_beams_has_fewer_rings(sample):
     config = SceneChangeConfig(**{**vars(NOTHING), "beams": (16,)})
-    thinned = change_scene(sample, config, np.random.default_rng(0))
+    thinned, has_all_beams = thin_beams(sample, config, np.random.default_rng(0))
+    assert not has_all_beams
     whole, thin = (len(np.unique(ring_numbers(each.points.numpy()))) for each in (sample, thinned))
     assert thin <= whole / 4 + 1
     assert 0.15 < len(thinned.points) / len(sample.points) < 0.35

@@ -14,6 +14,7 @@ from sightline.detection3d.examples import (
 from sightline.detection3d.sweeps import SweepConfig, SweepTruthConfig, make_truth
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.transforms import rotation_about_axes
 from sightline.structures.batch import concatenate
 from tests.detection3d.frames import NAMES, SWEEP, simulated_frames
 
@@ -103,6 +104,33 @@ def test_a_higher_lidar_is_learned_from_and_scored_as_it_is_detected_in(frames, 
         torch.testing.assert_close(
             frame.calibration.camera_from_lidar, calibration.camera_from_lidar
         )
+
+
+def shuffled(sample):
+    order = torch.from_numpy(np.random.default_rng(0).permutation(len(sample.points)))
+    return replace(sample, points=sample.points[order])
+
+
+def test_the_rings_of_a_high_or_tilted_lidar_are_found_in_any_order_of_its_points(frames):
+    few = replace(SETTINGS, changes=SceneChangeConfig(mirror=False, turn_deg=0.0, beams=(16,)))
+    few = replace(few, input=replace(SWEEP, num_points=None))
+    expected = len(example(shuffled(frames[0]), few).points[0])
+    high = replace(shuffled(frames[0]), lidar_height_m=KITTI_LIDAR_HEIGHT_M + 0.6)
+    tilt = torch.eye(4, dtype=torch.float64)
+    tilt[:3, :3] = rotation_about_axes(0.0, 4.0, 0.0)
+    tilted = replace(shuffled(frames[0]), level_from_lidar=tilt)
+    for each in (high, tilted):
+        kept = len(example(each, few).points[0])
+        assert 0.8 < kept / expected < 1.2
+
+
+def test_rings_that_are_not_found_name_the_setting(frames):
+    few = replace(SETTINGS, changes=SceneChangeConfig(beams=(16,)))
+    cube = torch.rand(2000, 4, generator=torch.Generator().manual_seed(0))
+    points = cube * cube.new_tensor([20, 20, 4, 1]) - cube.new_tensor([0, 10, 2, 0])
+    settings = r"init_args\.settings\.changes\.beams '\[64\]'\)$"
+    with pytest.raises(ValueError, match=f"000000: .*{settings}"):
+        example(replace(frames[0], points=points), few)
 
 
 def truth_of(sample, points, **settings):

@@ -45,7 +45,7 @@ from sightline.files.settings import NetworkConfig
 from sightline.geometry.calibration import Calibration
 from sightline.structures.batch import FieldwiseBatch
 from sightline.structures.level import level_sample
-from sightline.structures.sample import CameraLidarSample
+from sightline.structures.sample import CameraLidarSample, check_points
 from sightline.training.data import SamplePreparation, check_agrees
 
 _BEAMS = (64, 32, 16, 8)
@@ -116,21 +116,42 @@ class SceneChangeConfig:
         check_numbers(self, "at least 1", "bank_frames", within="changes.")
 
 
+def thin_beams(
+    sample: CameraLidarSample, config: SceneChangeConfig, rng: np.random.Generator
+) -> tuple[CameraLidarSample, bool]:
+    """Draw how many beams a sweep keeps, in the LiDAR's own frame: elsewhere rings are tilted.
+
+    Returns:
+        The sample, and whether it keeps all beams.
+
+    Raises:
+        ValueError: The rings are unknown, or `check_points` refuses the points.
+    """
+    check_points(sample)
+    keep_every = _BEAMS[0] // int(rng.choice(np.array(config.beams)))
+    if keep_every == 1:
+        return sample, True
+    try:
+        return thin_rings(sample, keep_every, int(rng.integers(keep_every))), False
+    except ValueError as error:
+        raise ValueError(
+            f"{error}; or train without fewer beams, which need no rings "
+            "(--data.init_args.preparation.init_args.settings.changes.beams '[64]')"
+        ) from error
+
+
 def change_scene(
     sample: CameraLidarSample,
     config: SceneChangeConfig,
     rng: np.random.Generator,
     bank: ObjectBank | None = None,
 ) -> CameraLidarSample:
-    """Augment a sample as if another street, mount or sensor had given it.
+    """Augment a sample as if another street or mount had given it; see `thin_beams` for sensors.
 
-    Rings are thinned first, because their order comes from the original sweep. Objects are pasted
-    next, while the calibration still matches the camera's view. The sample has a sweep and labels.
+    Objects of the bank, if any, are pasted first, while the calibration still matches the camera's
+    view. The sample has a sweep and labels.
     """
-    keep_every = _BEAMS[0] // int(rng.choice(np.array(config.beams)))
-    if keep_every > 1:
-        sample = thin_rings(sample, keep_every, int(rng.integers(keep_every)))
-    elif config.objects is not None and bank is not None:
+    if config.objects is not None and bank is not None:
         sample = paste_objects(sample, bank, rng, config.objects)
     if any(config.stretch) and sample.objects is not None:
         logs = rng.normal(size=(len(sample.objects), 3)) * np.array(config.stretch)
@@ -237,6 +258,10 @@ class Detection3DExamples(SamplePreparation):
         record = None
         if self.cache is not None:
             points, record, sample = read_record(self.cache, sample, training=training)
+        changes = settings.changes if training and record is None else None
+        has_all_beams = True
+        if changes is not None and sample.points is not None:
+            sample, has_all_beams = thin_beams(sample, changes, rng)
         level = level_sample(sample)
         raised = to_kitti_frame(level)
         assert level.objects is not None, "checked above"
@@ -251,8 +276,9 @@ class Detection3DExamples(SamplePreparation):
         objects = raised.objects
         if record is None:
             visible = cut_to_view(replace(raised, image=None, depth=None), seen)
-            if training and settings.changes is not None:
-                visible = change_scene(visible, settings.changes, rng, self._bank)
+            if changes is not None:
+                bank = self._bank if has_all_beams else None
+                visible = change_scene(visible, changes, rng, bank)
             assert visible.points is not None, "checked when it was cut"
             assert visible.objects is not None, "checked above"
             within = points_in_range(visible.points, seen)
