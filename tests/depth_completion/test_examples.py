@@ -26,6 +26,7 @@ from sightline.depth_completion.truth_shaping import (
 from sightline.evaluation.held_out_frame import split_rings
 from sightline.geometry.projection import sparse_depth_map
 from sightline.simulation.packaged import PACKAGED_FRAMES
+from tests.evaluation.held_out_sweeps import turning_sample
 from tests.settings import set_unchecked
 
 ALL_FAULTS = ExampleConfig(
@@ -48,6 +49,20 @@ ALL_FAULTS = ExampleConfig(
 @pytest.fixture(scope="module")
 def sample():
     return open_dataset(PACKAGED_FRAMES, parts={"image", "points", "depth"})[0]
+
+
+class MemoryDataset:
+    """A data set of one sample."""
+
+    def __init__(self, sample):
+        self.sample = sample
+        self.sample_ids = (sample.sample_id,)
+
+    def __len__(self):
+        return 1
+
+    def __getitem__(self, index):
+        return self.sample
 
 
 def example(sample, config, *, seed=0, training=True):
@@ -319,3 +334,24 @@ def test_training_data_without_a_true_depth_in_reach_is_refused(tmp_path):
         examples.for_training([dataset], rng)
     held_out = DepthExamples(ExampleConfig(truth="held_out"))
     assert held_out.for_training([dataset], rng) is held_out
+
+
+def test_of_a_lidar_with_16_beams_densities_that_fit_are_drawn(capsys):
+    whole = turning_sample(16, image_size=(96, 128), step=0.06)
+    config = ExampleConfig(truth="held_out", beams=(64, 32, 16, 8))
+    for seed in range(8):
+        example(whole, config, seed=seed)
+    rng = np.random.default_rng(0)
+    datasets = [MemoryDataset(whole), MemoryDataset(whole)]
+    DepthExamples(config).for_training(datasets, rng)
+    told = capsys.readouterr().err
+    assert told.count("the LiDAR has 16 beams (sample turn)") == 1
+    assert told.endswith("beams 64, 32, 16, 8 only 16, 8 are drawn, which divide them\n")
+    dense = replace(config, beams=(64, 32))
+    message = r"turn: none of the beams 64, 32 divides the 16 .*settings\.beams '\[16, 8\]'$"
+    for refused in (
+        lambda: example(whole, dense),
+        lambda: DepthExamples(dense).for_training(datasets, rng),
+    ):
+        with pytest.raises(ValueError, match=message):
+            refused()

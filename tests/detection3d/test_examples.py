@@ -159,6 +159,17 @@ def test_objects_without_points_or_that_look_like_ours_are_ignored(frames):
     assert len(as_background.ignored_boxes) < len(cars)
 
 
+def test_a_learned_class_is_ignored_for_itself_though_it_looks_like_another(frames):
+    names = tuple("Van" if each == "Car" else each for each in frames[0].objects.class_names)
+    objects = replace(frames[0].objects, class_names=names)
+    config = SweepTruthConfig(min_points=10_000)
+    truth = make_truth(objects, frames[0].points, ("Car", "Van"), SweepConfig(), config)
+    assert not len(truth.boxes)
+    num_vans = sum(name == "Van" for name in names)
+    assert truth.ignored_classes[:, 1].sum() == num_vans
+    assert truth.ignored_classes[:, 0].sum() == sum(name == "Truck" for name in names)
+
+
 def test_a_frame_without_labels_and_a_cache_with_changes_are_refused(frames, tmp_path):
     with pytest.raises(ValueError, match="000000 has no labels"):
         example(replace(frames[0], objects=None))

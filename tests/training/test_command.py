@@ -46,6 +46,21 @@ def test_a_training_without_a_step_is_an_error_that_names_the_settings(recipes, 
     assert not Path("runs/toy/weights.safetensors").exists()
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("precision=bf16-true", r"precision bf16-true does not .* 32-true, bf16-mixed or 16-mixed"),
+        ("precision=64", "precision 64 does not suit"),
+        ("gradient_clip_val=-1", "gradient_clip_val must not be negative, got -1"),
+        ("barebones=true", "a run would have no result; leave it out"),
+    ],
+)
+def test_settings_of_the_trainer_that_cannot_work_are_refused(recipes, setting, message):
+    with pytest.raises(ValueError, match=message):
+        run_training("fit", ["--config", "toy", f"--trainer.{setting}"], recipes)
+    assert not Path("runs/toy/config.yaml").exists()
+
+
 def test_a_trial_run_leaves_no_weights_and_says_so(recipes, capsys):
     run = ["--config", "toy", "--trainer.fast_dev_run", "true"]
     assert run_training("fit", run, recipes) == 0

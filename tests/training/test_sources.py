@@ -125,6 +125,17 @@ def test_frames_that_are_both_trained_and_scored_on_are_counted_once(tree, capsy
     assert "are also training frames (000006 first)" in line
 
 
+def test_overlap_of_a_folder_of_shards_and_one_of_its_tars_is_told(tree, capsys):
+    shards = tree.parent / "shards"
+    write_shards(tree, shards, frames_per_shard=4)
+    whole, alone = (SourceConfig(path=path) for path in (Path(), Path("000000.tar")))
+    for training, validation, number in ((whole, alone, 4), (alone, whole, 4)):
+        data = toy.data(shards, training=(training,), validation=(validation,))
+        data.train_dataloader()
+        data.val_dataloader()
+        assert capsys.readouterr().err.startswith(f"{number} of ")
+
+
 def test_lists_that_are_there_are_taken_as_they_are(tree):
     write_list(tree, "train", (1, 2))
     write_list(tree, "val", (2, 3))
@@ -358,6 +369,18 @@ def test_objects_whose_names_are_no_classes_are_counted_over_all_training_frames
         "names that are no classes of KITTI (car 2, Bus 1; capitals count): they are learned as "
         "background; correct the names (sightline check)\n"
     )
+
+
+def test_other_capitals_in_validation_are_told_as_such(tree):
+    for number in range(9):
+        write_label(tree, number, "car", "Van")
+    write_list(tree, "some", range(9))
+    with warnings.catch_warnings(action="ignore"):  # of the labels themselves
+        dataset = open_with_classes(tree, sample_list="some")
+    classes = ("Car", "Cyclist")
+    first, second = labelled_classes([dataset], classes).scoring_warnings("test", classes, None)
+    assert "no object of Cyclist: the scores of these classes say nothing" in first
+    assert "other capitals than the learned classes (car 9): scores count these objects" in second
 
 
 @pytest.mark.filterwarnings("ignore:.*(far outside|do not fit its 2D boxes)")

@@ -1,5 +1,6 @@
 """Training and validation examples from samples."""
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ import numpy as np
 import torch
 from beartype import beartype
 from jaxtyping import Float32, jaxtyped
+from lightning.pytorch.utilities import rank_zero_only
 from torch import Tensor
 
 from sightline.augmentation.camera_chain import CameraChainConfig, change_camera
@@ -38,6 +40,7 @@ from sightline.evaluation.held_out_frame import (
     CROP_SIZE,
     FIRST_HELD_OUT,
     HELD_OUT_EVERY,
+    HeldOutFrame,
     dense_truth_in_reach,
     split_rings,
 )
@@ -72,6 +75,7 @@ class DepthBatch(FieldwiseBatch):
     """Weight of each pixel of `depth_m` in the loss; None: all equal."""
 
 
+_SETTINGS = "--data.init_args.preparation.init_args.settings"
 _LOOKED_AT = 20  # frames of a data set, before a training
 
 TruthKind = Literal["depth", "held_out", "both"]
@@ -145,7 +149,8 @@ class ExampleConfig:
     crop_size: tuple[int, int] | None = None
     """Height and width of the crop [px]; None: the benchmark's 352 x 1216."""
     beams: tuple[int, ...] = (64,)
-    """Densities to draw from, in beams of 64; repeat a number to draw it more often."""
+    """Densities to draw from, in beams of 64; repeat a number to draw it more often. With held-out
+    rings, those that divide the sensor's number of beams are drawn: of 16, 16 and 8."""
     augmentation: AugmentationConfig = AugmentationConfig()
     """Augmentation in training."""
 
@@ -182,21 +187,22 @@ class DepthExamples(SamplePreparation):
     ) -> "DepthExamples":
         """Refuse training data whose depth maps are empty, by frames spread over each data set.
 
+        Densities that the sensor of a data set's first frame cannot have are told.
+
         Raises:
-            ValueError: No map of `_LOOKED_AT` frames of each data set has a depth in reach.
+            ValueError: No map of `_LOOKED_AT` frames of each data set has a depth in reach, or a
+                sensor can have none of the densities.
         """
         del rng
+        if self.settings.truth != "depth":
+            for line in dict.fromkeys(_beams_note(each[0], self.settings) for each in datasets):
+                if line is not None:
+                    rank_zero_only(print)(line, file=sys.stderr)
         if self.settings.truth == "held_out":
             return self
         for dataset in datasets:
-            chosen = np.linspace(0, len(dataset) - 1, min(_LOOKED_AT, len(dataset))).astype(int)
-            for index in chosen.tolist():
-                depth_m = dataset[index].depth
-                if depth_m is None or bool(
-                    (_without_far(self.settings.farthest_m, depth_m) > 0).any()
-                ):
-                    break  # without a map, `prepare` says so
-            else:
+            chosen = _spread(dataset)
+            if not any(self._has_truth(dataset[index]) for index in chosen):
                 first, last = (dataset.sample_ids[chosen[end]] for end in (0, -1))
                 raise ValueError(
                     f"the depth maps of {len(chosen)} training frames, {first} to {last}, have no "
@@ -206,11 +212,22 @@ class DepthExamples(SamplePreparation):
                 )
         return self
 
+    def _has_truth(self, sample: CameraLidarSample) -> bool:
+        """Test if a depth map has a depth in reach; without a map, `prepare` says so."""
+        depth_m = sample.depth
+        return depth_m is None or bool((_without_far(self.settings.farthest_m, depth_m) > 0).any())
+
     def prepare(
         self, sample: CameraLidarSample, rng: np.random.Generator, *, training: bool
     ) -> DepthBatch:
         """Make an example; see `make_example`."""
         return make_example(sample, self.settings, rng, training=training)
+
+
+def _spread(dataset: SampleDataset) -> list[int]:
+    """Choose frames spread over a data set."""
+    chosen = np.linspace(0, len(dataset) - 1, min(_LOOKED_AT, len(dataset))).astype(int)
+    return [int(index) for index in chosen]
 
 
 def make_example(
@@ -310,14 +327,51 @@ def _split_truth(
     first = int(rng.integers(HELD_OUT_EVERY)) if training else FIRST_HELD_OUT
     with _ring_remedy():
         frame = split_rings(sample, first_held_out=first)
-    beams = int(rng.choice(config.beams))
-    start = int(rng.integers(NUM_RINGS // beams)) if training else 0
+    beams = int(rng.choice(_fitting_beams(frame, config)))
+    start = int(rng.integers(frame.sensor_beams // beams)) if training else 0
     inputs = frame.with_beams(beams, start=start)
     dense_m = None
     if config.truth == "both":
         dense_m = _bottom_centre(_bottom_centre(sample, inputs.image_size), max_size).depth
     inputs = _bottom_centre(replace(inputs, depth=frame.truth_m), max_size)
     return inputs, dense_m
+
+
+def _fitting_beams(frame: HeldOutFrame, config: ExampleConfig) -> list[int]:
+    """Select the densities that divide the sensor's number of beams.
+
+    Raises:
+        ValueError: There is none.
+    """
+    fitting = [beams for beams in config.beams if frame.sensor_beams % beams == 0]
+    if not fitting:
+        given = ", ".join(map(str, config.beams))
+        usable = [beams for beams in BEAMS if frame.sensor_beams % beams == 0]
+        raise ValueError(
+            f"sample {frame.sample.sample_id}: none of the beams {given} "
+            f"divides the {frame.sensor_beams} of its LiDAR; set {_SETTINGS}.beams '{usable}'"
+        )
+    return fitting
+
+
+def _beams_note(sample: CameraLidarSample, config: ExampleConfig) -> str | None:
+    """Describe the densities that are not drawn, as the sensor cannot have them; None: all are.
+
+    Raises:
+        ValueError: It can have none.
+    """
+    try:
+        frame = split_rings(sample)
+    except ValueError:  # its example says so
+        return None
+    fitting = _fitting_beams(frame, config)
+    if len(fitting) == len(config.beams):
+        return None
+    return (
+        f"the LiDAR has {frame.sensor_beams} beams (sample {sample.sample_id}): of the "
+        f"preparation's beams {', '.join(map(str, dict.fromkeys(config.beams)))} only "
+        f"{', '.join(map(str, dict.fromkeys(fitting)))} are drawn, which divide them"
+    )
 
 
 @contextmanager
@@ -327,8 +381,8 @@ def _ring_remedy() -> Iterator[None]:
         yield
     except ValueError as error:
         raise ValueError(
-            f"{error}; or, if there is true depth, set truth to depth and beams to [64], which "
-            "need no rings"
+            f"{error}; or, if there is true depth, set {_SETTINGS}.truth depth and "
+            f"{_SETTINGS}.beams '[64]', which need no rings"
         ) from error
 
 
@@ -398,7 +452,7 @@ def _window(
         raise ValueError(
             f"crop_size is {height}x{width} (height x width), larger than the sample's "
             f"{size[0]}x{size[1]} (whole blocks of the network); set a smaller "
-            "--data.init_args.preparation.init_args.settings.crop_size"
+            f"{_SETTINGS}.crop_size"
         )
     if training and config.augmentation.random_crop:
         return (

@@ -205,7 +205,8 @@ class SweepTruthConfig:
     """Selection of objects to detect; other boxes are ignored or background."""
 
     ignored_names: tuple[str, ...] = ("Van", "Truck", "Person_sitting")
-    """KITTI's classes that are ignored for the class that they resemble."""
+    """KITTI's classes that are ignored for the class that they resemble, unless the detector learns
+    them."""
     min_points: int = 1
     """Smallest number of points on an object to detect; others are ignored."""
 
@@ -249,7 +250,8 @@ def make_truth(
     ignored_classes: list[list[bool]] = []
     for index in objects.has_box3d.nonzero()[:, 0].tolist():
         name = objects.class_names[index]
-        like = LOOK_ALIKES[name] if name in config.ignored_names else name
+        is_like = name in config.ignored_names and name not in class_names
+        like = LOOK_ALIKES[name] if is_like else name
         if name in class_names and is_clear[index]:
             found.append(index)
         elif like in class_names or name == "DontCare":

@@ -46,6 +46,7 @@ from sightline.training.sources import (
 )
 from sightline.training.trained_frames import (
     FramesByTree,
+    frames_in,
     frames_of_checkpoint,
     frames_state,
     training_change,
@@ -473,7 +474,7 @@ class CameraLidarData(lightning.LightningDataModule):
 
     def _print_num_trained(self, name: str, sample_ids: Sequence[str], tree: Path) -> None:
         """Print the number of scored frames that are training frames, if any."""
-        training_frames = (self._training_frames or self._checkpoint_frames).get(tree, set())
+        training_frames = frames_in(self._training_frames or self._checkpoint_frames, tree)
         shared = [each for each in sample_ids if each in training_frames]
         if not shared:
             return

@@ -49,6 +49,7 @@ from sightline.training.progress import RunProgress
 from sightline.training.quiet import quiet_lightning
 from sightline.training.resumed_settings import resumed_settings_note
 from sightline.training.run_folder import check_name, claimed
+from sightline.training.trainer_settings import check_trainer_settings
 
 _TENSORBOARD = (None, True)
 _NO_ACCELERATOR = re.compile(r"No supported \w+ backend found|can ?not run on your system")
@@ -280,6 +281,7 @@ class _TrainingCLI(LightningCLI):
         config = self.config[self.subcommand]
         for component in ("model", "data"):
             check_nulls(component, config[component])
+        check_trainer_settings(config["trainer"])
         folder: Path = config["run_folder"]
         self._run.folder = folder
         _check_outside_data(self.subcommand, config["data"]["init_args"], folder)

@@ -225,22 +225,35 @@ class LabelledClasses:
         effect = "these classes are learned as background"
         if len(self.absent) == len(learned):
             effect = "there is nothing to learn"
-        return found + self._absence_warnings("training", box, effect)
+        return found + self._absence_warnings("training", box, effect, self.absent)
 
     def scoring_warnings(
         self, name: str, learned: Sequence[str], box: LearnedBox | None
     ) -> list[str]:
-        """Describe which scores of `name` (validation, test) say nothing."""
-        of_these = "" if len(self.absent) == len(learned) else " of these classes"
-        return self._absence_warnings(name, box, f"the scores{of_these} say nothing")
+        """Describe which scores of `name` (validation, test) say nothing; they ignore case."""
+        lower = {each.lower() for each in self.absent}
+        spelled = {each: n for each, n in self.unknown.items() if each.lower() in lower}
+        scored = {each.lower() for each in spelled}
+        absent = [each for each in self.absent if each.lower() not in scored]
+        of_these = "" if len(absent) == len(learned) else " of these classes"
+        found = self._absence_warnings(name, box, f"the scores{of_these} say nothing", absent)
+        if spelled:
+            found.append(
+                f"warning: the labels of the {name} frames have other capitals than the learned "
+                f"classes ({listed(spelled)}): scores count these objects, training learns them as "
+                "background; correct the names (sightline check)"
+            )
+        return found
 
-    def _absence_warnings(self, name: str, box: LearnedBox | None, effect: str) -> list[str]:
-        if not self.absent:
+    def _absence_warnings(
+        self, name: str, box: LearnedBox | None, effect: str, absent: Sequence[str]
+    ) -> list[str]:
+        if not absent:
             return []
         with_box = "" if box is None else f" with a {box} box"
         return [
             f"warning: the labels of the {name} frames have no object of "
-            f"{', '.join(self.absent)}{with_box}: {effect}; check the labels and the names of "
+            f"{', '.join(absent)}{with_box}: {effect}; check the labels and the names of "
             "their classes (sightline check)"
         ]
 

@@ -24,6 +24,16 @@ _MAX_TRIED_TREES: Final = 6
 """Largest number of folders of which every combination of uses is tried."""
 
 
+def frames_in(frames_by_tree: FramesByTree, tree: Path) -> set[str]:
+    """Collect the names of a tree's frames; a folder of shards and each of its tars are one."""
+
+    def store(path: Path) -> Path:
+        return path.parent if path.suffix == ".tar" else path
+
+    found = (ids for each, ids in frames_by_tree.items() if store(each) == store(tree))
+    return set(chain.from_iterable(found))
+
+
 def frames_state(frames_by_tree: FramesByTree) -> dict[str, Any]:
     """Compute the number of frames and digests of their names, without their folders.
 
