@@ -47,6 +47,14 @@ def test_a_principal_point_of_another_image_is_doubted():
         CameraLidarSample.from_arrays(calibration, image=IMAGE, points=POINTS)
 
 
+def test_an_image_cropped_without_kittis_camera_matrix_is_doubted():
+    matrix = np.array([[721.5377, 0, 609.5593], [0, 721.5377, 172.854], [0, 0, 1]])
+    calibration = Calibration.from_matrices(matrix, CAMERA_FROM_LIDAR)
+    cropped = np.ascontiguousarray(IMAGE[-352:, 13:1229])
+    with pytest.warns(UserWarning, match="camera_matrix is of KITTI's images of 375x1242"):
+        CameraLidarSample.from_arrays(calibration, image=cropped, points=POINTS)
+
+
 def test_a_camera_matrix_is_doubted_once_and_as_that_of_a_recording(recwarn):
     skewed, in_mm = CAMERA_MATRIX.copy(), CAMERA_MATRIX.copy()
     skewed[0, 1] = 120

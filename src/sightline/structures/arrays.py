@@ -23,6 +23,7 @@ from sightline.geometry.cloud_checks import (
 from sightline.geometry.echoes import USUAL_LOSS, echoes, warn_of_losses
 from sightline.geometry.given_arrays import given_array
 from sightline.geometry.intensity_checks import reflectances, warn_of_intensities
+from sightline.geometry.kitti_sizes import kitti_size_doubt
 from sightline.geometry.mount import (
     MIN_SHARE_IN_IMAGE,
     mount_doubt,
@@ -260,6 +261,7 @@ def warn_of_view(
         size_doubt(matrix, image_size)
         or resolution_doubt(matrix, image_size)
         or off_centre_doubt(matrix, image_size)
+        or kitti_size_doubt(matrix, image_size)
     )
     if doubt is not None:
         warnings.warn(f"{camera} {doubt}", stacklevel=stacklevel)

@@ -100,7 +100,9 @@ def examine_object_frame(frame: ObjectFrame) -> Findings:
     if matrices is not None and frame.calibration is not None:
         pose = read_or_note(read_object_pose, frame.calibration, found.unreadable)
         tilt = None if pose is None else pose.tilt
-        found.implausible += check_matrices(matrices, size, frame.calibration, tilt=tilt)
+        found.implausible += check_matrices(
+            matrices, size, frame.calibration, tilt=tilt, picture=frame.image
+        )
     points = _examine_sweep(frame.points, found)
     objects = read_or_note(read_labels, frame.objects, found.unreadable)
     if points is not None and frame.points is not None and matrices is not None:
@@ -134,7 +136,9 @@ def examine_depth_frame(frame: DepthFrame) -> Findings:
         read = partial(read_rectified_intrinsics, camera=int(frame.camera[-2:]))
         intrinsics = read_or_note(read, frame.intrinsics, found.unreadable)
     if intrinsics is not None and frame.intrinsics is not None:
-        found.implausible += check_intrinsics(intrinsics, size, frame.intrinsics)
+        found.implausible += check_intrinsics(
+            intrinsics, size, frame.intrinsics, picture=frame.image
+        )
     return found
 
 

@@ -145,7 +145,11 @@ class KittiDepthDataset(Dataset[CameraLidarSample]):
         path = frame.intrinsics
         assert path is not None, f"{frame.sample_id} passed the check without intrinsics"
         intrinsics, size = _read_intrinsics(frame, path), (height, width)
-        self._judge.judge(intrinsics, size, lambda: check_intrinsics(intrinsics, size, path))
+        self._judge.judge(
+            intrinsics,
+            size,
+            lambda: check_intrinsics(intrinsics, size, path, picture=frame.image),
+        )
         calibration = _calibration_of(intrinsics)
         return CameraLidarSample(
             sample_id=frame.sample_id,

@@ -192,7 +192,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self._judge.judge(
             matrices.stacked,
             seen,
-            lambda: check_matrices(matrices, seen, path, tilt=pose.tilt),
+            lambda: check_matrices(matrices, seen, path, tilt=pose.tilt, picture=frame.image),
         )
         depth = read_depth(frame.depth) if frame.depth and "depth" in self.parts else None
         if frame.depth is not None and depth is not None and depth.shape != (height, width):

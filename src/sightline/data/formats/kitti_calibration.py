@@ -7,12 +7,14 @@ the matrices to a `Calibration`.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float64
 
+from sightline.data.formats.image_file import read_rgb
 from sightline.files.plain_file import as_path
 from sightline.files.plain_text import (
     MAX_CALIBRATION_BYTES,
@@ -20,8 +22,9 @@ from sightline.files.plain_text import (
     read_text,
     shortened,
 )
-from sightline.files.problem import FileError, Problem
+from sightline.files.problem import FileError, Problem, read_or_note
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
+from sightline.geometry.kitti_sizes import CROP_REMEDY, kitti_size_doubt
 from sightline.geometry.mount import (
     MAX_OFFSET_M,
     focal_fault,
@@ -405,6 +408,7 @@ def check_matrices(
     *,
     tilt: Tilt | None = None,
     remedy: str = _REMEDY,
+    picture: Path | None = None,
 ) -> list[Problem]:
     """Find implausible values in a calibration.
 
@@ -414,6 +418,7 @@ def check_matrices(
         path: File or folder of the matrices.
         tilt: Given tilt of the LiDAR, by which the camera is not upright in its frame.
         remedy: Remedy; by default that of KITTI's files.
+        picture: See `check_intrinsics`.
     """
     intrinsics, column = np.hsplit(matrices.image_from_camera, [3])
     offset_m = float(np.linalg.norm(np.linalg.solve(intrinsics, column[:, 0])))
@@ -427,7 +432,7 @@ def check_matrices(
     mount = mount_doubt(matrices.camera_from_lidar @ level_from_lidar.T)
     if mount is not None:
         doubts.append(f"holds a transform from LiDAR to camera that {mount}")
-    return check_intrinsics(intrinsics, size, path, remedy=remedy) + [
+    return check_intrinsics(intrinsics, size, path, remedy=remedy, picture=picture) + [
         Problem(path=path, problem=doubt, remedy=remedy) for doubt in doubts
     ]
 
@@ -439,6 +444,7 @@ def check_intrinsics(
     *,
     usual: bool = True,
     remedy: str = _REMEDY,
+    picture: Path | None = None,
 ) -> list[Problem]:
     """Find implausible focal lengths and principal points.
 
@@ -449,6 +455,8 @@ def check_intrinsics(
         usual: Whether to doubt also what is possible but unusual: pixels that are no squares, a
             principal point away from the centre, and a matrix for another resolution.
         remedy: See `check_matrices`.
+        picture: Image, whose size is compared with that of KITTI's if the matrix is one of KITTI's;
+            None: it is not compared.
     """
     doubt = (
         focal_fault(intrinsics)
@@ -463,4 +471,9 @@ def check_intrinsics(
             if resolution is None
             else f"holds a camera matrix that {resolution}"
         )
+    if doubt is None and usual and size is not None and picture is not None:
+        read_image = partial(read_or_note, read_rgb, picture, [])
+        doubt = kitti_size_doubt(intrinsics, size, read_image)
+        if doubt is not None:
+            doubt, remedy = f"holds a camera matrix that {doubt}", CROP_REMEDY
     return [] if doubt is None else [Problem(path=path, problem=doubt, remedy=remedy)]
