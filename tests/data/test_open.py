@@ -355,6 +355,33 @@ def test_calibrations_and_labels_of_frames_that_are_not_there_are_no_frames(tmp_
     assert open_dataset(tmp_path).sample_ids == ("000001",)
 
 
+def test_labels_whose_names_are_not_those_of_the_frames_are_told(tmp_path):
+    write_whole_object_tree(tmp_path, "000001", "000002")
+    labels = tmp_path / "training" / "label_2"
+    shutil.copy(labels / "000001.txt", labels / "000007.txt")
+    assert all(sample.objects is not None for sample in open_dataset(tmp_path))  # as of more frames
+    for name in ("000001", "000002"):
+        (labels / f"{name}.txt").rename(labels / f"0000{name}.txt")
+    said = (
+        r"label_2: has 3 files that belong to no frame \(0000000001, 0000000002, 000007\), and 2 "
+        r"of 2 frames have no labels \(000001, 000002\); give labels the names"
+    )
+    with pytest.warns(UserWarning, match=said) as warned:
+        assert all(sample.objects is None for sample in open_dataset(tmp_path))
+    assert len(warned) == 1
+    open_dataset(tmp_path, parts=("image", "points"), needs=())  # without labels no word
+
+
+@pytest.mark.parametrize("name", ["label_all", "labels", "label_0", "Label_velo"])
+def test_a_folder_of_labels_of_another_name_is_told(tmp_path, name):
+    write_whole_object_tree(tmp_path, "000001", "000002")
+    (tmp_path / "training" / "label_2").rename(tmp_path / "training" / name)
+    said = f"{name}: holds 2 files that are not read, expected them in label_2"
+    with pytest.warns(UserWarning, match=said):
+        open_dataset(tmp_path)
+    assert any(said in str(each) for each in check_tree(tmp_path))
+
+
 @pytest.mark.parametrize("place", [".", "000001.tar"])
 def test_a_tar_that_is_longer_than_its_index_is_told_by_check_and_on_opening(tmp_path, place):
     write_whole_object_tree(tmp_path / "data", "000001", "000002")

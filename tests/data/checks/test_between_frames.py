@@ -308,3 +308,15 @@ def test_alphas_that_contradict_the_3d_boxes_are_told_once_for_all_labels(
     assert [each.path for each in told] == ([tree / "label_2"] if said else [])
     assert all(said in f"{each.problem}; {each.remedy}" for each in told)
     assert not any("an angle outside" in problem for _, problem in problems(tree.parent))
+
+
+def test_label_files_that_hold_nothing_but_dont_care_are_told(tree):
+    labels = sorted((tree / "label_2").iterdir())
+    region = "DontCare -1 -1 -10 1 2 8 9 -1 -1 -1 -1000 -1000 -1000 -10\n"
+    for path in labels[1:]:
+        path.write_text(region)
+    assert problems(tree.parent) == []
+    labels[0].write_text("")
+    assert problems(tree.parent) == [
+        (tree / "label_2", "holds 3 label files, all without an object but DontCare")
+    ]

@@ -96,12 +96,14 @@ def _check_sensors(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list
 
 def _check_labels(frames: Sequence[ObjectFrame]) -> list[Problem]:
     labels = [frame.objects for frame in frames if frame.objects is not None]
+    remedy = "check how they were written, or remove the folder if nothing was labelled"
+    empty = _check_all_empty(labels, _is_blank, "label files, all without an object", remedy)
     return [
-        *_check_all_empty(
-            labels,
-            _is_blank,
-            "label files, all without an object",
-            "check how they were written, or remove the folder if nothing was labelled",
+        *(
+            empty
+            or _check_all_empty(
+                labels, _holds_no_object, "label files, all without an object but DontCare", remedy
+            )
         ),
         *_check_counted(labels),
         *_check_truncations(labels),
@@ -308,6 +310,12 @@ def _check_all_empty(
 def _is_blank(path: Path) -> bool:
     size = _size(path)
     return size is not None and size <= _MAX_BLANK_BYTES
+
+
+def _holds_no_object(path: Path) -> bool:
+    """Test if a label file is readable and has no object but regions of DontCare."""
+    objects = read_or_note(read_labels, path, [])
+    return objects is not None and set(objects.class_names) <= {"DontCare"}
 
 
 def _holds_no_depth(path: Path) -> bool:

@@ -97,6 +97,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         needed: tuple[Part, ...] = listed
         found = list_object_frames(folder, listed, velodyne)
         if needs is not None:
+            _warn_of_stray_labels(folder, found)
             needed = ("calibration", *(part for part in listed if part in needs))
             # Calibrations and labels alone are no frame: some users extract too many of them.
             found = {name: frame for name, frame in found.items() if _has_sensor(frame)}
@@ -221,6 +222,22 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
 
 def _has_sensor(frame: ObjectFrame) -> bool:
     return any(each is not None for each in (frame.image, frame.points, frame.depth))
+
+
+def _warn_of_stray_labels(folder: Path, found: Mapping[str, ObjectFrame]) -> None:
+    """Warn of labels that belong to no frame, unless every frame has some: names that differ."""
+    frames = {name: frame for name, frame in found.items() if _has_sensor(frame)}
+    unlabelled = [name for name, frame in frames.items() if frame.objects is None]
+    stray = [name for name, frame in found.items() if frame.objects and name not in frames]
+    if not stray or not unlabelled:
+        return
+    warnings.warn(
+        f"{folder / part_folder('objects')}: has {len(stray):,} files that belong to no frame "
+        f"({describe_absent(stray)}), and {len(unlabelled):,} of {len(frames):,} frames have no "
+        f"labels ({describe_absent(unlabelled)}); give labels the names of their images and "
+        "sweeps, or move them away",
+        stacklevel=4,
+    )
 
 
 def _check_complete(
