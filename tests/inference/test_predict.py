@@ -11,6 +11,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from sightline.data.formats.kitti_files import read_points, write_points
 from sightline.data.formats.map_png import read_depth_png
@@ -458,6 +459,32 @@ def test_frames_whose_point_clouds_hold_no_point_are_counted(data, out):
     match = "clouds of 2 of 6 frames hold no point, the first is 000003; .* the LiDAR delivered"
     with pytest.warns(UserWarning, match=match):
         predict(TASK, BOTH, data, out, workers=1)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_frames_whose_images_have_a_single_colour_are_counted(data, out, suffix):
+    images = data / "training" / "image_2"
+    for name in ("000001", "000003"):
+        (images / f"{name}.png").unlink()
+        black = np.zeros((*IMAGE_SIZE, 3), np.uint8)
+        Image.fromarray(black).save(images / f"{name}{suffix}")
+    match = "images of 2 of 6 frames have a single colour, the first is 000001; .* the camera"
+    with pytest.warns(UserWarning, match=match) as warned:
+        predict(TASK, BOTH, data, out, workers=1)
+    assert len(warned) == 1
+
+
+def test_frames_whose_point_clouds_are_flat_or_nearly_empty_are_counted(data, out):
+    path = data / "training" / "velodyne" / "000001.bin"
+    points = read_points(path)
+    points[:, 2] = 0
+    write_points(path, points)
+    other = path.with_name("000004.bin")
+    write_points(other, read_points(other)[:5])
+    match = "clouds of 2 of 6 frames are doubtful, the first is 000001, which .* the cloud is flat;"
+    with pytest.warns(UserWarning, match=match) as warned:
+        predict(TASK, BOTH, data, out, workers=1)
+    assert len(warned) == 1
 
 
 def test_a_frame_whose_points_miss_the_image_is_told_wherever_it_is(data, out):

@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32, Float64, UInt8
 from sightline.data.checks.label_checks import check_objects
 from sightline.data.checks.label_fit import check_label_fit
 from sightline.data.formats.image_file import read_rgb
+from sightline.data.formats.image_header import read_image_size
 from sightline.data.formats.kitti_calibration import (
     CalibrationMatrices,
     check_intrinsics,
@@ -35,11 +36,13 @@ from sightline.data.formats.velodyne import (
     sweep_doubt,
 )
 from sightline.data.layouts.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame
-from sightline.files.problem import Problem, read_or_note
+from sightline.files.problem import FileError, Problem, read_or_note
 from sightline.geometry.mount import MAX_RANGE_M, has_too_few_in_image
 from sightline.geometry.mount_axes import axes_doubt
 
 _MAX_BLANK_LEVELS = 8  # largest range of levels in an image of a single colour
+_MAX_BLANK_BYTES = 2048  # shorter files are decoded in any case
+_MAX_BLANK_BYTES_PER_PX = 0.04  # one colour takes 0.005 as PNG, 0.03 as JPEG; pictures 0.08
 _GREY_STEP = 4  # pixels between those that tell grey images
 _MAX_LIDAR_DEPTH_M = 120.0  # largest plausible 99th percentile of a projected sweep
 _MAX_DENSE_MEDIAN_M = 30.0  # of a dense map that goes beyond: simulated ones have up to 24
@@ -185,6 +188,19 @@ def examine_depth(
 def is_blank(image: UInt8[np.ndarray, "height width 3"]) -> bool:
     """Whether an image has a single colour, except for noise."""
     return int(image.max()) - int(image.min()) <= _MAX_BLANK_LEVELS
+
+
+def is_blank_file(path: Path) -> bool:
+    """Test if an image file has a single colour; files too long for that are not decoded."""
+    try:
+        num_bytes = path.stat().st_size
+        if num_bytes > _MAX_BLANK_BYTES:
+            height, width = read_image_size(path)
+            if num_bytes > _MAX_BLANK_BYTES_PER_PX * height * width:
+                return False
+        return is_blank(read_rgb(path))
+    except (FileError, OSError):
+        return False
 
 
 def _image_size(path: Path | None, found: Findings) -> tuple[int, int] | None:

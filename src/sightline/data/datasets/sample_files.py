@@ -7,9 +7,10 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import product
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from sightline.data.checks.entry_checks import is_corrupted
+from sightline.data.checks.frame_checks import is_blank_file
 from sightline.data.datasets.kitti_depth import KittiDepthDataset
 from sightline.data.datasets.kitti_object import KittiObjectDataset
 from sightline.data.datasets.kitti_raw import KittiRawDrive
@@ -22,6 +23,7 @@ from sightline.data.datasets.sample_dataset import (
 )
 from sightline.data.formats.kitti_labels import MAX_LABEL_BYTES
 from sightline.data.formats.point_files import holds_no_point
+from sightline.data.formats.velodyne import hollow_file
 from sightline.data.layouts.depth_trees import DRIVE_SPLITS
 from sightline.data.layouts.kitti_trees import (
     DepthFrame,
@@ -38,6 +40,8 @@ from sightline.jobs.output_dirs import data_name
 
 SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
 """Nouns for the data of sensors."""
+_Fault = Literal["absent", "empty", "useless"]
+_FAULTS: Final[tuple[_Fault, ...]] = ("absent", "empty", "useless")
 LABEL_DIGEST_DIGITS: Final = 16
 """Length of the digests of labels."""
 _IN_DEPTH_FRAMES: Final[Mapping[Part, str]] = {"points": "sparse", "depth": "truth"}
@@ -88,8 +92,9 @@ def warn_of_missing_sensors(
 ) -> None:
     """Warn of frames without data of a sensor that predictions use: the other one decides there.
 
-    These are frames without its file, or whose point cloud holds no point (unless `sightline
-    corrupt` made it). Sparse depth maps in place of whole sweeps that are there are told, too.
+    These are frames without its file, or (unless `sightline corrupt` made them) whose point cloud
+    holds no point or is doubtful, as a flat one (.bin alone), or whose image has a single colour.
+    Sparse depth maps in place of whole sweeps that are there are told, too.
 
     Args:
         dataset: Data set of `open_dataset`.
@@ -117,29 +122,57 @@ def warn_of_missing_files(
     """
     used = [part for part in SENSOR_NOUNS if part in parts]
     may_be_empty = is_corrupted(path)
-    num_frames, counts, firsts = 0, Counter[tuple[Part, bool]](), dict[tuple[Part, bool], str]()
+    num_frames, counts, firsts = 0, Counter[tuple[Part, _Fault]](), dict[tuple[Part, _Fault], str]()
     for dataset in datasets:
         num_frames += len(dataset)
         for part, (index, name) in product(used, enumerate(dataset.sample_ids)):
             file = _listed_file(dataset, index, part)
-            if file is None or (part == "points" and not may_be_empty and holds_no_point(file)):
-                counts[part, file is None] += 1
-                firsts.setdefault((part, file is None), name)
-    for part, is_absent in product(used, (True, False)):
-        if not counts[part, is_absent]:
+            fault, details = _fault_of(file, part, may_be_empty=may_be_empty)
+            if fault is not None:
+                counts[part, fault] += 1
+                firsts.setdefault((part, fault), name + details)
+    for part, fault in product(used, _FAULTS):
+        if not counts[part, fault]:
             continue
-        share = f"{counts[part, is_absent]:,} of {num_frames:,} frames"
-        problem, remedy = (
-            (f"there are no {SENSOR_NOUNS[part]} for {share}", "give them if there are any")
-            if is_absent
-            else (
-                f"the point clouds of {share} hold no point",
-                "check whether the LiDAR delivered points",
-            )
-        )
-        effect = "there predictions go by the other sensor alone"
-        first = f"the first is {firsts[part, is_absent]}"
+        share = f"{counts[part, fault]:,} of {num_frames:,} frames"
+        problem, effect, remedy = (text.format(share) for text in _described(part, fault))
+        first = f"the first is {firsts[part, fault]}"
         warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+
+
+def _fault_of(file: Path | None, part: Part, *, may_be_empty: bool) -> tuple[_Fault | None, str]:
+    """Find a missing file, or one whose data tell nothing, and its details; None: it has no fault.
+
+    Files on a server are not read for data that are there but tell nothing.
+    """
+    if file is None:
+        return "absent", ""
+    if may_be_empty:
+        return None, ""
+    if part == "points" and holds_no_point(file):
+        return "empty", ""
+    if stored_file(file) is None:
+        return None, ""
+    if part == "image":
+        return ("useless" if is_blank_file(file) else None), ""
+    doubt = hollow_file(file) if file.suffix.lower() == ".bin" else None
+    return (None, "") if doubt is None else ("useless", f", which {doubt}")
+
+
+def _described(part: Part, fault: _Fault) -> tuple[str, str, str]:
+    """Describe a fault of some frames: the problem with a place for their share, effect, remedy."""
+    alone = "there predictions go by the other sensor alone"
+    if fault == "absent":
+        return f"there are no {SENSOR_NOUNS[part]} for {{}}", alone, "give them if there are any"
+    if fault == "empty":
+        remedy = "check whether the LiDAR delivered points"
+        return "the point clouds of {} hold no point", alone, remedy
+    effect = "there they tell predictions nothing, or what is wrong"
+    if part == "image":
+        remedy = "check whether the camera delivered pictures"
+        return "the images of {} have a single colour", effect, remedy
+    remedy = "check the LiDAR's data and their conversion"
+    return "the point clouds of {} are doubtful", effect, remedy
 
 
 def describe_sparse_maps(dataset: SampleDataset, path: Path) -> str | None:

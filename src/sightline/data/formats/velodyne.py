@@ -10,12 +10,12 @@ from jaxtyping import Float32
 from numpy.typing import ArrayLike
 
 from sightline.files.atomic import atomic_write_bytes
-from sightline.files.plain_file import read_bytes
+from sightline.files.plain_file import read_bytes, read_start
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.cloud_checks import cloud_fault, hollow_doubt
 from sightline.geometry.cloud_layouts import is_big_endian, other_layout
-from sightline.geometry.echoes import is_echo, warn_of_losses
+from sightline.geometry.echoes import echoes, is_echo, warn_of_losses
 from sightline.geometry.intensity_checks import intensity_doubt
 from sightline.geometry.plain_arrays import shaped_array
 
@@ -34,6 +34,7 @@ COLUMNS: Final = {
 }
 """Descriptions of the columns by their number in files of raw floats."""
 _TEXT: Final = re.compile(rb"[\t\n\r -~]{64,}")
+_START_BYTES: Final = 256 * _POINT_BYTES
 _TEXT_BYTES: Final = 4096  # read as text; numbers have other bytes by then
 _OTHER_FORMATS = {
     b"# .PCD": "PCD",
@@ -159,6 +160,26 @@ def hollow_sweep(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> lis
     else:
         doubt = hollow_doubt(points)
     return [] if doubt is None else [Problem(path=path, problem=doubt[0], remedy=doubt[1])]
+
+
+def hollow_file(path: Path) -> str | None:
+    """Find a doubt of `hollow_sweep` about a file that is read whole only if its start has one.
+
+    Returns:
+        The problem, as the rest of a sentence; None: there is none, or the file is unreadable.
+    """
+    try:
+        start = read_start(path, _START_BYTES, max_bytes=_MAX_BYTES, remedy=_REMEDY)
+        rows = np.frombuffer(start[: len(start) // _POINT_BYTES * _POINT_BYTES], "<f4")
+        first = echoes(rows.reshape(-1, 4))
+        if not start or (len(first) and hollow_doubt(first) is None):
+            return None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # its reader warns when the frame is read
+            doubts = hollow_sweep(path, read_sweep(path, drop_non_finite=True))
+    except (FileError, OSError):
+        return None
+    return doubts[0].problem if doubts else None
 
 
 def doubtful_reflectances(path: Path, points: Float32[np.ndarray, "num_points 4"]) -> list[Problem]:
