@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from sightline.data.checks.alpha_checks import ALPHA_REMEDY, doubt_about_labels
+from sightline.data.checks.cut_sweeps import check_cut_sweeps
 from sightline.data.checks.frame_checks import is_blank
 from sightline.data.checks.label_alignment import LabelledSweep, check_label_alignment
 from sightline.data.checks.label_checks import doubts_in_space, lacks_box3d
@@ -279,7 +280,7 @@ def check_orientations(
 
 
 def _check_clouds(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[Problem]:
-    """Find clouds that all have zero points, and warn of such clouds among others."""
+    """Find clouds that all have zero points or were cut, and warn of empty ones among others."""
     clouds = [frame.points for frame in frames if frame.points is not None]
     empty = [path for path in clouds if holds_no_point(path)]
     if 0 < len(empty) < len(clouds):
@@ -288,7 +289,10 @@ def _check_clouds(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[
             "whether the LiDAR delivered points",
             stacklevel=3,
         )
-    return _check_all_empty(clouds, holds_no_point, "clouds, all without a point")
+    return [
+        *_check_all_empty(clouds, holds_no_point, "clouds, all without a point"),
+        *check_cut_sweeps(clouds),
+    ]
 
 
 def _check_all_empty(

@@ -60,9 +60,7 @@ _FOLDER_ALIASES: dict[Part, tuple[str, ...]] = {
     "objects": ("label", "labels", "annotation", "annotations", "groundtruth", "gt"),
     "calibration": ("calib", "calibs", "calibration", "calibrations"),
 }
-"""Other common names of a part's folder, only letters."""
-_LABEL_STEM = "label"
-"""Beginning of further names of labels' folders, such as label_all of Waymo's converters."""
+"""Other common names of a part's folder, only letters; further ones of labels begin with label."""
 _OTHER_CAMERA_FOLDERS = ("image_1", "image_3", "image_00", "image_01", "image_03")
 """Folders of other cameras."""
 _OTHER_DRIVE_CAMERAS = ("image_03", "image_00", "image_01")  # the other colour camera first
@@ -255,8 +253,7 @@ def _find_misnamed(place: PartFolder) -> UnreadFiles | None:
     home = _home(place)
     for other in sorted(home.parent.iterdir()) if home.parent.is_dir() else ():
         letters = re.sub("[^a-z]", "", other.name.lower())
-        is_label = place.part == "objects" and is_missing and letters.startswith(_LABEL_STEM)
-        is_usual = letters in aliases or is_label
+        is_usual = letters in aliases or (letters.startswith("label") and "label" in aliases)
         if (
             not (is_usual or other.name.lower() == home.name.lower())
             or other.name in (home.name, *_OTHER_CAMERA_FOLDERS)

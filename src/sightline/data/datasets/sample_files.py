@@ -7,8 +7,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
+from sightline.data.checks.cut_sweeps import CUT_REMEDY, cut_sweeps
 from sightline.data.checks.entry_checks import is_corrupted
 from sightline.data.checks.frame_checks import is_blank_file
 from sightline.data.datasets.kitti_depth import KittiDepthDataset
@@ -40,8 +41,8 @@ from sightline.jobs.output_dirs import data_name
 
 SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
 """Nouns for the data of sensors."""
-_Fault = Literal["absent", "empty", "useless"]
-_FAULTS: Final[tuple[_Fault, ...]] = ("absent", "empty", "useless")
+_Fault = Literal["absent", "empty", "useless", "cut"]
+_FAULTS: Final[tuple[_Fault, ...]] = get_args(_Fault)
 LABEL_DIGEST_DIGITS: Final = 16
 """Length of the digests of labels."""
 _IN_DEPTH_FRAMES: Final[Mapping[Part, str]] = {"points": "sparse", "depth": "truth"}
@@ -93,7 +94,8 @@ def warn_of_missing_sensors(
     """Warn of frames without data of a sensor that predictions use: the other one decides there.
 
     These are frames without its file, or (unless `sightline corrupt` made them) whose point cloud
-    holds no point or is doubtful, as a flat one (.bin alone), or whose image has a single colour.
+    holds no point, is doubtful, as a flat one, or was cut (.bin alone), or whose image has a single
+    colour.
     Sparse depth maps in place of whole sweeps that are there are told, too.
 
     Args:
@@ -125,9 +127,13 @@ def warn_of_missing_files(
     num_frames, counts, firsts = 0, Counter[tuple[Part, _Fault]](), dict[tuple[Part, _Fault], str]()
     for dataset in datasets:
         num_frames += len(dataset)
+        files = {part: _listed_files(dataset, part) for part in used}
+        cut = () if may_be_empty else set(cut_sweeps(list(filter(None, files.get("points", ())))))
         for part, (index, name) in product(used, enumerate(dataset.sample_ids)):
-            file = _listed_file(dataset, index, part)
+            file = files[part][index]
             fault, details = _fault_of(file, part, may_be_empty=may_be_empty)
+            if fault is None and file in cut:
+                fault = "cut"
             if fault is not None:
                 counts[part, fault] += 1
                 firsts.setdefault((part, fault), name + details)
@@ -138,6 +144,10 @@ def warn_of_missing_files(
         problem, effect, remedy = (text.format(share) for text in _described(part, fault))
         first = f"the first is {firsts[part, fault]}"
         warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+
+
+def _listed_files(dataset: SampleDataset, part: Part) -> list[Path | None]:
+    return [_listed_file(dataset, index, part) for index in range(len(dataset))]
 
 
 def _fault_of(file: Path | None, part: Part, *, may_be_empty: bool) -> tuple[_Fault | None, str]:
@@ -167,6 +177,9 @@ def _described(part: Part, fault: _Fault) -> tuple[str, str, str]:
     if fault == "empty":
         remedy = "check whether the LiDAR delivered points"
         return "the point clouds of {} hold no point", alone, remedy
+    if fault == "cut":
+        effect = "each lacks the lowest rings of the others and ends at a block of the disk"
+        return "the point clouds of {} were probably cut short by a copy", effect, CUT_REMEDY
     effect = "there they tell predictions nothing, or what is wrong"
     if part == "image":
         remedy = "check whether the camera delivered pictures"
