@@ -40,16 +40,15 @@ from sightline.training.callbacks import (
     ReturnFreeMemory,
     checkpoint_callbacks,
 )
+from sightline.training.checked_settings import check_nulls, check_trainer_settings
 from sightline.training.data import CameraLidarData
 from sightline.training.interruption import Interruption
 from sightline.training.last_checkpoint import AtomicCheckpointIO, check_checkpoint_file
 from sightline.training.module import STEP, TrainingModule
-from sightline.training.nulls import check_nulls
 from sightline.training.progress import RunProgress
 from sightline.training.quiet import quiet_lightning
 from sightline.training.resumed_settings import resumed_settings_note
 from sightline.training.run_folder import check_name, claimed
-from sightline.training.trainer_settings import check_trainer_settings
 
 _TENSORBOARD = (None, True)
 _NO_ACCELERATOR = re.compile(r"No supported \w+ backend found|can ?not run on your system")

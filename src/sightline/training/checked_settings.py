@@ -1,12 +1,18 @@
-"""Check for nulls in settings: jsonargparse accepts them for any setting of a configuration."""
+"""Checks of the settings of a run: nulls, and settings of Lightning's Trainer.
+
+jsonargparse accepts null for any setting of a configuration.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
 from pydoc import locate
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 from jsonargparse import Namespace
+
+_PRECISIONS: Final = ("32-true", "bf16-mixed", "16-mixed")
+_ALIASES: Final = (None, 32, "32", 16, "16", "bf16")
 
 
 def check_nulls(component: str, settings: Namespace | None) -> None:
@@ -58,3 +64,27 @@ def _types(value: Namespace, kinds: Sequence[Any]) -> Mapping[str, Any]:
 
 def _is_sequence(kind: object) -> bool:
     return get_origin(kind) in (Sequence, list, tuple)
+
+
+def check_trainer_settings(settings: Namespace) -> None:
+    """Refuse settings of Lightning's Trainer that fail later, or have no effect.
+
+    Raises:
+        ValueError: A setting is one of these.
+    """
+    precision, clip = settings["precision"], settings["gradient_clip_val"]
+    if precision not in (*_PRECISIONS, *_ALIASES):
+        raise ValueError(
+            f"--trainer.precision {precision} does not suit these networks; take "
+            f"{', '.join(_PRECISIONS[:-1])} or {_PRECISIONS[-1]}"
+        )
+    if clip is not None and not clip >= 0:
+        raise ValueError(
+            f"--trainer.gradient_clip_val must not be negative, got {clip}; leave it out to clip "
+            "no gradients"
+        )
+    if settings["barebones"]:
+        raise ValueError(
+            "--trainer.barebones leaves out checkpoints and scores, so a run would have no result; "
+            "leave it out"
+        )
