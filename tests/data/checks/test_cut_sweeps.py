@@ -54,6 +54,16 @@ def test_a_cut_sweep_is_told_by_check_and_counted_before_predictions(tree):
         warn_of_missing_sensors(dataset, tree, ("image", "points"), stacklevel=1)
 
 
+def test_a_faulty_sweep_does_not_hide_a_cut_one(tree):
+    cut(paths_of(tree)[1], 0.6)
+    flat = rings(2)[2:]
+    flat[:, 2] = 0
+    paths_of(tree)[2].write_bytes(flat[:-5].tobytes())
+    write = paths_of(tree)[2].with_name("000005.bin").write_bytes
+    write(rings(5)[5:].tobytes())
+    assert [path.stem for path in cut_sweeps(paths_of(tree))] == [NAMES[1]]
+
+
 def test_a_whole_sweep_that_ends_at_a_block_is_sound(tree):
     path = paths_of(tree)[2]
     whole = rings(2)

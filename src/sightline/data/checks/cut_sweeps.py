@@ -15,6 +15,8 @@ _BLOCK_BYTES: Final = 4096
 """Size of blocks in which files are copied and stored; 1 of 256 whole sweeps ends at one, too."""
 _MAX_REFERENCES: Final = 6
 _MIN_REFERENCES: Final = 2
+_ALIKE_SHARE: Final = 0.7
+"""Smallest share of references with about equal lowest elevations; others may be faulty, too."""
 _MAX_SPREAD_DEG: Final = 4.0
 """Largest difference between the lowest elevations of whole sweeps of one LiDAR; 174 real ones, of
 which some are cut to the image, differ by up to 3.8."""
@@ -25,7 +27,7 @@ CUT_DOUBT: Final = (
     f"lacks the lowest rings of the other sweeps and ends at a multiple of {_BLOCK_BYTES} bytes, "
     "probably because its copy was cut short"
 )
-CUT_REMEDY: Final = "copy or extract them again"
+CUT_REMEDY: Final = "copy or extract again"
 
 
 def cut_sweeps(paths: Sequence[Path]) -> list[Path]:
@@ -42,9 +44,11 @@ def cut_sweeps(paths: Sequence[Path]) -> list[Path]:
     step = max(len(others) // _MAX_REFERENCES, 1)
     lowest = [_lowest_deg(path) for path in others[::step][:_MAX_REFERENCES]]
     known = [each for each in lowest if each is not None]
-    if len(known) < _MIN_REFERENCES or max(known) - min(known) > _MAX_SPREAD_DEG:
+    middle_deg = np.median(known) if known else 0.0
+    alike = [each for each in known if abs(each - middle_deg) <= _MAX_SPREAD_DEG]
+    if len(alike) < max(_MIN_REFERENCES, _ALIKE_SHARE * len(known)):
         return []
-    limit_deg = max(known) + _MIN_GAP_DEG
+    limit_deg = max(alike) + _MIN_GAP_DEG
     ends = ((path, _lowest_deg(path)) for path in suspects)
     return [path for path, end_deg in ends if end_deg is not None and end_deg > limit_deg]
 
