@@ -23,9 +23,10 @@ from sightline.corruptions.noise import add_uniform_noise, detect_photons
 from sightline.corruptions.optics import blur, cover, disc_kernel, line_kernel
 from sightline.corruptions.pixel_box import AreaDrawing
 from sightline.corruptions.precipitation import rain, snow
-from sightline.corruptions.scene_depth import scene_ranges
+from sightline.corruptions.scene_depth import scene_horizon, scene_ranges
 from sightline.corruptions.sun_glare import shine
-from tests.data.scenes import SIZE, few, sample_of, seeds
+from sightline.geometry.calibration import Calibration
+from tests.data.scenes import SIZE, few, rotation, sample_of, seeds
 from tests.geometry.cameras import kitti_like_calibration
 from tests.reference import corruptions as reference
 
@@ -149,6 +150,33 @@ def test_distances_do_not_end_where_the_nearest_measurement_changes():
     passing = np.exp(-found.ranges_m[50:100, 215:] / 20)
     assert np.abs(np.diff(passing, axis=1)).max() < 0.028
     np.testing.assert_allclose(found.ranges_m[50:100, 200], 10, rtol=0.02)
+
+
+def pitched(pitch_deg):
+    """A camera whose view is lowered against a level LiDAR."""
+    calibration = kitti_like_calibration().crop(420, 120)
+    lowered = torch.eye(4, dtype=torch.float64)
+    lowered[:3, :3] = rotation("x", math.radians(pitch_deg))
+    return Calibration(
+        image_from_camera=calibration.image_from_camera,
+        camera_from_lidar=lowered @ calibration.camera_from_lidar,
+    )
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "row_px"), [(0, 52.854), (0.9, 52.854), (1.5, 33.96), (-2, 78.05), (5, -10.27)]
+)
+def test_the_horizon_is_that_of_the_mount_unless_its_pitch_is_too_small_to_know(pitch_deg, row_px):
+    sample = sample_of(calibration=pitched(pitch_deg), points=None, depth=None)
+    assert scene_horizon(sample) == pytest.approx(row_px, abs=0.02)
+    ranges = scene_ranges(sample).ranges_m
+    horizon = min(max(round(row_px), -1), SIZE[0])
+    assert (ranges[: horizon + 1] >= 1e5).all()
+    assert (ranges[horizon + 12 :] < 130).all()
+    glare = KINDS["sun_glare"].at(1)
+    for seed in range(20):
+        record = glare.corrupt(sample, np.random.default_rng(seed)).record
+        assert record.parameters["centre_px"][1] <= max(row_px, 0)
 
 
 def test_without_any_distance_the_road_is_flat_and_the_sky_is_far():

@@ -1,6 +1,7 @@
 """Distance of everything in an image, and its sky, for weather: accurate to a few percent."""
 
-from typing import Literal, NamedTuple
+import math
+from typing import Final, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from torch import Tensor
 from sightline.geometry.calibration import Calibration
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.projection import sparse_depth_map
+from sightline.structures.level import horizon_row
 from sightline.structures.sample import CameraLidarSample
 
 _BLUER = 1.15  # minimum ratio of blue to red in a blue sky
@@ -70,6 +72,8 @@ _MIN_TRUST = 0.1
 _SMOOTH_LEVELS = 12.0  # minimum change of the guide at an edge
 _SILENT_M = 100.0  # minimum range of surfaces without an echo
 _NEVER_M = 1e6  # range of the sky
+_LEVEL_DEG: Final = 1.0
+"""Pitch of a camera that counts as none: LiDARs that count as level lean, KITTI's by 0.6."""
 
 
 class SceneRanges(NamedTuple):
@@ -99,7 +103,8 @@ def scene_ranges(sample: CameraLidarSample) -> SceneRanges:
     known = np.zeros((height, width), dtype=np.float32)
     if sample.depth is not None:
         known = sample.depth.numpy()
-    horizon = _horizon_row(sample)
+    row = round(scene_horizon(sample))
+    horizon = min(max(row, 0), height)
     below = known[min(horizon, height - 1) :]
     source: Literal["depth", "sweep", "flat road"] = "depth"
     if (below > 0).mean() >= _DENSE_SHARE:
@@ -111,15 +116,22 @@ def scene_ranges(sample: CameraLidarSample) -> SceneRanges:
         if known.any():
             depth_m, source = _filled(known, horizon, sample.image), "sweep"
         else:
-            depth_m, source = _flat_road(sample, horizon), "flat road"
+            depth_m, source = _flat_road(sample, row), "flat road"
     ranges_m = np.minimum(depth_m * _ray_lengths(sample.calibration, height, width), _NEVER_M)
     return SceneRanges(ranges_m.astype(np.float32, copy=False), source)
 
 
-def _horizon_row(sample: CameraLidarSample) -> int:
-    """Compute the row of the horizon for a camera that looks straight ahead."""
-    row = float(sample.calibration.image_from_camera[1, 2])
-    return int(np.clip(round(row), 0, sample.image_size[0]))
+def scene_horizon(sample: CameraLidarSample) -> float:
+    """Row [px] of the horizon, inside the image or not.
+
+    It is the principal point's if the camera is pitched by less than a degree against the level
+    frame, or does not look ahead.
+    """
+    focal_px, level_row = sample.calibration.image_from_camera[1, 1:3].tolist()
+    row = horizon_row(sample)
+    if row is None or abs(row - level_row) < focal_px * math.tan(math.radians(_LEVEL_DEG)):
+        return float(level_row)
+    return row
 
 
 def _filled(

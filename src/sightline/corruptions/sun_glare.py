@@ -22,6 +22,7 @@ from sightline.corruptions.corruption import (
 )
 from sightline.corruptions.exposure import disc_mask
 from sightline.corruptions.haze import to_levels
+from sightline.corruptions.scene_depth import scene_horizon
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.geometry.projection import project_points, unproject_pixels
 from sightline.geometry.ranges import Within
@@ -56,7 +57,7 @@ class SunGlare(Corruption):
     def corrupt(self, sample: CameraLidarSample, rng: np.random.Generator) -> Corrupted:
         """Apply `shine`; the sun's centre is drawn from the top of the image to the horizon."""
         height, width = sample.image_size
-        horizon = min(max(float(sample.calibration.image_from_camera[1, 2]), 0), height - 1)
+        horizon = min(max(scene_horizon(sample), 0), height - 1)
         centre_px = rng.uniform(-0.5, width - 0.5), rng.uniform(-0.5, horizon)
         found = Corrupted(
             sample=sample,

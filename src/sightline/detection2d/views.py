@@ -29,7 +29,7 @@ from sightline.detection2d.placement import (
     whole_strides,
 )
 from sightline.geometry.projection import DHI_RANGE_M
-from sightline.structures.level import level_calibration
+from sightline.structures.level import horizon_row
 from sightline.structures.sample import CameraLidarSample
 
 _STEP: Final = 2  # ratio of the scales of two views
@@ -164,7 +164,7 @@ def _band(sample: CameraLidarSample, config: InputConfig, scale: float, stride: 
     """Resize a frame and cut it to the rows along the horizon."""
     given, placement = place(sample, replace(config, scale=scale))
     height, width = given.image_size
-    horizon = _horizon(given)
+    horizon = horizon_row(given)
     above = round(config.scale * config.rows_above_horizon)
     below = round(config.scale * config.rows_below_horizon)
     if horizon is None or height <= above + below:
@@ -173,14 +173,6 @@ def _band(sample: CameraLidarSample, config: InputConfig, scale: float, stride: 
     bottom = min(max(math.ceil(horizon + below), above + below), height)
     band = crop(given, top, 0, bottom - top, width)
     return View(sample=band, placement=replace(placement, top=top))
-
-
-def _horizon(sample: CameraLidarSample) -> float | None:
-    """Row [px] of the horizon straight ahead; None: the camera does not look ahead."""
-    calibration = level_calibration(sample.calibration, sample.level_from_lidar)
-    ahead = calibration.camera_from_lidar[:3, 0]
-    _, y, z = (calibration.image_from_camera[:, :3] @ ahead).tolist()
-    return y / z if z > 0 else None
 
 
 def gate_over_frame(

@@ -29,6 +29,7 @@ from sightline.evaluation.held_out_frame import (
 from sightline.geometry.arguments import plain_size, plain_wholes, wrong_type
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
+from sightline.structures.level import vehicle_frame_doubt
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample, copy_of_sensors
 
@@ -42,8 +43,6 @@ _TRUTHS: Final[dict[TruthChoice, str]] = {
 }
 
 _MIN_RING_SHARE: Final = 0.8  # of a sensor's beams, with returns in a whole sweep
-_MIN_HEIGHT_M: Final = 0.3
-"""Smallest height of a LiDAR above the road; a vehicle's frame is on the road or at its axles."""
 
 Complete = Callable[[CameraLidarSample], DepthMap]
 """Depth completion method: from image, calibration and its input rings to dense depth."""
@@ -220,13 +219,12 @@ def evaluate_held_out(
 
 def _warn_of_vehicle_frame(sample: CameraLidarSample) -> None:
     """Warn of points whose frame has its origin on the road, where no LiDAR is."""
-    height_m = sample.lidar_height_m
-    if height_m is not None and height_m < _MIN_HEIGHT_M:
+    doubt = vehicle_frame_doubt(sample)
+    if doubt is not None:
         warnings.warn(
-            f"the points of {sample.sample_id} have their origin {height_m:.2f} m above the road, "
-            "as in a vehicle's frame: the LiDAR's place is unknown, by which rings are counted and "
-            "returns hidden from the camera are found, so scores differ by some percent from those "
-            "of sweeps in the LiDAR's own frame; give these",
+            f"{doubt}, by which rings are counted and returns hidden from the camera are found, so "
+            "scores differ by some percent from those of sweeps in the LiDAR's own frame; give "
+            "these",
             stacklevel=3,
         )
 
