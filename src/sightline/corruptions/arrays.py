@@ -102,7 +102,7 @@ def corrupt_arrays(
         seed: Not negative.
         name: Frame name: each frame has random draws of its own, the same for all severities of a
             kind.
-        lidar: Beams and range of the LiDAR.
+        lidar: Beams and range of the LiDAR; rings that are not of it are found in the sweep.
 
     Warns if sweep and calibration are unlikely to belong together.
 

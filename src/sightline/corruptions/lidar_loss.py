@@ -17,6 +17,7 @@ from sightline.corruptions.corruption import (
     region_of,
 )
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.corruptions.sweep_beams import beams_of
 from sightline.geometry.projection import unproject_pixels
 from sightline.geometry.ranges import Within
 from sightline.structures.sample import CameraLidarSample
@@ -28,24 +29,29 @@ _FAR_M = 1e5  # where the offset of camera and LiDAR is negligible
 class LidarBeams(LidarCorruption):
     """Loss of whole beams; the kept beams are spread over the sensor as evenly as possible.
 
-    In one draw, a larger share keeps all the beams of a smaller one.
+    Beams are those of the sweep (`beams_of`). In one draw, a larger share keeps all the beams of a
+    smaller one.
     """
 
     kind = "lidar_beams"
 
     kept_share: Annotated[float, Within(0, 1)]
-    """Share of the sensor's beams that stay; at least one stays."""
+    """Share of the sensor's beams that stay; at least one with points stays."""
     lidar: SpinningLidar = HDL_64E
+    """Assumed LiDAR; the rings of a sweep that is not of it are its own."""
 
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
         """Remove beams; draws the kept ones with `spread_beams`."""
-        num_beams = self.lidar.num_beams
-        count = max(1, round(self.kept_share * num_beams))
-        first = int(rng.integers(num_beams))
-        beams = (spread_beams(num_beams)[:count] + first) % num_beams
-        kept = np.isin(self.lidar.ring_of(points).numpy(), beams)
+        sweep = beams_of(sample, self.lidar)
+        count = max(1, round(self.kept_share * sweep.num_beams))
+        first = int(rng.integers(sweep.num_beams))
+        order = (spread_beams(sweep.num_beams) + first) % sweep.num_beams
+        beams, with_points = order[:count], order[np.isin(order, sweep.numbers)]
+        if not np.isin(beams, with_points).any():
+            beams = np.append(beams[1:], with_points[:1])
+        kept = np.isin(sweep.numbers, beams)
         left, sources = _only(points, kept)
         return PointsChange(left, sources, everywhere(sample), {"beams": sorted(beams.tolist())})
 

@@ -24,6 +24,7 @@ from sightline.corruptions.exposure import disc_mask
 from sightline.corruptions.haze import to_levels
 from sightline.corruptions.scene_depth import scene_horizon
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
+from sightline.corruptions.sweep_beams import view_of
 from sightline.geometry.projection import project_points, unproject_pixels
 from sightline.geometry.ranges import Within
 from sightline.geometry.wrong_types import named_arguments
@@ -125,8 +126,8 @@ class SunGlare(Corruption):
         ).numpy()
         azimuths = np.arctan2(far[:, 1], far[:, 0])
         elevations = np.arctan2(far[:, 2], np.hypot(far[:, 0], far[:, 1]))
-        beams = np.radians(self.lidar.beam_elevations_deg)
-        elevations = np.clip(elevations, beams[-1], beams[0])
+        lowest, highest = np.radians(view_of(sample, self.lidar))
+        elevations = np.clip(elevations, lowest, highest)
         ranges_m = rng.uniform(*self.ghost_range_m, count)
         flat_m = ranges_m * np.cos(elevations)
         columns = (
