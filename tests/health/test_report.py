@@ -8,8 +8,9 @@ from rich.console import Console
 from sightline.health.alignment_checks import AlignmentChecks
 from sightline.health.camera_checks import CameraChecks
 from sightline.health.lidar_checks import LidarChecks
-from sightline.health.report import CHECK_MEANINGS, HealthReport, doubts
+from sightline.health.report import CHECK_MEANINGS, HealthReport, doubts, doubts_of_origin
 from sightline.structures.health import Alarms, FrameHealth, Health, SampleHealth
+from tests.health.frames import sound
 
 SOUND = Health(score=0.9, worst_check="dark")
 FRAME = FrameHealth(
@@ -80,6 +81,13 @@ def test_sparse_depth_maps_in_place_of_sweeps_are_not_judged():
     frames = (replace(FRAME, health=bad),) * 3
     assert ["images" in each for each in doubts(frames)] == [True, False]
     assert ["images" in each for each in doubts(frames, has_sweeps=False)] == [True]
+
+
+def test_points_in_a_vehicles_frame_are_told_with_what_is_assumed():
+    (doubt,) = doubts_of_origin(replace(sound(), lidar_height_m=0.02))
+    assert "000000 have their origin 0.02 m above the road, as in a vehicle's frame" in doubt
+    assert "KITTI's height of a LiDAR, 1.73 m" in doubt
+    assert doubts_of_origin(sound()) == doubts_of_origin(replace(sound(), lidar_height_m=0.4)) == ()
 
 
 def test_limits_and_warnings_are_in_the_file():

@@ -56,7 +56,7 @@ def health(
     from sightline.data.formats.image_file import write_rgb
     from sightline.data.open import open_dataset
     from sightline.health.monitor import HealthMonitor
-    from sightline.health.report import HealthReport, doubts
+    from sightline.health.report import HealthReport, doubts, doubts_of_origin
     from sightline.health.sequence import DriveMonitor
     from sightline.health.shipped import check_first
     from sightline.jobs.progress import track
@@ -93,6 +93,7 @@ def health(
         limits={"camera": chosen.camera, "lidar": chosen.lidar},
         warnings=(
             *chosen.warnings,
+            *(doubts_of_origin(dataset[0]) if len(dataset) else ()),
             *(() if sparse_maps is None else (f"{sparse_maps}; the LiDAR's scores mean nothing",)),
             *doubtful,
         ),

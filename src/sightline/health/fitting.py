@@ -14,9 +14,9 @@ from sightline.health.camera_checks import CameraChecks, check_camera
 from sightline.health.lidar_checks import LidarChecks, check_lidar
 from sightline.health.limits import HealthLimits, check_enough, fit_limits
 from sightline.health.monitor import rgb_of
+from sightline.health.ring_order import level_by_ring
 from sightline.health.yaw_error import match_edges
 from sightline.jobs.progress import track
-from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
 
@@ -87,7 +87,7 @@ def fit_on_samples(
     camera: list[CameraChecks] = []
     lidar: list[LidarChecks] = []
     alignment: list[AlignmentChecks] = []
-    for sample in map(level_sample, samples):
+    for sample in map(level_by_ring, samples):
         image = rgb_of(sample)
         if image is None or sample.points is None:
             raise ValueError(

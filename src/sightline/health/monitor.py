@@ -11,9 +11,9 @@ from sightline.health.alignment_checks import check_alignment
 from sightline.health.camera_checks import bad_image_regions, check_camera
 from sightline.health.lidar_checks import bad_sweep_regions, blind_sectors, check_lidar
 from sightline.health.limits import Checks, HealthLimits, SensorLimits, read_limits
+from sightline.health.ring_order import level_by_ring
 from sightline.health.yaw_error import EdgeMatch, estimate_yaw, match_edges
 from sightline.structures.health import Health, SampleHealth
-from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
 _MIN_EDGE_SCORE = 0.2  # minimum score for edges of the scene, e.g. with some beams missing
@@ -56,7 +56,7 @@ class HealthMonitor:
             The health; and the edge matches of all these frames, None if this sample has none: then
             earlier matches do not apply to it.
         """
-        sample = level_sample(sample)
+        sample = level_by_ring(sample)
         image = rgb_of(sample)
         points = None if sample.points is None else sample.points.numpy()
         camera, is_clear = _judge(self.limits.camera, image, check_camera)

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from jaxtyping import Bool
 
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.structures.health import FrameHealth, Health
+from sightline.structures.level import vehicle_frame_doubt
+from sightline.structures.sample import CameraLidarSample
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -100,6 +103,18 @@ def doubts(
     if not is_camera_doubtful:
         doubtful += _doubt_of_size(frames, image_size)
     return tuple(doubtful)
+
+
+def doubts_of_origin(sample: CameraLidarSample) -> tuple[str, ...]:
+    """List the assumption about points in a vehicle's frame; none about points in the LiDAR's."""
+    doubt = vehicle_frame_doubt(sample)
+    if doubt is None:
+        return ()
+    return (
+        f"{doubt}, so its rings and holes are judged as seen from KITTI's height of a LiDAR, "
+        f"{KITTI_LIDAR_HEIGHT_M} m, above the origin; if sound sweeps are bad by that, give them "
+        "in the LiDAR's own frame",
+    )
 
 
 def _doubt_of_size(frames: Sequence[FrameHealth], image_size: tuple[int, int] | None) -> list[str]:

@@ -1,10 +1,17 @@
 """Sorting of sweeps in any order ring by ring, as in KITTI's files."""
 
+from dataclasses import replace
+
 import numpy as np
+import torch
 from jaxtyping import Float32, Int64
 
 from sightline.data.formats.ring_elevations import MIN_RINGS, rings_by_elevation
+from sightline.data.formats.rings import is_firing_order
+from sightline.geometry.tilt import Tilt
 from sightline.health.sphere import to_sphere
+from sightline.structures.level import level_sample, seen_from_lidar
+from sightline.structures.sample import CameraLidarSample
 
 SEAM_DEG = 30.0
 """Largest decrease of the azimuth inside a ring."""
@@ -15,6 +22,30 @@ _MAX_DOUBTFUL_SHARE = 0.15  # share of points between rings: a noisy sensor must
 _RING_GAP_DEG = 0.1
 _MIN_RINGS = 4
 _RING_STEP_DEG = 0.4  # step for rings blurred by noise
+
+
+def level_by_ring(sample: CameraLidarSample) -> CameraLidarSample:
+    """Transform a sample to its level frame; points of a tilted LiDAR are then ring by ring.
+
+    Its rings are found in its own frame, as they are at no one elevation in the level frame. Points
+    that are ring by ring, or show no rings there, keep their order. Points in a vehicle's frame are
+    seen from KITTI's height of a LiDAR.
+    """
+    sample = seen_from_lidar(sample)
+    level = level_sample(sample)
+    if sample.level_from_lidar is None or sample.points is None or level.points is None:
+        return level
+    if Tilt.from_up(sample.level_from_lidar[2, :3].numpy()).is_level:
+        return level
+    points = sample.points.numpy()
+    if not is_firing_order(points):
+        return level
+    try:
+        from_top = rings_by_elevation(points, _MAX_DOUBTFUL_SHARE, try_leaning=False)
+    except ValueError:
+        return level
+    order = np.lexsort((to_sphere(level.points.numpy())[1], from_top))
+    return replace(level, points=level.points[torch.from_numpy(order)])
 
 
 def ring_by_ring(

@@ -20,6 +20,7 @@ from sightline.health.limits import (
     read_limits,
 )
 from sightline.health.monitor import rgb_of
+from sightline.health.ring_order import level_by_ring
 from sightline.structures.sample import CameraLidarSample
 
 ImageKind = Literal["png", "jpeg"]
@@ -83,7 +84,7 @@ def check_frames(samples: Iterable[CameraLidarSample]) -> DriveChecks:
     """Check all frames with an image, or a sweep, that is not empty."""
     camera: list[CameraChecks] = []
     lidar: list[LidarChecks] = []
-    for sample in samples:
+    for sample in map(level_by_ring, samples):
         image = rgb_of(sample)
         if image is not None and image.any():
             camera.append(check_camera(image))
