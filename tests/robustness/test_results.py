@@ -1,6 +1,7 @@
 """Result files of other detectors for the cases from `sightline corrupt`."""
 
 import json
+import math
 import os
 import re
 import shutil
@@ -295,6 +296,77 @@ def test_results_that_cannot_match_are_told_with_their_cases(
     assert "nothing can be found" in (tmp_path / "out" / "report.html").read_text()
     compared = Comparison(records=(read_record(tmp_path / "out"), report.record))
     assert any(line.endswith(f": {note}") for line in compared.notes())
+
+
+def _ranked(fields):
+    """A score of its own for each result."""
+    return [*fields[:15], f"0.{round(float(fields[4]) * 100):06d}"]
+
+
+def _by_centres(fields):
+    y = float(fields[12]) - float(fields[8]) / 2
+    return [*_ranked(fields)[:12], f"{y:.2f}", *_ranked(fields)[13:]]
+
+
+def _with_sizes(fields):
+    x1, y1, x2, y2 = map(float, fields[4:8])
+    return [*_ranked(fields)[:6], f"{x2 - x1:.2f}", f"{y2 - y1:.2f}", *_ranked(fields)[8:]]
+
+
+def _in_degrees(fields):
+    return [
+        *_ranked(fields)[:14],
+        f"{math.degrees(float(fields[14]) + 9):.1f}",
+        *_ranked(fields)[15:],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda fields: [*fields[:15], "1.0"], r"all \d+ scores of results are 1: nothing ranks"),
+        (
+            lambda fields: [*fields[:15], f"9{_ranked(fields)[15][2:5]}e-2"],
+            "probably percent: KITTI",
+        ),
+        (
+            _by_centres,
+            "lie 0.50 of their height above those of labels: their y is probably that of",
+        ),
+        (_with_sizes, "2D boxes of results are probably x_min, y_min, width, height: read so"),
+        (_in_degrees, "angles beyond two pi, probably degrees: they were taken for radians"),
+    ],
+)
+def test_files_of_broken_sensors_that_no_sensor_can_make_are_told_with_their_case(
+    written, tmp_path, change, said
+):
+    cases, found, _ = written
+    mine = shutil.copytree(found, tmp_path / "mine")
+    _rewrite(mine, _ranked)
+    sound = score_results(OracleTask(), cases, mine, tmp_path / "sound", SETTINGS)
+    assert not any("WARNING" in note for note in sound.record.notes)
+    _rewrite(mine, change, ("lidar_blank",))
+    theirs = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    (note,) = set(theirs.record.notes) - set(sound.record.notes)
+    assert re.match(rf"WARNING: in case lidar_blank, and not in case clean: .*{said}", note)
+    assert note.endswith("No faulty sensor causes this: correct the files, and run this again.")
+    _rewrite(mine, change)
+    everywhere = score_results(OracleTask(), cases, mine, tmp_path / "all", SETTINGS)
+    assert not any("not in case clean" in note for note in everywhere.record.notes)
+    assert any(re.search(said, note) for note in everywhere.record.notes)
+
+
+def test_a_blank_camera_that_gives_each_frame_the_same_box_is_no_fault_of_the_files(
+    written, tmp_path
+):
+    cases, found, _ = written
+    mine = shutil.copytree(found, tmp_path / "mine")
+    _rewrite(mine, _ranked)
+    line = (mine / "clean" / "000000.txt").read_text().splitlines()[0]
+    for path in (mine / "camera_blank").iterdir():
+        path.write_text("".join(f"{line} \n" for _ in range(4)))
+    theirs = score_results(OracleTask(), cases, mine, tmp_path / "out", SETTINGS)
+    assert not any("not in case clean" in note for note in theirs.record.notes)
 
 
 def test_some_results_that_are_left_out_and_files_of_no_frame_are_told(written, tmp_path):

@@ -23,7 +23,7 @@ from sightline.evaluation.kitti_object_rules import (
     class_code,
     truth_levels,
 )
-from sightline.evaluation.result_conventions import ResultConventions
+from sightline.evaluation.result_conventions import Remark, ResultConventions
 from sightline.files.plain_text import shortened
 
 KITTI_CLASSES: Final = frozenset(
@@ -37,6 +37,7 @@ NOTHING_LABELLED: Final = (
 """Remark on labels without an object to find."""
 OTHER_CLASSES: Final = "KITTI's other classes"
 """Kind of the doubt about some results of KITTI's unscored classes, as Van: no mistake."""
+_OTHER: Final = "other"  # kind of doubts that are not told apart
 _MAX_NAMES = 5  # maximum number of names in a sentence
 
 
@@ -48,6 +49,8 @@ class ResultDoubt:
     """Cause without counts: equal for the same cause in other evaluations."""
     text: str
     """Sentence with counts."""
+    is_convention: bool = False
+    """True if the writer of the files is at fault, and no faulty sensor can be."""
     is_total: bool = False
     """True if none of the results can match a label, so that every score of the method is 0."""
 
@@ -125,7 +128,7 @@ class ObjectTally:
                 "class leaves it out, as KITTI's does."
             )
         lost = self.lost_results(in_space=in_space)
-        return (*remarks, *(each.text for each in lost), *self.other_remarks())
+        return (*remarks, *(each.text for each in (*lost, *self.other_doubts())))
 
     def lost_results(
         self, classes: Collection[str] = CLASSES, *, in_space: bool = True
@@ -163,16 +166,25 @@ class ObjectTally:
             lost.append(ResultDoubt(kind="no 3D part", text=text, is_total=is_total))
         return tuple(lost)
 
-    def other_remarks(self) -> tuple[str, ...]:
-        """List remarks on labels of unknown classes and on conventions; empty: none."""
-        self.conventions.in_degrees = self.results_in_degrees > 0
-        return (
+    def other_doubts(self) -> tuple[ResultDoubt, ...]:
+        """List doubts about labels and about conventions; empty: none."""
+        of_labels = (
             *self._remarks_on_labels(),
             *self._remarks_on_impossible_labels(),
             *self._remarks_on_uncounted_labels(),
             *self._remarks_on_visibility(),
-            *self._remarks_on_angles(),
-            *self.conventions.remarks(),
+        )
+        doubts = (ResultDoubt(kind=_OTHER, text=text) for text in of_labels)
+        return (*doubts, *self.doubts_about_conventions())
+
+    def doubts_about_conventions(self) -> tuple[ResultDoubt, ...]:
+        """List doubts about angles, boxes and scores in another convention; empty: none."""
+        self.conventions.in_degrees = self.results_in_degrees > 0
+        is_most = self.results_in_degrees > self.results.total() / 2
+        angles = (Remark(each, "degrees" * is_most) for each in self._remarks_on_angles())
+        return tuple(
+            ResultDoubt(kind=convention or _OTHER, text=text, is_convention=bool(convention))
+            for text, convention in (*angles, *self.conventions.remarks())
         )
 
     def _remarks_on_labels(self) -> tuple[str, ...]:

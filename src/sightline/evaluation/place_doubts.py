@@ -51,8 +51,8 @@ _DIRECTIONS: Final = (("right", "left"), ("lower", "higher"), ("further", "neare
 """Where a box lies by the sign of x, y, z in the camera's frame."""
 
 
-def remarks_on_places(frames: Frames) -> Iterator[str]:
-    """Yield a sentence on 3D boxes of centres, or of another origin."""
+def remarks_on_centres(frames: Frames) -> Iterator[str]:
+    """Yield a sentence on 3D boxes whose y is that of the centre."""
     names, rises = _rises(frames)
     groups = {"": rises} | {f" of {name}": rises[names == name] for name in CLASSES}
     for of_class, group in groups.items():
@@ -65,13 +65,22 @@ def remarks_on_places(frames: Frames) -> Iterator[str]:
                 f"bottom; or half the height was added twice to {lower}."
             )
             return
-    yield from _remarks_on_offsets(frames)
+
+
+def rise_evenly(frames: Frames) -> bool:
+    """Check if boxes lie off by one share of their height, not by an angle as of a tilted LiDAR."""
+    _, rises = _rises(frames)
+    return _spread_of(rises) < _HEIGHT_TOLERANCE
+
+
+def _spread_of(values: Float64[np.ndarray, " num"]) -> float:
+    """Compute the standard deviation of normal values by their deviations from the median."""
+    return _SPREAD_OF_MAD * float(np.median(np.abs(values - np.median(values))))
 
 
 def _error_of(values: Float64[np.ndarray, " num"]) -> float:
     """Compute the standard error of the median of normal values, by their deviations from it."""
-    spread = _SPREAD_OF_MAD * float(np.median(np.abs(values - np.median(values))))
-    return math.sqrt(math.pi / 2 / len(values)) * spread
+    return math.sqrt(math.pi / 2 / len(values)) * _spread_of(values)
 
 
 def _rises(frames: Frames) -> tuple[np.ndarray, Float64[np.ndarray, " pairs"]]:
@@ -88,7 +97,7 @@ def _rises(frames: Frames) -> tuple[np.ndarray, Float64[np.ndarray, " pairs"]]:
     return np.array([name for name, _ in pairs]), np.array([rise for _, rise in pairs], float)
 
 
-def _remarks_on_offsets(frames: Frames) -> Iterator[str]:
+def remarks_on_offsets(frames: Frames) -> Iterator[str]:
     """Yield a sentence on 3D boxes that all lie off by one vector, and match if they are moved."""
     offsets_m = np.concatenate([np.empty((0, 3)), *(_offsets_m(*frame) for frame in frames)])
     if len(offsets_m) < MIN_MATCHES:

@@ -6,9 +6,9 @@ read in another way than as they are written, they are probably in that conventi
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -51,8 +51,10 @@ from sightline.evaluation.box_pairs import (
 from sightline.evaluation.kitti_object_rules import CLASSES
 from sightline.evaluation.place_doubts import (
     MIN_MATCHES,
-    remarks_on_places,
+    remarks_on_centres,
+    remarks_on_offsets,
     remarks_on_rotations,
+    rise_evenly,
 )
 
 _MAX_FRAMES: Final = 500
@@ -73,6 +75,16 @@ _MIN_PAIRED: Final = 10
 _MIN_DEVIATIONS: Final = 4.0
 """Number of standard deviations by which the AUROC of reversed scores is below one half."""
 _SIZE_NAMES: Final = ("height", "width", "length")
+_LEAST_PERCENT: Final = 20.0
+"""Highest score from which scores are percent and no logarithms of odds."""
+
+
+class Remark(NamedTuple):
+    """Sentence on boxes or scores of results."""
+
+    text: str
+    convention: str = ""
+    """What their writer wrote otherwise, and no faulty sensor can cause; empty: one may."""
 
 
 @dataclass(slots=True)
@@ -105,34 +117,56 @@ class ResultConventions:
         self.impossible.append(count_impossible(results))
         self.labels.append(scored_boxes(labels))
 
-    def remarks(self) -> Iterator[str]:
+    def remarks(self) -> Iterator[Remark]:
         """Yield sentences on boxes and scores that are probably of another convention."""
         if not self.results:
             return
         if self.without_alpha < self.total and self.without_alpha > self.lacking_alpha == 0:
-            yield (
+            yield Remark(
                 f"Orientation is not scored: {self.without_alpha:,} of {self.total:,} results have "
                 "no 3D part and so no alpha. It is of results that all have one (perceive writes "
                 "both joined and joined-3d)."
             )
         for remark in self._remarks(join_boxes(self.results), join_boxes(self.labels)):
-            yield f"WARNING: {remark}"
+            yield remark._replace(text=f"WARNING: {remark.text}")
 
-    def _remarks(self, results: ScoredBoxes, labels: ScoredBoxes) -> Iterator[str]:
+    def _remarks(self, results: ScoredBoxes, labels: ScoredBoxes) -> Iterator[Remark]:
         if self.counts_repeats:
             repeated = sum(each.num_repeated() for each in self.results)
-            yield from remarks_on_repeats(repeated, len(results.names))
-        yield from remarks_on_impossible(self.impossible, len(results.names))
+            yield from map(Remark, remarks_on_repeats(repeated, len(results.names)))
+        yield from map(Remark, remarks_on_impossible(self.impossible, len(results.names)))
         compared = _ComparedResults.of(self.results, self.labels)
-        in_image = (*(remarks_on_boxes2d(results) if len(labels.names) else ()),)
-        in_image = in_image or (*compared.remarks_on_boxes2d(),) or (*remarks_on_corners(results),)
-        sizes = (*_remarks_on_sizes(results, labels),)
-        behind = (*remarks_on_depths(results),)
-        in_space = (*sizes, *(behind or remarks_on_places(compared.frames)))
-        yield from in_image or remarks_on_far_boxes2d(results)
-        scores = (*remarks_on_scores(self.results),)
-        yield from scores or compared.remarks_on_order()
+        in_image = _of(remarks_on_boxes2d(results) if len(labels.names) else ())
+        in_image = in_image or (*compared.remarks_on_boxes2d(),) or _of(remarks_on_corners(results))
+        in_space = self._remarks_in_space(results, labels, compared)
+        yield from in_image or map(Remark, remarks_on_far_boxes2d(results))
+        scores = _of(remarks_on_scores(self.results), _convention_of_scores(results))
+        yield from scores or map(Remark, compared.remarks_on_order())
         yield from in_space
+        yield from map(Remark, self._remarks_on_angles(results, labels, compared, in_space))
+        if not in_image and not in_space and compared.frames:
+            yield from map(Remark, compared.remarks_on_parts())
+
+    @staticmethod
+    def _remarks_in_space(
+        results: ScoredBoxes, labels: ScoredBoxes, compared: "_ComparedResults"
+    ) -> tuple[Remark, ...]:
+        """List sentences on sizes and places of 3D boxes."""
+        num_3d = int(results.has_3d.sum())
+        sizes = _of(_remarks_on_sizes(results, labels), "sizes" if num_3d >= MIN_MATCHES else "")
+        places = _of(remarks_on_depths(results), "frame of the camera")
+        if not places and (centres := (*remarks_on_centres(compared.frames),)):
+            places = _of(centres, "centres" if rise_evenly(compared.frames) else "")
+        return (*sizes, *(places or _of(remarks_on_offsets(compared.frames))))
+
+    def _remarks_on_angles(
+        self,
+        results: ScoredBoxes,
+        labels: ScoredBoxes,
+        compared: "_ComparedResults",
+        in_space: Sequence[Remark],
+    ) -> Iterator[str]:
+        """Yield sentences on alpha and rotation_y."""
         if self.lacking_alpha and self.without_alpha < self.total:
             yield (
                 f"alpha of {self.without_alpha:,} of {self.total:,} results is {NO_ALPHA:g}, "
@@ -147,8 +181,23 @@ class ResultConventions:
                 if np.ptp(labels.alphas):  # they tell that rotation_y of labels may be at fault
                     rotations = ()
             yield from rotations or (() if in_space else remarks_on_alphas(results))
-        if not in_image and not in_space and compared.frames:
-            yield from compared.remarks_on_parts()
+
+
+def _of(texts: Iterable[str], convention: str = "") -> tuple[Remark, ...]:
+    """List sentences as remarks on one convention."""
+    return tuple(Remark(text, convention) for text in texts)
+
+
+def _convention_of_scores(results: ScoredBoxes) -> str:
+    """Convention of doubted scores; empty: a faulty sensor, or scores without bounds, may do it.
+
+    A blank image gives the same boxes in every frame, also with one score.
+    """
+    if len(np.unique(results.boxes2d, axis=0)) < MIN_RESULTS:
+        return ""
+    if np.ptp(results.scores) == 0:
+        return "equal scores"
+    return "percent" if results.scores.max() > _LEAST_PERCENT else ""
 
 
 def _remarks_on_sizes(results: ScoredBoxes, labels: ScoredBoxes) -> Iterator[str]:
@@ -213,7 +262,7 @@ class _ComparedResults:
             ),
         )
 
-    def remarks_on_boxes2d(self) -> Iterator[str]:
+    def remarks_on_boxes2d(self) -> Iterator[Remark]:
         """Yield a sentence on 2D boxes, or whole frames, of another convention."""
         written = self._best_ious()
         readings = {
@@ -226,9 +275,8 @@ class _ComparedResults:
                 better, worse = _num_better(ious, written), _num_better(written, ious)
                 # between neighbouring frames of a drive only few boxes move
                 if better >= _MIN_MOVED and is_clearly_better(better, worse, better + worse):
-                    yield _describe_reading(
-                        f"results are probably those of the {name}", written, ious
-                    )
+                    cause = f"results are probably those of the {name}"
+                    yield Remark(_describe_reading(cause, written, ious))
                     return
         fit = fit_image(*self._pairs_in_image())
         if fit is not None:
@@ -238,7 +286,9 @@ class _ComparedResults:
                 readings[cause] = fitted
         best = best_reading(written, readings)
         if best is not None:
-            yield _describe_reading(best, written, readings[best])
+            is_many = _num_better(readings[best], written) >= MIN_MATCHES
+            convention = "2D boxes" if is_many and OTHER_IMAGE not in best else ""
+            yield Remark(_describe_reading(best, written, readings[best]), convention)
 
     def _pairs_in_image(self) -> tuple[Boxes, Boxes]:
         """Pair the 2D boxes of labels with those of the surest results of their class."""

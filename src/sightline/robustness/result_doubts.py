@@ -1,6 +1,7 @@
 """Doubts about the result files of a method: stored by case, and told once for all cases."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
@@ -42,10 +43,11 @@ def object_doubts(
     from sightline.evaluation.object_tally import OTHER_CLASSES, ResultDoubt
 
     lost = tally.lost_results(classes, in_space=in_space)
-    others = tally.other_remarks() if tally.results else (_NO_RESULT,)
+    none = ResultDoubt(kind=_METHOD, text=_NO_RESULT)
+    others = tally.other_doubts() if tally.results else (none,)
     return (
         *(each for each in lost if each.kind != OTHER_CLASSES),
-        *(ResultDoubt(kind=_METHOD, text=text) for text in others),
+        *(each if each.is_convention else replace(each, kind=_METHOD) for each in others),
     )
 
 
@@ -66,32 +68,46 @@ def file_doubts(folder: Path, names: Sequence[str], suffix: str) -> "tuple[Resul
 def tell_doubts(doubts: "Mapping[str, Sequence[ResultDoubt]]") -> tuple[str, ...]:
     """Word the doubts of all cases, each kind once with its cases; a total loss comes first.
 
+    Conventions that sound sensors' files have, too, are told of these alone.
+
     Args:
         doubts: Doubts of each case.
     """
-    groups: dict[tuple[bool, str], dict[str, str]] = {}
+    of_method = [each for each in doubts.get(CLEAN, ()) if _is_of_method(each)]
+    known = {_METHOD, *(each.kind for each in of_method)}
+    groups: dict[tuple[bool, str], dict[str, "ResultDoubt"]] = {}
     for case, listed in doubts.items():
         for each in listed:
-            if each.kind != _METHOD:
-                groups.setdefault((not each.is_total, each.kind), {})[case] = each.text
-    told = []
-    for (is_part, _), affected in sorted(groups.items()):
-        where = _where(list(affected), len(doubts))
-        text = next(iter(affected.values()))
-        if is_part:
-            told.append(f"In {where}: {text}")
-        else:
-            told.append(
-                f"WARNING: nothing can be found in {where}: {text} Such scores say nothing about "
-                "the method: correct the files, and run this again."
-            )
-    method = (each.text for each in doubts.get(CLEAN, ()) if each.kind == _METHOD)
-    return (*told, *method)
+            if each.kind not in known:
+                groups.setdefault((not each.is_total, each.kind), {})[case] = each
+    told = (
+        _word(next(iter(affected.values())), _where(list(affected), len(doubts)))
+        for _, affected in sorted(groups.items(), key=lambda group: group[0])
+    )
+    return (*told, *(each.text for each in of_method))
+
+
+def _is_of_method(doubt: "ResultDoubt") -> bool:
+    return doubt.kind == _METHOD or doubt.is_convention
+
+
+def _word(doubt: "ResultDoubt", where: str) -> str:
+    if doubt.is_total:
+        return (
+            f"WARNING: nothing can be found in {where}: {doubt.text} Such scores say nothing about "
+            "the method: correct the files, and run this again."
+        )
+    if doubt.is_convention:
+        return (
+            f"WARNING: in {where}, and not in case {CLEAN}: {doubt.text.removeprefix('WARNING: ')} "
+            "No faulty sensor causes this: correct the files, and run this again."
+        )
+    return f"In {where}: {doubt.text}"
 
 
 def doubts_to_json(doubts: "Sequence[ResultDoubt]") -> list[dict[str, Any]]:
     """Convert doubts to the content of a file."""
-    return [{"kind": each.kind, "text": each.text, "is_total": each.is_total} for each in doubts]
+    return [asdict(each) for each in doubts]
 
 
 def doubts_from_json(content: Sequence[Mapping[str, Any]]) -> "tuple[ResultDoubt, ...]":
@@ -107,6 +123,7 @@ def doubts_from_json(content: Sequence[Mapping[str, Any]]) -> "tuple[ResultDoubt
         ResultDoubt(
             kind=checked_text(each["kind"]),
             text=checked_text(each["text"]),
+            is_convention=each.get("is_convention") is True,
             is_total=each["is_total"] is True,
         )
         for each in content
