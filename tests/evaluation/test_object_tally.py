@@ -315,6 +315,52 @@ def test_of_angles_in_degrees_the_cause_is_told_once(tmp_path):
     assert "contradicts rotation_y" not in notes
 
 
+def streets(count):
+    """Labels and results of frames with four cars each, sure in a wide range."""
+    labels = [SPACED[place : place + 4] for place in range(0, 4 * count, 4)]
+    found = [[replace(line, score=1e-4 * line.x1) for line in street] for street in labels]
+    return [[text_of(street), text_of(lines)] for street, lines in zip(labels, found, strict=True)]
+
+
+def test_empty_result_files_of_frames_with_many_objects_are_counted(tmp_path):
+    frames = streets(8)
+    for place in (2, 4, 6):
+        frames[place][1] = ""
+    folders = write_frames(tmp_path, frames)
+    told = "3 of 8 result files hold no object, though the labels of their frames hold 12 of the 32"
+    (note,) = [note for note in evaluate_objects(*folders).notes() if "hold" in note]
+    assert note.startswith(told)
+    for name in ("000002", "000004", "000006"):
+        (folders[0] / f"{name}.txt").unlink()
+    notes = evaluate_objects(*folders, missing_as_empty=True).notes()
+    assert "3 frames had no result file and counted as empty." in notes
+    assert not any("hold" in note for note in notes)
+
+
+def test_empty_result_files_of_frames_with_few_or_other_objects_are_not_counted(tmp_path):
+    frames = streets(8)
+    other = text_of([replace(CAR, name="Van"), replace(CAR, name="Cyclist")])  # no result is one
+    hidden = text_of([replace(CAR, occlusion=3)])
+    frames[1], frames[2], frames[3] = (other, ""), (hidden, ""), ("", "")
+    frames[4] = (CAR.text(), "")
+    notes = evaluate_objects(*write_frames(tmp_path, frames)).notes()
+    assert not any("hold no object" in note for note in notes)
+
+
+@pytest.mark.parametrize(("factor", "is_told"), [(1.0, True), (0.1, False)])
+def test_empty_label_files_are_counted_where_results_are_as_sure_as_elsewhere(
+    tmp_path, factor, is_told
+):
+    frames = streets(8)
+    for place in (3, 5):
+        street = SPACED[4 * place : 4 * place + 4]
+        found = [replace(line, score=factor * 1e-4 * line.x1) for line in street]
+        frames[place] = ("", text_of(found))
+    notes = " ".join(evaluate_objects(*write_frames(tmp_path, frames)).notes())
+    told = "2 of 8 label files hold no object, though in 2 of their frames the best result is as"
+    assert (told in notes) == is_told
+
+
 def test_hidden_files_are_none_that_were_left_out(tmp_path):
     folders = write_frames(tmp_path, [(text_of([CAR]), text_of([FOUND]))])
     for folder in folders:

@@ -230,7 +230,7 @@ def _read_submission(
     names = frame_names(labels_dir, sample_list)
     missing = _missing_results(results_dir, labels_dir, names) if missing_as_empty else set()
     frames = read_frames(results_dir, labels_dir, names, empty=missing, progress=progress)
-    tally = ObjectTally()
+    tally = ObjectTally(counts_empty=not missing)
     parts: list[MatchingData] = []
     for batch in _batches(tallied(frames, tally)):
         detections, labels = zip(*batch, strict=True)

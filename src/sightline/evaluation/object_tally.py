@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
+import numpy as np
+from jaxtyping import Int8
+
 from sightline.data.checks.label_checks import impossible_values, in_degrees
 from sightline.data.checks.truncations import TRUNCATION_REMEDY, TruncationTally
 from sightline.data.formats.kitti_labels import (
@@ -37,6 +40,9 @@ NOTHING_LABELLED: Final = (
 """Remark on labels without an object to find."""
 OTHER_CLASSES: Final = "KITTI's other classes"
 """Kind of the doubt about some results of KITTI's unscored classes, as Van: no mistake."""
+_MIN_EMPTY: Final = 2
+_MIN_LOST_SHARE: Final = 0.05
+"""Minimum number of empty files, and of the objects or frames that they concern, for a remark."""
 _OTHER: Final = "other"  # kind of doubts that are not told apart
 _MAX_NAMES = 5  # maximum number of names in a sentence
 
@@ -79,6 +85,14 @@ class ObjectTally:
     """Number of labels with values that no label has, by the fault."""
     repeated_labels: int = 0
     """Number of labels of scored classes that are equal to an earlier one of their frame."""
+    counts_empty: bool = True
+    """Whether frames without results have an empty file, not none."""
+    without_results: list[Counter[int]] = field(default_factory=list)
+    """Number of labels of each class (code) to be found in each frame without a result."""
+    best_scores: list[float] = field(default_factory=list)
+    """Best score of each frame with labels and results."""
+    unlabelled_scores: list[float] = field(default_factory=list)
+    """Best score of each frame with results whose label file is empty."""
     truncations: TruncationTally = field(default_factory=TruncationTally)
     """Counts of the labels' truncations."""
     conventions: ResultConventions = field(default_factory=ResultConventions)
@@ -99,6 +113,7 @@ class ObjectTally:
         levels = truth_levels(labels.truncation, labels.occlusion, labels.boxes2d)
         is_hidden = (labels.occlusion > MAX_OCCLUSION) | (labels.truncation > MAX_TRUNCATION)
         is_unknown = (labels.occlusion == UNKNOWN) & (labels.truncation == UNKNOWN)
+        self._add_empty(results, labels, levels)
         flags = zip(labels.class_names, levels, is_hidden, is_unknown, strict=True)
         for name, level, hidden, unknown in flags:
             if class_code(name) < 0:
@@ -107,6 +122,21 @@ class ObjectTally:
             if level == NEVER:
                 self.uncounted_labels[class_code(name)] += 1
                 self.hidden_labels += int(hidden)
+
+    def _add_empty(
+        self, results: KittiObjects, labels: KittiObjects, levels: Int8[np.ndarray, " num_labels"]
+    ) -> None:
+        """Count a frame whose file of results or of labels is empty, or neither."""
+        if len(results):
+            assert results.scores is not None, "results have scores"
+            scores = self.best_scores if len(labels) else self.unlabelled_scores
+            scores.append(float(results.scores.max()))
+        else:
+            codes = map(class_code, labels.class_names)
+            pairs = zip(codes, levels, strict=True)
+            self.without_results.append(
+                Counter(code for code, level in pairs if code >= 0 and level != NEVER)
+            )
 
     def remarks(self, *, in_space: bool = True) -> tuple[str, ...]:
         """List remarks on unscored results and labels; empty if there are none.
@@ -173,6 +203,7 @@ class ObjectTally:
             *self._remarks_on_impossible_labels(),
             *self._remarks_on_uncounted_labels(),
             *self._remarks_on_visibility(),
+            *self._remarks_on_empty_files(),
         )
         doubts = (ResultDoubt(kind=_OTHER, text=text) for text in of_labels)
         return (*doubts, *self.doubts_about_conventions())
@@ -248,6 +279,32 @@ class ObjectTally:
             "scored classes have no truncation and no occlusion (-1 -1): they count as fully "
             "visible, so for them easy, moderate and hard differ by height in the image alone.",
         )
+
+    def _remarks_on_empty_files(self) -> Iterator[str]:
+        """Yield remarks on empty files that many labels, or sure results, contradict."""
+        classes = by_code(self.results)
+        lost = [sum(frame[code] for code in classes) for frame in self.without_results]
+        num_files, num_lost = sum(map(bool, lost)), sum(lost)
+        labelled = by_code(self.labels)
+        total = sum(labelled[code] - self.uncounted_labels[code] for code in classes)
+        num_frames = len(self.conventions.results)
+        if self.counts_empty and num_files >= _MIN_EMPTY and num_lost >= _MIN_LOST_SHARE * total:
+            yield (
+                f"{num_files:,} of {num_frames:,} result files hold no object, though the labels "
+                f"of their frames hold {num_lost:,} of the {total:,} objects to be found: look "
+                "whether they were written to the end."
+            )
+        num_files = len(self.unlabelled_scores)
+        if num_files < max(_MIN_EMPTY, _MIN_LOST_SHARE * num_frames) or not self.best_scores:
+            return
+        usual = np.quantile(self.best_scores, 0.25)
+        num_sure = sum(score >= usual for score in self.unlabelled_scores)
+        if num_sure > num_files / 2:
+            yield (
+                f"{num_files:,} of {num_frames:,} label files hold no object, though in "
+                f"{num_sure:,} of their frames the best result is as sure as in others: every "
+                "result there is a false one; look whether they were written to the end."
+            )
 
     def _remarks_on_angles(self) -> tuple[str, ...]:
         """List a remark on angles in degrees; empty if there are none."""
