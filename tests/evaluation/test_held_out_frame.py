@@ -292,7 +292,7 @@ def test_points_of_depth_maps_have_no_rings(tmp_path):
     of_map = replace(of_map, depth=depth_m)
     for config in (ExampleConfig(truth="depth", beams=(16,)), ExampleConfig(truth="held_out")):
         with pytest.raises(
-            ValueError, match=r"no rings; .* set truth to depth and beams to \[64\]"
+            ValueError, match=r"no rings; .* set --data\S+truth depth and --data\S+beams "
         ):
             make_example(of_map, config, np.random.default_rng(0), training=False)
     write_depth_drive(tmp_path, tmp_path)

@@ -84,7 +84,7 @@ class Remark(NamedTuple):
 
     text: str
     convention: str = ""
-    """What their writer wrote otherwise, and no faulty sensor can cause; empty: one may."""
+    """Convention of the writer, which no faulty sensor causes; empty: a sensor may have."""
 
 
 @dataclass(slots=True)
