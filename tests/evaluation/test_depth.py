@@ -130,7 +130,11 @@ def test_depths_in_another_unit_are_doubted_and_sound_ones_are_not(tmp_path, kin
     evaluate_depth(*paths)  # warnings are errors here
     wrong, depth_m = (paths[0], found_m) if kind == "predictions" else (paths[1], true_m)
     cv2.imwrite(str(wrong), np.rint(depth_m * steps).astype(np.uint16))
-    with pytest.warns(UserWarning, match=rf"because of {kind} in {unit}: write metres times"):
+    or_scaled = ", or of predictions with 65535 for 100 m" * (
+        (kind, unit) == ("ground truth", "centimetres")
+    )
+    told = rf"because of {kind} in {unit}{or_scaled}: write metres times"
+    with pytest.warns(UserWarning, match=told):
         evaluate_depth(*paths)
 
 

@@ -38,6 +38,12 @@ from sightline.evaluation.depth_conventions import (
     doubts_about_sparse_maps,
 )
 from sightline.evaluation.depth_files import DepthFiles, match_depth_files
+from sightline.evaluation.depth_frames import (
+    Contents,
+    digest_contents,
+    doubts_about_neighbours,
+    doubts_about_repeats,
+)
 from sightline.evaluation.depth_scores import (
     DepthScores,
     fill_gaps,
@@ -86,6 +92,10 @@ class ImageReport:
     """Numbers from which depths in another convention are recognised."""
     sparse: ComparedDepths | None = field(compare=False)
     """The same of the sparse map; None: not given."""
+    contents: Contents = field(compare=False)
+    """Digests of both maps."""
+    files: DepthFiles = field(compare=False)
+    """Files of the frame."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -223,7 +233,7 @@ def evaluate_depth(
             "ground truth: name the results first",
             stacklevel=2,
         )
-    doubts = [*doubts_about_depths((each.depths for each in images), predictions, truth)]
+    doubts = _doubts_about_predictions(images, predictions, truth)
     if sparse is not None:
         measured = [each.sparse for each in images if each.sparse is not None]
         doubts += doubts_about_sparse_maps(measured, data_path(sparse), truth)
@@ -238,7 +248,7 @@ def evaluate_depth(
     if against is None:
         return report
     others, _ = score(data_path(against), sparse=None, ends=(0.0,))
-    for doubt in doubts_about_depths((each.depths for each in others), data_path(against), truth):
+    for doubt in _doubts_about_predictions(others, data_path(against), truth):
         warnings.warn(doubt, stacklevel=2)
     if _compared(images) == _compared(others):
         warnings.warn(
@@ -282,6 +292,18 @@ def _warn_of_empty(images: Sequence[ImageReport], predictions: Path) -> None:
         )
 
 
+def _doubts_about_predictions(
+    images: Sequence[ImageReport], predictions: Path, truth: Path
+) -> list[str]:
+    """List the doubts about a method's maps: their convention, or else their frames."""
+    depths = [each.depths for each in images]
+    doubts = [*doubts_about_depths(depths, predictions, truth)]
+    contents = {each.name: each.contents for each in images}
+    doubts = doubts or [*doubts_about_repeats(contents, predictions)]
+    files, error = [each.files for each in images], reduce(add, depths).mean_error
+    return doubts or [*doubts_about_neighbours(files, error, predictions, truth)]
+
+
 def _compared(images: Sequence[ImageReport]) -> list[dict[str, float | None]]:
     """Scores by which methods are told apart; unlike NaN, None equals None."""
     return [each.scores.to_json() for each in images]
@@ -322,6 +344,8 @@ def _score_file(pair: DepthFiles, *, band_ends_m: Sequence[float]) -> ImageRepor
             sums=error_sums(filled_m, truth_m, band_ends_m=band_ends_m, sparse_m=sparse_m),
             depths=compare_depths(prediction_m, truth_m),
             sparse=None if sparse_m is None else compare_depths(sparse_m, truth_m),
+            contents=digest_contents(prediction_m, truth_m),
+            files=pair,
         )
     except ValueError as error:
         raise ValueError(f"{prediction} against {truth}: {error}") from error

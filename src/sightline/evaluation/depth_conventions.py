@@ -3,7 +3,8 @@
 `compare_depths` keeps a few numbers of an image, `doubts_about_depths` judges those of a set.
 """
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
@@ -19,14 +20,16 @@ from sightline.data.formats.map_png import (
     MIN_HIGHEST_SHARE,
     NO_VALUE_REMEDY,
 )
+from sightline.evaluation.ray_distances import fit_rays, ring_sums
 
 _UNITS: Final = {"metres": 1, "centimetres": 100, "millimetres": 1000}
 _STEPS_PER_M: Final = 256  # of KITTI's files
 _WRONG_RATIOS: Final = {
-    **{steps / _STEPS_PER_M: ("predictions", unit) for unit, steps in _UNITS.items()},
-    **{_STEPS_PER_M / steps: ("ground truth", unit) for unit, steps in _UNITS.items()},
+    **{steps / _STEPS_PER_M: f"predictions in {unit}" for unit, steps in _UNITS.items()},
+    **{_STEPS_PER_M / steps: f"ground truth in {unit}" for unit, steps in _UNITS.items()},
+    _STEPS_PER_M / 100: "ground truth in centimetres, or of predictions with 65535 for 100 m",
 }
-"""Ratios of predicted to true depth that a wrong unit gives, with whose unit it is."""
+"""Ratios of predicted to true depth that a wrong unit gives, with the causes."""
 _RATIO_TOLERANCE: Final = 0.1
 _FAR_RATIO: Final = 4.0
 """Ratio of most depths, or its inverse, that no error of a method explains."""
@@ -41,6 +44,8 @@ _OWN_RATIO, _OWN_CORRELATION = 1.5, 0.9
 depths with a scale and offset of their own."""
 _BETTER: Final = 0.5
 """Largest error of turned predictions, as a share of that as written, for a doubt."""
+_MIN_WRONG_MAPS, _WRONG_SHARE = 2, 0.25
+"""Number of maps of a wrong unit, or share in a small set, that no bad map explains."""
 _MIN_PIXELS: Final = 100
 """Minimum number of compared pixels for a doubt; fewer agree by chance."""
 _CONSTANT: Final = 1e-9
@@ -73,6 +78,22 @@ class ComparedDepths:
     errors: Float64[np.ndarray, "orientations 2"]
     """Number of pixels with both, and sum of the absolute differences of their logarithms, for
     predictions as written, then in each of `_ORIENTATIONS`."""
+    rings: Float64[np.ndarray, "half_rings 2"]
+    """Sums by the distance from the image's centre; see `ring_sums`."""
+
+    @property
+    def mean_error(self) -> float:
+        """Mean absolute difference of the logarithms as written; 0 without a pixel."""
+        count, error = self.errors[0]
+        return float(error / max(count, 1))
+
+    def wrong_unit(self) -> tuple[float, str] | None:
+        """Ratio that most pixels have by a wrong unit, with the cause; None: there is none."""
+        if self.pixels < _MIN_PIXELS:
+            return None
+        half = (self.pixels - self.highest.sum()) / 2
+        counts = zip(_WRONG_RATIOS.items(), self.wrong_ratios, strict=True)
+        return next((each for each, count in counts if count > half), None)
 
     def __add__(self, other: "ComparedDepths") -> "ComparedDepths":
         """Sum the numbers of two sets of images."""
@@ -105,7 +126,8 @@ def compare_depths(
         far=int((abs(logs[0] - logs[1]) > np.log(_FAR_RATIO)).sum()),
         highest=is_highest.sum(axis=1),
         log_sums=np.array([*logs.sum(axis=1), *(logs**2).sum(axis=1), logs.prod(axis=0).sum()]),
-        errors=np.array([_log_error(each_m, true_logs) for each_m in (predicted_m, *turned)]),
+        errors=np.array([log_error(each_m, true_logs) for each_m in (predicted_m, *turned)]),
+        rings=ring_sums(logs[0] - logs[1], rows[has_both], columns[has_both], truth_m.shape),
     )
 
 
@@ -143,7 +165,8 @@ def doubts_about_depths(
     Yields:
         One line each, with a remedy.
     """
-    summed = reduce(add, images)
+    every = list(images)
+    summed = reduce(add, every)
     if summed.pixels < _MIN_PIXELS:
         return
     if not summed.errors[0, 1]:
@@ -152,7 +175,24 @@ def doubts_about_depths(
             "predictions of a method"
         )
     doubts = list(_doubts_about_highest(summed, predictions, truth))
+    doubts = doubts or list(_doubts_about_mixture(every, summed, predictions, truth))
     yield from doubts or _doubts_about_values(summed, predictions, truth)
+
+
+def _doubts_about_mixture(
+    images: Sequence[ComparedDepths], summed: ComparedDepths, predictions: Path, truth: Path
+) -> Iterator[str]:
+    """Doubt a set of which some maps are in another unit than the others."""
+    if summed.wrong_unit() is not None:
+        return
+    wrong = [unit for each in images if (unit := each.wrong_unit()) is not None]
+    if len(wrong) >= min(_MIN_WRONG_MAPS, _WRONG_SHARE * len(images)) and wrong:
+        ratio, cause = Counter(wrong).most_common(1)[0][0]
+        yield (
+            f"{predictions}: {len(wrong):,} of {len(images):,} maps have most depths about "
+            f"{ratio:.3g} times those of {truth}, the others have not, probably because of {cause} "
+            f"in these maps alone: {_AS_KITTI}, in all maps"
+        )
 
 
 def _doubts_about_highest(summed: ComparedDepths, predictions: Path, truth: Path) -> Iterator[str]:
@@ -174,16 +214,26 @@ def _doubts_about_highest(summed: ComparedDepths, predictions: Path, truth: Path
 
 def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path) -> Iterator[str]:
     """Name the first of several wrong conventions that explains the depths."""
+    unit = summed.wrong_unit()
+    if unit is not None:
+        ratio, cause = unit
+        yield (
+            f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
+            f"probably because of {cause}: {_AS_KITTI}"
+        )
+        return
+    rays = fit_rays(summed.rings)
+    if rays is not None:
+        focal, is_predicted = rays
+        near, far = (truth, predictions) if is_predicted else (predictions, truth)
+        yield (
+            f"{far}: depths grow against those of {near} with the distance r from the image's "
+            f"centre, as sqrt(1 + r^2 / f^2) does with f of {focal:.2g} times the longer side, so "
+            "they are probably distances along each pixel's ray: divide them by this root, with "
+            f"the camera's own f in pixels and r from its principal point; {_AS_KITTI}"
+        )
+        return
     half = (summed.pixels - summed.highest.sum()) / 2
-    for (ratio, (kind, unit)), count in zip(
-        _WRONG_RATIOS.items(), summed.wrong_ratios, strict=True
-    ):
-        if count > half:
-            yield (
-                f"{predictions}: most depths are about {ratio:.3g} times those of {truth}, "
-                f"probably because of {kind} in {unit}: {_AS_KITTI}"
-            )
-            return
     counts, errors = summed.errors.T
     mean_errors = np.where(counts >= _MIN_PIXELS, errors / np.maximum(counts, 1), np.inf)
     best = int(mean_errors[1:].argmin())
@@ -221,7 +271,7 @@ def _doubts_about_values(summed: ComparedDepths, predictions: Path, truth: Path)
         )
 
 
-def _log_error(
+def log_error(
     predicted_m: Float32[np.ndarray, " pixels"], true_logs: Float32[np.ndarray, " pixels"]
 ) -> tuple[int, float]:
     """Count the predicted pixels, and sum the absolute differences of their logarithms."""
