@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -141,6 +142,67 @@ def test_unsure_detections_are_not_drawn(data, results, tmp_path):
         assert main([*words, "--results", str(results)]) == 0
         pages.append(read_rgb(path))
     assert not np.array_equal(*pages)
+
+
+LABELS = PACKAGED_FRAMES / "training" / "label_2" / "000000.txt"
+
+
+def as_results(change, scale=1.0):
+    """Result lines of a packaged frame's labels, changed, each with a score of its own."""
+    rows = [line.split() for line in LABELS.read_text().splitlines() if "DontCare" not in line]
+    scored = [(change(row[:15]), scale * (0.9 - 0.01 * place)) for place, row in enumerate(rows)]
+    return "".join(f"{' '.join(row)} {score:.4f}\n" for row, score in scored), len(rows)
+
+
+def show_lines(tmp_path, text, data=PACKAGED_FRAMES):
+    folder = tmp_path / "found"
+    folder.mkdir(exist_ok=True)
+    (folder / "000000.txt").write_text(text)
+    words = ["show", str(data), "000000", "--results", str(folder)]
+    return main([*words, "--out", str(tmp_path / "picture.png")])
+
+
+def test_objects_that_are_not_drawn_are_counted(tmp_path, capsys):
+    text, count = as_results(list)
+    assert show_lines(tmp_path, text) == 0
+    assert "drawn" not in capsys.readouterr().err
+    first = text.splitlines(keepends=True)[0]
+    assert show_lines(tmp_path, text + f"{first.rsplit(' ', 1)[0]} 0.1\n") == 0
+    told = (
+        f"sightline: {count} of {count + 1} 3D boxes drawn, those with a score of 0.3 or more (--m"
+    )
+    assert told in capsys.readouterr().err
+    assert show_lines(tmp_path, as_results(list, scale=0.2)[0]) == 0
+    told = (
+        f"sightline: 0 of {count} 2D boxes drawn: the highest score is 0.18, give --min-score below"
+    )
+    assert told in capsys.readouterr().err
+
+
+def _with_sizes(row):
+    x1, y1, x2, y2 = map(float, row[4:8])
+    return [*row[:6], f"{x2 - x1:.2f}", f"{y2 - y1:.2f}", *row[8:]]
+
+
+def _by_centres(row):
+    return [*row[:12], f"{float(row[12]) - float(row[8]) / 2:.2f}", *row[13:]]
+
+
+@pytest.mark.parametrize(
+    ("change", "scale", "with_labels", "told"),
+    [
+        (list, 100.0, False, "found: scores of results reach 90 and are probably percent"),
+        (lambda row: [*row[:14], "45.0"], 1.0, False, "results have angles beyond two pi, probab"),
+        (_with_sizes, 1.0, True, "2D boxes of results are probably x_min, y_min, width, height"),
+        (_by_centres, 1.0, True, "their y is probably that of the centre"),
+    ],
+)
+def test_result_files_of_another_convention_are_doubted(tmp_path, change, scale, with_labels, told):
+    data = shutil.copytree(PACKAGED_FRAMES, tmp_path / "data")
+    if not with_labels:
+        shutil.rmtree(data / "training" / "label_2")
+    with pytest.warns(UserWarning, match=told):
+        assert show_lines(tmp_path, as_results(change, scale)[0], data) == 0
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sightline.cli.output import say
+from sightline.cli.output import say, warn
 from sightline.cli.report import check_places, named_file
 from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.files.problem import refuse_without_effect
@@ -67,3 +67,5 @@ def show(
         data, frames, path, source=source, min_score=min_score, velodyne=velodyne
     )
     say(picture)
+    for line in source.counts if isinstance(source, ResultSource) else ():
+        warn(line)

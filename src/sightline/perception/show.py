@@ -4,12 +4,14 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.data.datasets.sample_files import dataset_title
 from sightline.data.formats.image_file import write_rgb
 from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.perception.results import ResultFolder, open_results, read_perception
+from sightline.perception.shown_results import count_drawn, doubts_about_shown
 from sightline.structures.lidar_turn import LidarTurn, undo_turn
 from sightline.structures.predictions import Perception
 from sightline.structures.sample import CameraLidarSample
@@ -40,6 +42,8 @@ class ResultSource:
         """Open the folders."""
         self._folders = tuple(folders)
         self._opened = open_results(self._folders)
+        self.counts: tuple[str, ...] = ()
+        """Numbers of drawn objects, where some of the drawn frames' are left out."""
 
     def check_data(self, title: str) -> None:
         """Warn of results from data of another title than this; see `dataset_title`."""
@@ -50,6 +54,20 @@ class ResultSource:
                 "that frames with the same name are the same",
                 stacklevel=3,
             )
+
+    def examine(
+        self, dataset: SampleDataset, perceptions: Sequence[Perception], min_score: float
+    ) -> None:
+        """Count the objects to draw, and warn of results in another convention.
+
+        Args:
+            dataset: The drawn frames.
+            perceptions: Their results.
+            min_score: Score threshold of drawn objects.
+        """
+        self.counts = tuple(count_drawn(perceptions, min_score))
+        for folder, doubt in doubts_about_shown(self._opened, dataset):
+            warnings.warn(f"{folder}: {doubt}", stacklevel=3)
 
     @property
     def depth_name(self) -> str:
@@ -119,7 +137,10 @@ def write_frames_picture(
     if isinstance(source, ResultSource):
         source.check_data(dataset_title(dataset, data))
     samples = [dataset[index] for index in range(len(dataset))]
-    perceptions = [source(sample).filter_by_score(min_score) for sample in samples]
+    perceptions = [source(sample) for sample in samples]
+    if isinstance(source, ResultSource):
+        source.examine(dataset, perceptions, min_score)
+    perceptions = [each.filter_by_score(min_score) for each in perceptions]
     samples = [
         undo_turn(sample, each.undone_turn or LidarTurn())
         for sample, each in zip(samples, perceptions, strict=True)
