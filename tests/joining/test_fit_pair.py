@@ -109,6 +109,7 @@ def test_frames_whose_labels_no_box_fits_are_refused():
         fit_pair(empty, ImageDetector(), SweepDetector(), data="street", frames=2)
 
 
+@pytest.mark.filterwarnings("ignore:a sweep shows no rings")
 def test_a_lidar_without_rings_is_thinned_by_points_and_loses_no_rings():
     rng = np.random.default_rng(0)
     points = rng.uniform([5, -8, -1.7, 0], [60, 8, 3, 1], (4_000, 4)).astype(np.float32)

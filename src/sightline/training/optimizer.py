@@ -111,6 +111,7 @@ def freeze(module: nn.Module, config: OptimizerConfig) -> None:
     hold_frozen_norms(module)
 
 
+@named_arguments
 def hold_frozen_norms(module: nn.Module) -> None:
     """Set the batch normalisations all of whose parameters are frozen to evaluation mode.
 
