@@ -17,6 +17,8 @@ from sightline.data.open import open_dataset
 from sightline.files.problem import FileError
 from tests.data.formats.test_image_file import with_exif
 from tests.data.recordings import (
+    BASE_FROM_LIDAR,
+    CAMERA_FROM_BASE,
     CAMERA_FROM_LIDAR,
     CAMERA_MATRIX,
     IMAGE,
@@ -338,3 +340,23 @@ def test_topics_of_contradicting_transforms_are_named(tmp_path):
         bag.transforms("/other/tf_static", 10**9, camera_optical__lidar=moved)
     report = str(import_recording(tmp_path / "drive", tmp_path / "out"))
     assert "it is in topics /other/tf_static, /tf_static" in report
+
+
+def test_a_mount_of_which_a_part_is_another_robots_is_told(tmp_path):
+    moved = CAMERA_FROM_BASE.copy()
+    moved[0, 3] += 0.5
+    mounts = {
+        "a": {"base__lidar": BASE_FROM_LIDAR, "camera_optical__base": CAMERA_FROM_BASE},
+        "b": {"camera_optical__base": moved},
+    }
+    reports = {}
+    for name in mounts:
+        with BagMaker(tmp_path / name) as bag:
+            for robot, transforms in mounts.items():
+                bag.transforms(f"/{robot}/tf_static", 1, **transforms)
+            bag.info(f"/{name}/cam/camera_info", 10**9)
+            bag.image(f"/{name}/cam/image_raw", 10**9)
+            bag.cloud(f"/{name}/points", 10**9)
+        reports[name] = str(import_recording(tmp_path / name, tmp_path / f"{name}_out"))
+    assert "the transform of lidar in base is only in /a/tf_static, which contra" in reports["b"]
+    assert "contradicts" not in reports["a"]

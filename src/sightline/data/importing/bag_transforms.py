@@ -99,6 +99,8 @@ class BagTransforms:
     """Pairs without a value that most messages have."""
     topics: dict[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
     """Topics of each pair's values."""
+    foreign: frozenset[str] = frozenset()
+    """Topics that contradict those nearer to the sensors, as of another robot."""
 
     def between(self, target: str, source: str) -> dict[tuple[str, str], Rigid]:
         """Select the transforms that never change if they connect two frames, else all.
@@ -126,6 +128,7 @@ def transforms_of_bag(bag: Bag, sensors: Collection[str] = ()) -> BagTransforms:
     values: dict[tuple[str, str], _Values] = {}
     nearness: dict[tuple[str, str], int] = {}
     faults: list[str] = []
+    foreign: set[str] = set()
     names = [topic.name for topic in bag.topics_of_kind(TRANSFORMS)]
     shared = {name: sum(num_shared_names(name, each) for each in sensors) for name in names}
     for name in sorted(names, key=lambda name: (-shared[name], not _is_static(name))):
@@ -139,7 +142,9 @@ def transforms_of_bag(bag: Bag, sensors: Collection[str] = ()) -> BagTransforms:
                     faults.append(f"{name}: the transform of {label} {error}")
                     continue
                 if nearness.setdefault(min(pair, pair[::-1]), shared[name]) > shared[name]:
-                    continue  # of another robot
+                    if _differs(values, pair, rigid):
+                        foreign.add(name)
+                    continue
                 reverse = values.get(pair[::-1])
                 if not _is_static(name) and reverse is not None and reverse.is_static:
                     pair, rigid = pair[::-1], np.linalg.inv(rigid)
@@ -151,7 +156,15 @@ def transforms_of_bag(bag: Bag, sensors: Collection[str] = ()) -> BagTransforms:
         faults=tuple(faults),
         unsettled=frozenset(pair for pair, each in values.items() if not each.is_settled),
         topics={pair: (*each.topics,) for pair, each in values.items()},
+        foreign=frozenset(foreign),
     )
+
+
+def _differs(values: dict[tuple[str, str], _Values], pair: tuple[str, str], rigid: Rigid) -> bool:
+    """Check if a transform differs from the usual one of its frames."""
+    if pair not in values:
+        pair, rigid = pair[::-1], np.linalg.inv(rigid)
+    return _difference(values[pair].usual, rigid) is not None
 
 
 def _is_static(topic: str) -> bool:
@@ -248,6 +261,15 @@ def describe_transforms(
             f"drive, by {_text(moves)} at times: the pose of most messages is used, or else "
             f"the first{several}"
         )
+    for step in steps:
+        foreign = transforms.foreign.intersection(transforms.topics.get(step, ()))
+        if foreign:
+            notes.append(
+                f"warning: the transform of {shortened(step[1])} in {shortened(step[0])} is only "
+                f"in {shortened(min(foreign))}, which contradicts the topics beside the sensors, "
+                "as that of another robot does: the LiDAR's mount is probably wrong; give it by "
+                "--calibration"
+            )
     for step in steps[: 2 * _MAX_COMPARED_TRANSFORMS]:
         rest = {each: rigid for each, rigid in selected.items() if each != step}
         difference = _difference(used, find_transform(rest, camera, lidar))
