@@ -86,7 +86,7 @@ class ObjectTally:
     repeated_labels: int = 0
     """Number of labels of scored classes that are equal to an earlier one of their frame."""
     counts_empty: bool = True
-    """Whether frames without results have an empty file, not none."""
+    """True if each frame without a result has an empty result file, false if some have no file."""
     without_results: list[Counter[int]] = field(default_factory=list)
     """Number of labels of each class (code) to be found in each frame without a result."""
     best_scores: list[float] = field(default_factory=list)

@@ -267,7 +267,7 @@ def describe_transforms(
             notes.append(
                 f"warning: the transform of {shortened(step[1])} in {shortened(step[0])} is only "
                 f"in {shortened(min(foreign))}, which contradicts the topics beside the sensors, "
-                "as that of another robot does: the LiDAR's mount is probably wrong; give it by "
+                "as that of another robot does: the LiDAR's mount may be wrong; then give it by "
                 "--calibration"
             )
     for step in steps[: 2 * _MAX_COMPARED_TRANSFORMS]:
