@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from rich.console import Console
 
 from sightline.health.alignment_checks import AlignmentChecks
@@ -84,7 +85,8 @@ def test_sparse_depth_maps_in_place_of_sweeps_are_not_judged():
 
 
 def test_points_in_a_vehicles_frame_are_told_with_what_is_assumed():
-    (doubt,) = doubts_of_origin(replace(sound(), lidar_height_m=0.02))
+    points = sound().points + torch.tensor([0, 0, 1.71, 0])
+    (doubt,) = doubts_of_origin(replace(sound(), points=points, lidar_height_m=0.02))
     assert "000000 have their origin 0.02 m above the road, as in a vehicle's frame" in doubt
     assert "KITTI's height of a LiDAR, 1.73 m" in doubt
     assert doubts_of_origin(sound()) == doubts_of_origin(replace(sound(), lidar_height_m=0.4)) == ()

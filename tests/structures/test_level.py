@@ -22,7 +22,6 @@ from sightline.structures.level import (
     level_view,
     mounted_detections,
     mounted_labels,
-    seen_from_lidar,
 )
 from sightline.structures.objects import Objects
 from sightline.structures.predictions import Detections3D, Perception
@@ -212,26 +211,3 @@ def test_changed_scenes_keep_their_level_frame(tilted):
     mirrored = level_sample(mirror(tilted)).points[:, :3]
     flip = expected.new_tensor([1, -1, 1])
     torch.testing.assert_close(mirrored, expected * flip, rtol=0, atol=1e-4)
-
-
-@pytest.mark.parametrize("tilt", [LEVEL, TILTED])
-def test_an_origin_on_the_road_moves_up_to_a_lidars_height(tilt):
-    sample = replace(
-        SAMPLE,
-        level_from_lidar=None if tilt.is_level else torch.from_numpy(tilt.level_from_lidar),
-        lidar_height_m=0.03,
-    )
-    seen = seen_from_lidar(sample)
-    assert seen.lidar_height_m == 1.73
-    lowered = level_sample(sample).points[:, :3] - level_sample(seen).points[:, :3]
-    torch.testing.assert_close(
-        lowered, torch.tensor([0, 0, 1.7]).expand_as(lowered), rtol=0, atol=1e-4
-    )
-    torch.testing.assert_close(
-        transform_points(seen.calibration.camera_from_lidar, seen.points[:, :3]),
-        transform_points(sample.calibration.camera_from_lidar, sample.points[:, :3]),
-        rtol=0,
-        atol=1e-4,
-    )
-    for kept in (replace(sample, lidar_height_m=0.3), replace(sample, points=None), SAMPLE):
-        assert seen_from_lidar(kept) is kept

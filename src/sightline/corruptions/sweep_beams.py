@@ -8,10 +8,10 @@ import torch
 from jaxtyping import Float32, Float64, Int64
 
 from sightline.corruptions.sensor import SpinningLidar
+from sightline.data.formats.lidar_origin import seen_from_lidar
 from sightline.data.formats.ring_elevations import elevations_deg, rings_by_elevation
 from sightline.data.formats.rings import rings_of_any_order
 from sightline.geometry.intensity_checks import holds_rings
-from sightline.structures.level import seen_from_lidar
 from sightline.structures.sample import CameraLidarSample
 
 _MIN_POINTS: Final = 1000  # with fewer points, rings are not searched

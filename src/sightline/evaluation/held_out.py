@@ -17,6 +17,7 @@ from jaxtyping import Float, Float32
 from scipy import ndimage
 from torch import Tensor
 
+from sightline.data.formats.lidar_origin import vehicle_frame_doubt
 from sightline.data.formats.rings import NUM_RINGS
 from sightline.evaluation.held_out_frame import (
     CROP_SIZE,
@@ -29,7 +30,6 @@ from sightline.evaluation.held_out_frame import (
 from sightline.geometry.arguments import plain_size, plain_wholes, wrong_type
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
-from sightline.structures.level import vehicle_frame_doubt
 from sightline.structures.predictions import DepthMap
 from sightline.structures.sample import CameraLidarSample, copy_of_sensors
 

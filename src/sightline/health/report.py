@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from jaxtyping import Bool
 
+from sightline.data.formats.lidar_origin import vehicle_frame_doubt
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.structures.health import FrameHealth, Health
-from sightline.structures.level import vehicle_frame_doubt
 from sightline.structures.sample import CameraLidarSample
 
 if TYPE_CHECKING:

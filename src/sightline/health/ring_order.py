@@ -6,11 +6,12 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Int64
 
+from sightline.data.formats.lidar_origin import seen_from_lidar
 from sightline.data.formats.ring_elevations import MIN_RINGS, rings_by_elevation
 from sightline.data.formats.rings import is_firing_order
 from sightline.geometry.tilt import Tilt
 from sightline.health.sphere import to_sphere
-from sightline.structures.level import level_sample, seen_from_lidar
+from sightline.structures.level import level_sample
 from sightline.structures.sample import CameraLidarSample
 
 SEAM_DEG = 30.0

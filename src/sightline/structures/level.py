@@ -5,60 +5,17 @@ to the level frame, in which detectors work: x along the camera's view, z up.
 """
 
 from dataclasses import replace
-from typing import Final
 
 import torch
 from jaxtyping import Float64
 from torch import Tensor
 
 from sightline.geometry.calibration import Calibration
-from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.tilt import Tilt, level_ahead
 from sightline.geometry.transforms import rigid_inverse, transform_points
 from sightline.structures.labels import ObjectLabels
 from sightline.structures.predictions import Detections3D, Perception
 from sightline.structures.sample import CameraLidarSample
-
-_MIN_LIDAR_HEIGHT_M: Final = 0.3
-"""Smallest height of a LiDAR above the road; a vehicle's frame is on the road or at its axles."""
-
-
-def vehicle_frame_doubt(sample: CameraLidarSample) -> str | None:
-    """Describe a cloud whose origin is on the road, where no LiDAR is; None if it is a LiDAR's."""
-    height_m = sample.lidar_height_m
-    if height_m is None or height_m >= _MIN_LIDAR_HEIGHT_M:
-        return None
-    return (
-        f"the points of {sample.sample_id} have their origin {height_m:.2f} m above the road, as "
-        "in a vehicle's frame: the LiDAR's place is unknown"
-    )
-
-
-def seen_from_lidar(sample: CameraLidarSample) -> CameraLidarSample:
-    """Move the origin of points in a vehicle's frame up to KITTI's height of a LiDAR.
-
-    Elevations then are about those of the LiDAR's beams. Points and calibration change, labels and
-    pose are left out. A sample whose origin is not on the road is unchanged.
-    """
-    if sample.points is None or vehicle_frame_doubt(sample) is None:
-        return sample
-    assert sample.lidar_height_m is not None, "a vehicle's frame has a height"
-    moved = torch.eye(4, dtype=torch.float64)
-    up = moved[2, :3] if sample.level_from_lidar is None else sample.level_from_lidar[2, :3]
-    moved[:3, 3] = (KITTI_LIDAR_HEIGHT_M - sample.lidar_height_m) * up
-    points = sample.points.clone()
-    points[:, :3] -= moved[:3, 3].float()
-    return replace(
-        sample,
-        points=points,
-        calibration=Calibration(
-            image_from_camera=sample.calibration.image_from_camera,
-            camera_from_lidar=sample.calibration.camera_from_lidar @ moved,
-        ),
-        objects=None,
-        world_from_lidar=None,
-        lidar_height_m=KITTI_LIDAR_HEIGHT_M,
-    )
 
 
 def horizon_row(sample: CameraLidarSample) -> float | None:

@@ -150,6 +150,37 @@ def test_scores_on_other_scales_than_shares_and_percent_raise_no_doubt(scores):
     assert list(doubts_about_results([replace(each, scores=scores) for each in FRAMES])) == []
 
 
+def all_around(objects):
+    """The objects, and eight times as many beside and behind the camera, without 2D boxes."""
+    x, y, z = objects.locations.T
+    places = [(z, y, -x), (-z, y, x), (x, y, -z), (-x, y, -z)] * 2
+    count = 1 + len(places)
+    locations = np.concatenate([objects.locations, *(np.stack(each, 1) for each in places)])
+    rotations_y = np.tile(objects.rotation_y, count)
+    alphas = rotations_y - np.arctan2(locations[:, 0], locations[:, 2])
+    none = np.full((len(locations) - len(objects), 4), -1.0)
+    return replace(
+        objects,
+        class_names=objects.class_names * count,
+        truncation=np.full(len(locations), -1.0),
+        occlusion=np.full(len(locations), -1.0),
+        alpha=(alphas + np.pi) % (2 * np.pi) - np.pi,
+        boxes2d=np.concatenate((objects.boxes2d, none)),
+        dimensions_hwl=np.tile(objects.dimensions_hwl, (count, 1)),
+        locations=locations,
+        rotation_y=rotations_y,
+        scores=RNG.uniform(0.01, 1, len(locations)),
+    )
+
+
+def test_results_all_around_raise_no_doubt():
+    found = [all_around(each) for each in FRAMES]
+    assert list(doubts_about_results(found)) == []
+    none = [replace(each, boxes2d=np.full_like(each.boxes2d, -1.0)) for each in found]
+    doubts = list(doubts_about_results(none))
+    assert "are placeholders such as 0 0 0 0" in doubts[0]
+
+
 @pytest.mark.parametrize("change", CHANGES)
 def test_one_doubt_names_the_other_convention(change):
     changed, expected = CHANGES[change]

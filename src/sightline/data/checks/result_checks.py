@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from sightline.data.checks.alpha_checks import remarks_on_alphas
 from sightline.data.checks.image_fits import OTHER_IMAGE, ImageFit, fit_image
@@ -182,6 +182,7 @@ def remarks_on_repeats(repeated: int, total: int) -> Iterator[str]:
 
 def remarks_on_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
     """Yield a sentence on placeholders for 2D boxes, or on boxes in shares of the image."""
+    boxes = boxes.select(~_is_beside_image(boxes))
     num_empty = int(is_empty_box2d(boxes.boxes2d).sum())
     if num_empty > len(boxes.boxes2d) / 2:
         yield (
@@ -194,6 +195,21 @@ def remarks_on_boxes2d(boxes: ScoredBoxes) -> Iterator[str]:
             "all 2D boxes of results lie within the first pixel and are probably shares of the "
             "image: KITTI's are in pixels."
         )
+
+
+def _is_beside_image(boxes: ScoredBoxes) -> Bool[np.ndarray, " num_boxes"]:
+    """Mask of the boxes without a 2D box in a direction in which none has one.
+
+    A search all around finds objects beside and behind the camera, too.
+    """
+    x, _, z = np.nan_to_num(boxes.locations).T
+    direction = np.arctan2(x, z)
+    is_drawn = boxes.has_3d & ~is_empty_box2d(boxes.boxes2d)
+    if not is_drawn.any():
+        return np.zeros(len(is_drawn), dtype=np.bool_)
+    leftmost, rightmost = direction[is_drawn].min(), direction[is_drawn].max()
+    is_beside = (direction < leftmost) | (direction > rightmost)
+    return np.asarray(boxes.has_3d & ~is_drawn & is_beside)
 
 
 def remarks_on_corners(boxes: ScoredBoxes) -> Iterator[str]:
@@ -209,6 +225,7 @@ def remarks_on_corners(boxes: ScoredBoxes) -> Iterator[str]:
 
 def remarks_on_depths(boxes: ScoredBoxes) -> Iterator[str]:
     """Yield a sentence on 3D boxes that mostly lie behind the camera."""
+    boxes = boxes.select(~_is_beside_image(boxes))
     depths = boxes.locations[np.isfinite(boxes.locations).all(axis=1), 2]
     behind = int((depths < 0).sum())
     if len(depths) >= MIN_RESULTS and behind > len(depths) / 2:

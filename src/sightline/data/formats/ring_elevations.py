@@ -54,7 +54,7 @@ def rings_by_elevation(
     Raises:
         ValueError: Elevations do not separate into 8 to 135 rings.
     """
-    best = min(map(_separate_rings, _laser_elevations(points)), key=_doubtful_share)
+    best = _upright_rings(points)
     if try_leaning and best.doubtful_share > max_doubtful_share:
         upright = map(_upright, (points, points), _ELEVATIONS)
         found = (
@@ -74,6 +74,14 @@ def rings_by_elevation(
     return np.asarray(len(borders) - below, dtype=np.int64)
 
 
+def share_between_rings(points: Float[np.ndarray, "num_points fields"]) -> float:
+    """Compute the share of a sweep's points between its rings, 0 to 1; 1 if it shows no rings.
+
+    It is small only in the LiDAR's own frame, with its axis of rotation upright.
+    """
+    return _upright_rings(points).doubtful_share
+
+
 _Elevations = Float64[np.ndarray, " num_points"]
 
 
@@ -87,6 +95,11 @@ class _RingSeparation(NamedTuple):
 
 def _doubtful_share(separation: _RingSeparation) -> float:
     return separation.doubtful_share
+
+
+def _upright_rings(points: Float[np.ndarray, "num_points fields"]) -> _RingSeparation:
+    """Separate rings around an upright axis, from the laser position that separates them best."""
+    return min(map(_separate_rings, _laser_elevations(points)), key=_doubtful_share)
 
 
 def _separate_rings(elevation_deg: Float64[np.ndarray, " num_points"]) -> _RingSeparation:
