@@ -27,6 +27,7 @@ SMALL_FILES = {
     "export/names.py": "imports nothing: the command line reads it",
     "geometry/kitti_mount.py": "without PyTorch, as checks of data start at once",
     "geometry/picture_checks.py": "without PyTorch, as checks of data start at once",
+    "geometry/user_warning.py": "used by all other folders",
     "geometry/rotations.py": "without PyTorch, as checks of data start at once",
     "health/alignment_checks.py": "stands beside camera_checks and lidar_checks",
     "health/sphere.py": "the lowest of the room",

@@ -94,11 +94,9 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 - what was asked for
     elif name in _MODULES:
         value = getattr(importlib.import_module(f"sightline.{_MODULES[name]}"), name)
     elif name in _RENAMED:
-        import warnings
+        from sightline.geometry.user_warning import warn_user
 
-        warnings.warn(
-            f"sightline.{name} is now sightline.{_RENAMED[name]}", DeprecationWarning, stacklevel=2
-        )
+        warn_user(f"sightline.{name} is now sightline.{_RENAMED[name]}", DeprecationWarning)
         return __getattr__(_RENAMED[name])
     else:
         raise AttributeError(f"module 'sightline' has no attribute {name!r}")

@@ -40,15 +40,15 @@ def test_raw_drives_beside_a_depth_tree_are_told(tmp_path):
     dataset = open_dataset(tmp_path)
     assert isinstance(dataset, KittiDepthDataset)
     parts = ("image", "points")
-    warn_of_missing_sensors(dataset, tmp_path, parts, stacklevel=1)  # warnings are errors
+    warn_of_missing_sensors(dataset, tmp_path, parts)  # warnings are errors
     assert describe_sparse_maps(dataset, tmp_path) == (
         f"{tmp_path} is a depth completion tree, whose sparse depth maps are used as sweeps"
     )
     drive = write_drive(tmp_path / "2011_09_26" / "2011_09_26_drive_0003_sync")
-    warn_of_missing_sensors(dataset, tmp_path, parts, stacklevel=1, needs_sweeps=False)
+    warn_of_missing_sensors(dataset, tmp_path, parts, needs_sweeps=False)
     said = f"for whole sweeps give one of its raw drives (1), such as {drive}"
     with pytest.warns(UserWarning, match=re.escape(said)):
-        warn_of_missing_sensors(dataset, tmp_path, parts, stacklevel=1)
+        warn_of_missing_sensors(dataset, tmp_path, parts)
     assert said in str(summarize_tree(tmp_path)[0])
     assert describe_sparse_maps(open_dataset(drive), drive) is None
 

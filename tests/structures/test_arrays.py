@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from sightline.geometry.calibration import Calibration, plain_calibration
-from sightline.structures.arrays import image_planes, share_in_image, sweep_points
+from sightline.structures.arrays import image_planes, share_in_image, sweep_points, warn_of_view
 from sightline.structures.sample import CameraLidarSample
 from tests.data.recordings import CAMERA_FROM_LIDAR, CAMERA_MATRIX, IMAGE, POINTS, SAMPLE
 
@@ -260,9 +260,13 @@ def test_the_share_of_points_in_the_image_is_one_where_sweeps_are_cut_to_it():
 
 
 def test_points_that_the_image_does_not_show_are_warned_of():
+    start = r"^0 % of the \d+ points fall into the image of 375x1242 \(height x width\): "
     behind = POINTS * np.float32([-1, -1, 1, 1])
-    with pytest.warns(UserWarning, match=r"^0 % of the \d+ points fall into the image of 375x1242"):
+    with pytest.warns(UserWarning, match=f"{start}they lie beside or behind .* camera_from_lidar"):
         CameraLidarSample.from_arrays(CALIBRATION, image=IMAGE, points=behind)
+    above = POINTS + np.float32([0, 0, 30, 0])
+    with pytest.warns(UserWarning, match=f"{start}check camera_matrix against the image's size"):
+        warn_of_view(torch.from_numpy(above), CALIBRATION, SAMPLE.image_size)
 
 
 def test_a_cloud_of_no_points_is_taken_with_a_warning():

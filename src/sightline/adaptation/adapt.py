@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,6 +20,7 @@ from sightline.files.extras import require_library
 from sightline.files.problem import FileError
 from sightline.files.weights_header import find_weights
 from sightline.geometry.arguments import plain_tuple
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments, named_fields
 from sightline.jobs.output_dirs import acquire_output_dir, check_outside_dataset, data_name
 from sightline.joining.fit_pair import fit_pair
@@ -224,7 +224,7 @@ def adapt(
     check_device(settings.device)
     rig, notes = _rig(data, out, rig_file)
     for note in notes:  # before the work, which a wrong rig makes worthless
-        warnings.warn(note, stacklevel=2)
+        warn_user(note)
     frames = settings.frames + settings.validation_frames
     config = SimulationConfig(seed=settings.seed, rig=rig)
     check_simulation(config, frames, validation_frames=settings.validation_frames)
@@ -283,7 +283,7 @@ def _fit_joined(weights: Mapping[str, Path], frames: Path, out: Path) -> Path | 
     try:
         models = fit_pair(dataset, in_image, in_sweep, data=data, frames=_JOINED_FRAMES)
     except ValueError as error:
-        warnings.warn(f"objects of these detectors cannot be joined: {error}", stacklevel=3)
+        warn_user(f"objects of these detectors cannot be joined: {error}")
         return None
     models.write(out)
     return out

@@ -1,12 +1,12 @@
 """`sightline health`: detect untrustworthy sensors, frame by frame."""
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from sightline.cli.output import say
 from sightline.cli.report import check_places, deliver, named_file
 from sightline.data.layouts.kitti_trees import Part, Velodyne
+from sightline.geometry.user_warning import warn_user
 
 if TYPE_CHECKING:
     from sightline.data.datasets.sample_dataset import SampleDataset
@@ -72,10 +72,9 @@ def health(
         data, sample_list=sample_list, velodyne=velodyne, parts=sensors, needs=()
     )
     if sample_list is not None and list(dataset.sample_ids) != sorted(dataset.sample_ids):
-        warnings.warn(
+        warn_user(
             f"{sample_list} is not sorted: alarms and alignment follow its order, as if it were "
             "that of the drive",
-            stacklevel=2,
         )
     chosen = _limits(dataset, limits, images, lidar_beams, fit_first)
     monitor = DriveMonitor(HealthMonitor(chosen.limits))
@@ -105,7 +104,7 @@ def health(
     for sensor, origin in report.limits.items():
         say(f"{sensor}: limits {origin}")
     for warning in report.warnings:
-        warnings.warn(warning, stacklevel=2)
+        warn_user(warning)
 
 
 def _limits(

@@ -5,9 +5,10 @@ import os
 import resource
 import sys
 import threading
-import warnings
 from pathlib import Path
 from typing import Final
+
+from sightline.geometry.user_warning import warn_user
 
 _LOW_LIMIT: Final = 1024  # a higher one is not tried out
 _OTHERS: Final = 16  # threads beside those of the libraries' pools, one pool for each core
@@ -25,11 +26,10 @@ def warn_of_few_threads() -> None:
     needed = _OTHERS + _POOLS * (os.cpu_count() or 1)
     startable = _startable_threads(needed)
     if startable < needed:
-        warnings.warn(
+        warn_user(
             f"only {startable} further threads can be started, about {needed} are needed: "
             "libraries may fail or end the program; raise the limit of processes (ulimit -u, or "
             "the container's)",
-            stacklevel=2,
         )
 
 

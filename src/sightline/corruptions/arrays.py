@@ -7,7 +7,6 @@ found = corrupt_arrays("camera_fog", 3, image=image, points=points, image_from_c
 found.image, found.points, found.camera_mask, found.record
 """
 
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from sightline.geometry.cloud_checks import cloud_fault
 from sightline.geometry.given_arrays import Given, given_array
 from sightline.geometry.mount import mount_doubt, pixel_doubt
 from sightline.geometry.plain_arrays import without_masked
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.arrays import (
     cloud_columns,
@@ -181,11 +181,11 @@ def _warn_if_inconsistent(
     doubt = mount_doubt(calibration.camera_from_lidar.numpy())
     pixels = pixel_doubt(calibration.image_from_camera.numpy())
     if pixels is not None:
-        warnings.warn(f"image_from_camera {pixels}", stacklevel=3)
+        warn_user(f"image_from_camera {pixels}")
     if doubt is not None:
-        warnings.warn(f"camera_from_lidar {doubt}", stacklevel=3)
-    elif not warn_of_axes(sweep, calibration, stacklevel=4):
-        warn_of_view(sweep, calibration, size, camera="image_from_camera", stacklevel=4)
+        warn_user(f"camera_from_lidar {doubt}")
+    elif not warn_of_axes(sweep, calibration):
+        warn_of_view(sweep, calibration, size, camera="image_from_camera")
 
 
 def _depth_array(depth: Given) -> Shaped[np.ndarray, "..."]:
@@ -216,7 +216,7 @@ def _image(image: Shaped[np.ndarray, "..."]) -> UInt8[torch.Tensor, "3 height wi
             f"image must be uint8, height x width x 3; got {_dtype_and_shape(image)}: "
             f"{image_remedy(image)}"
         )
-    warn_of_levels(image, stacklevel=4)
+    warn_of_levels(image)
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
 
 
@@ -243,7 +243,7 @@ def _points(points: Shaped[np.ndarray, "..."]) -> Float32[torch.Tensor, "num_poi
             f"reflectances (column 3 of points) must be from 0 to 1, got {reflectances.min():g} to "
             f"{reflectances.max():g}; divide by the sensor's full scale, for example 255"
         )
-    warn_of_cloud(columns, 1.0, stacklevel=4)
+    warn_of_cloud(columns, 1.0)
     return torch.from_numpy(columns.astype(np.float32))
 
 
@@ -261,7 +261,7 @@ def _depth(
         raise ValueError("depth must be finite: metres, 0 = unknown")
     doubt = depth_range_doubt(depth)
     if doubt is not None:
-        warnings.warn(f"depth {doubt}: give metres, not values of a PNG", stacklevel=3)
+        warn_user(f"depth {doubt}: give metres, not values of a PNG")
     return torch.from_numpy(depth.astype(np.float32))
 
 

@@ -1,7 +1,6 @@
 """Corrupted data sets on disk: resumable, parallel and reproducible to the byte."""
 
 import json
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -31,6 +30,7 @@ from sightline.data.layouts.kitti_trees import (
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_link, atomic_write_text
 from sightline.files.shard_path import stored_file
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.crew import Driver
 from sightline.jobs.output_dirs import (
@@ -263,10 +263,9 @@ def _warn_of_other_labels(
         }
     )
     if others:
-        warnings.warn(
+        warn_user(
             f"the labels of {len(others):,} kept frames ({describe_absent(others)}) are others in "
             f"{dataset.root / place} now; {remedy}",
-            stacklevel=3,
         )
 
 

@@ -1,7 +1,6 @@
 """All kinds of corruption at five severities; levels are tabulated in the sensors' own units."""
 
 import difflib
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -47,6 +46,7 @@ from sightline.corruptions.pixel_box import AreaDrawing
 from sightline.corruptions.sensor import HDL_64E, SpinningLidar
 from sightline.corruptions.sun_glare import SunGlare
 from sightline.files.plain_text import shortened
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 
 SEVERITIES: Final = (1, 2, 3, 4, 5)
@@ -93,9 +93,7 @@ class Kind:
 
     def said(self, severity: int) -> str:
         """Deprecated name of `describe`."""
-        warnings.warn(
-            "Kind.said is deprecated; call Kind.describe", DeprecationWarning, stacklevel=2
-        )
+        warn_user("Kind.said is deprecated; call Kind.describe", DeprecationWarning)
         return self.describe(severity)
 
 

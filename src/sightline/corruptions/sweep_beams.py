@@ -1,6 +1,5 @@
 """Beams of a sweep, whatever LiDAR took it: of an assumed LiDAR, or its own rings."""
 
-import warnings
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from sightline.data.formats.lidar_origin import seen_from_lidar
 from sightline.data.formats.ring_elevations import elevations_deg, rings_by_elevation
 from sightline.data.formats.rings import rings_of_any_order
 from sightline.geometry.intensity_checks import holds_rings
+from sightline.geometry.user_warning import warn_user
 from sightline.structures.sample import CameraLidarSample
 
 _MIN_POINTS: Final = 1000  # with fewer points, rings are not searched
@@ -52,12 +52,11 @@ def beams_of(sample: CameraLidarSample, lidar: SpinningLidar) -> SweepBeams:
     if rings is None:
         if not _is_in_view(_edges_deg(points), lidar, _VIEW_SLACK_DEG):
             highest, lowest = lidar.beam_elevations_deg[0], lidar.beam_elevations_deg[-1]
-            warnings.warn(
+            warn_user(
                 "a sweep shows no rings, by order or by elevation, as of a solid-state LiDAR: the "
                 f"{lidar.num_beams} beams of the assumed LiDAR, {lowest:g} to {highest:g} degrees, "
                 "stand for its own, so shares of lost points differ from the documented ones; give "
                 "sweeps of a spinning LiDAR in its own frame, or another kind",
-                stacklevel=2,
             )
         return assumed
     rings_deg = _ring_elevations_deg(points, rings)

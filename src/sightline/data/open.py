@@ -1,6 +1,5 @@
 """Opening of data sets, whose type is recognised by the folder's contents."""
 
-import warnings
 from collections.abc import Collection, Sequence
 from functools import partial
 from pathlib import Path
@@ -52,6 +51,7 @@ from sightline.files.safe_names import unusable_names
 from sightline.files.shard_checks import longer_tars
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import plain_names, plain_path
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import KITTI_SPLITS, is_split
 
@@ -157,7 +157,7 @@ def existing_folder(path: Path | str) -> Path:
 def _warn_of_longer_tars(path: Path) -> None:
     """Warn of shards that were appended to, or are of another packing than their indexes."""
     for problem in longer_tars(path):
-        warnings.warn(str(problem), stacklevel=4)
+        warn_user(str(problem))
 
 
 def _open_object_tree(
@@ -191,10 +191,9 @@ def _warn_of_other_split(root: Path, used: str) -> None:
     """Warn of frames in the split of a tree that is not opened."""
     for split in KITTI_SPLITS:
         if split != used and (found := list_object_frames(root / split, ("image", "points"))):
-            warnings.warn(
+            warn_user(
                 f"{root}: only the frames in {used} are used, not the {len(found):,} in {split}; "
                 f"give {root / split} for those",
-                stacklevel=4,
             )
 
 

@@ -5,7 +5,6 @@ import io
 import os
 import re
 import tarfile
-import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -48,6 +47,7 @@ from sightline.files.shard_index import (
     read_manifest,
     tars_of,
 )
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import (
     KITTI_SPLITS,
@@ -276,10 +276,9 @@ def _find_sources(data: Path) -> _Sources:
     shared = [path for key, files in frames.items() if key not in kept for path in files]
     bags = [path for path in (*others, *shared) if path.lower().endswith(BAG_SUFFIXES)]
     if bags:
-        warnings.warn(
+        warn_user(
             f"{data}: {len(bags)} bags, e.g. {shortened(bags[0])}, are no part of the data and "
             "are not packed",
-            stacklevel=2,
         )
     return _Sources(
         root=root,

@@ -1,7 +1,6 @@
 """Archive for KITTI's object benchmark: a result file for each frame."""
 
 import re
-import warnings
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
@@ -25,6 +24,7 @@ from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import shortened, without_marks
 from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of a zip file
@@ -78,7 +78,7 @@ def write_submission(results: Path, out: Path, *, sample_list: str | Path | None
             "check whether the detector ran, its classes and its score threshold"
         )
     for doubt in doubts_about_results(frames):
-        warnings.warn(f"{results}: {doubt}", stacklevel=2)
+        warn_user(f"{results}: {doubt}")
     with atomic_path(out) as temporary, ZipFile(temporary, "w") as archive:
         for name, content in zip(names, contents, strict=True):
             entry = ZipInfo(f"{name}.txt", date_time=_EPOCH)
@@ -103,10 +103,9 @@ def _frame_names(results: Path, sample_list: str | Path | None) -> list[str]:
                 "names NNNNNN.txt in lower case"
             )
         if left_out:
-            warnings.warn(
+            warn_user(
                 f"{results}: left out of the archive: {left_out}; the benchmark expects only "
                 "NNNNNN.txt in one folder",
-                stacklevel=3,
             )
     for name in names:
         if not re.fullmatch("[0-9]{6}", name):

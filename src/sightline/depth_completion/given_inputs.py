@@ -1,6 +1,5 @@
 """Inputs of depth completion as users give them: checked, and converted to tensors."""
 
-import warnings
 from typing import Final
 
 import numpy as np
@@ -15,6 +14,7 @@ from sightline.geometry.given_arrays import given_array
 from sightline.geometry.mount import MAX_RANGE_M
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import sparse_depth_map
+from sightline.geometry.user_warning import warn_user
 from sightline.structures.arrays import image_remedy, warn_of_levels
 from sightline.structures.sample import CameraLidarSample, check_points
 
@@ -65,10 +65,9 @@ def sparse_plane(sparse_depth_m: SparseMap) -> Float32[Tensor, "height width"]:
     check_sparse_depth(sparse.numpy())
     depths_m = sparse.numpy()[sparse.numpy() > 0]
     if len(depths_m) and np.median(depths_m) > MAX_RANGE_M:
-        warnings.warn(
+        warn_user(
             f"half of the sparse depth map's values are above {MAX_RANGE_M:g} m, beyond every "
             "LiDAR: give metres, not values of a PNG or millimetres",
-            stacklevel=4,
         )
     return sparse
 
@@ -134,5 +133,5 @@ def given_planes(
     """Convert a user's image as `rgb_planes` does, and warn of levels from 0 to 3 alone."""
     planes = rgb_planes(image, size)
     if image is not None:
-        warn_of_levels((planes * 255).round().to(torch.uint8).numpy(), stacklevel=4)
+        warn_of_levels((planes * 255).round().to(torch.uint8).numpy())
     return planes

@@ -205,7 +205,7 @@ class DepthPredictor(NetworkPredictor[DepthCompletionNet, DepthMap]):
         checked = checked_points(points)
         sparse = sparse_depth_map(checked, calibration, image_size)
         cloud = torch.nn.functional.pad(checked[:, :COORDINATES].float(), (0, 1))
-        warn_of_view(cloud, calibration, image_size, camera="image_from_camera", stacklevel=3)
+        warn_of_view(cloud, calibration, image_size, camera="image_from_camera")
         if image is None:
             return self.complete(sparse)
         rgb = given_planes(image, (sparse.shape[0], sparse.shape[1]))

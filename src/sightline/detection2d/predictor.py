@@ -1,6 +1,5 @@
 """Predictor for 2D detection."""
 
-import warnings
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,6 +16,7 @@ from sightline.detection2d.views import gate_over_frame, views_of
 from sightline.export.names import EngineChoice, EngineName
 from sightline.export.process_engine import ProcessEngine
 from sightline.geometry.checked import checked
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.network import LoadedNetwork
 from sightline.inference.network_predictor import NetworkPredictor
@@ -40,7 +40,7 @@ class DetectionResult:
 
 def __getattr__(name: str) -> type[DetectionResult]:
     if name == "DetectorAnswer":
-        warnings.warn("DetectorAnswer is now DetectionResult", DeprecationWarning, stacklevel=2)
+        warn_user("DetectorAnswer is now DetectionResult", DeprecationWarning)
         return DetectionResult
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -1,6 +1,5 @@
 """A sweep for the networks, in range, in view and sampled, and its ground truth."""
 
-import warnings
 from dataclasses import dataclass, fields, replace
 from typing import Final
 
@@ -14,6 +13,7 @@ from sightline.augmentation.sample_changes import points_in_view
 from sightline.detection3d.checks import check_numbers
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.ranges import check_range
+from sightline.geometry.user_warning import warn_user
 from sightline.ops.points_in_boxes import first_box_of_points
 from sightline.structures.labels import LOOK_ALIKES, ObjectLabels, check_look_alikes
 from sightline.structures.level import level_detections, level_sample, mounted_detections
@@ -172,11 +172,10 @@ def network_sweep(sample: CameraLidarSample, settings: SweepConfig) -> Sweep:
     assert sample.points is not None, "likewise"
     seen = points_in_range(visible, settings)
     if len(sample.points) >= _MANY_POINTS and len(seen) < _MIN_SHARE * len(sample.points):
-        warnings.warn(
+        warn_user(
             f"of the {len(sample.points)} points of sample {sample.sample_id} only {len(seen)} lie "
             "in the network's range; check that its axes are x forward, y left, z up, in metres "
             "from the LiDAR",
-            stacklevel=2,
         )
     return draw_points(seen, settings, np.random.default_rng(_SEED))
 

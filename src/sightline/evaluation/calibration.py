@@ -5,7 +5,6 @@ KITTI's own matching (`kitti_object`) decides which detections are true, false o
 
 import hashlib
 import json
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -59,6 +58,7 @@ from sightline.files.problem import FileError
 from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import plain_names
 from sightline.geometry.choices import check_choices
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import acquire_output_dir, data_name
 
@@ -175,11 +175,10 @@ def _warn_of_shared_frames(measured: ScoredFrames, fitted: ScoredFrames) -> None
     names = frame_names(labels_dir, measured.sample_list)
     shared = sorted({*names} & {*frame_names(labels_dir, fitted.sample_list)})
     if shared:
-        warnings.warn(
+        warn_user(
             f"calibrators are fitted on {len(shared):,} of the {len(names):,} measured frames "
             f"({describe_absent(shared)}), so calibrated scores look too good; fit on other frames "
             "(--fit-list)",
-            stacklevel=3,
         )
 
 

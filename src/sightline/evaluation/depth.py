@@ -6,7 +6,6 @@ to a second method (`sightline.evaluation.depth_breakdown`). The rules are in
 image has the same weight, independent of its number of pixels with ground truth.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
@@ -53,6 +52,7 @@ from sightline.evaluation.depth_scores import (
 )
 from sightline.evaluation.inputs import check_apart
 from sightline.files.shard_path import data_path
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.output_dirs import MANIFEST_NAME
 from sightline.jobs.progress import track
@@ -228,17 +228,16 @@ def evaluate_depth(
     )
     _warn_of_empty(images, predictions)
     if (truth / MANIFEST_NAME).is_file():
-        warnings.warn(
+        warn_user(
             f"{truth}: a command wrote it ({MANIFEST_NAME}), so it probably holds results, not "
             "ground truth: name the results first",
-            stacklevel=2,
         )
     doubts = _doubts_about_predictions(images, predictions, truth)
     if sparse is not None:
         measured = [each.sparse for each in images if each.sparse is not None]
         doubts += doubts_about_sparse_maps(measured, data_path(sparse), truth)
     for doubt in doubts:
-        warnings.warn(doubt, stacklevel=2)
+        warn_user(doubt)
     report = DepthReport(
         images=images,
         unused_predictions=unused,
@@ -249,12 +248,11 @@ def evaluate_depth(
         return report
     others, _ = score(data_path(against), sparse=None, ends=(0.0,))
     for doubt in _doubts_about_predictions(others, data_path(against), truth):
-        warnings.warn(doubt, stacklevel=2)
+        warn_user(doubt)
     if _compared(images) == _compared(others):
-        warnings.warn(
+        warn_user(
             f"{predictions} and {against} have the same scores in all {len(images)} images, so "
             "every difference is 0: name the predictions of another method",
-            stacklevel=2,
         )
     return replace(report, against=_differences(images, others, seed))
 
@@ -284,11 +282,10 @@ def _warn_of_empty(images: Sequence[ImageReport], predictions: Path) -> None:
     """Warn of images without a predicted pixel, which only one of both means includes."""
     empty = [image.name for image in images if not image.depths.pixels]
     if empty:
-        warnings.warn(
+        warn_user(
             f"{predictions}: {len(empty):,} of {len(images):,} images have no predicted depth at a "
             f"pixel with ground truth ({describe_absent(empty)}): over all pixels they are wholly "
             "wrong, 'predicted pixels only' leaves them out; predict them, or score the others",
-            stacklevel=3,
         )
 
 

@@ -6,7 +6,6 @@ the rings. Simulated frames can also be scored on their dense depth, with the sa
 
 import statistics
 import time
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from sightline.evaluation.held_out_frame import (
     split_rings,
 )
 from sightline.geometry.arguments import plain_size, plain_wholes, wrong_type
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.jobs.progress import track
 from sightline.structures.predictions import DepthMap
@@ -221,23 +221,21 @@ def _warn_of_vehicle_frame(sample: CameraLidarSample) -> None:
     """Warn of points whose frame has its origin on the road, where no LiDAR is."""
     doubt = vehicle_frame_doubt(sample)
     if doubt is not None:
-        warnings.warn(
+        warn_user(
             f"{doubt}, by which rings are counted and returns hidden from the camera are found, so "
             "scores differ by some percent from those of sweeps in the LiDAR's own frame; give "
             "these",
-            stacklevel=3,
         )
 
 
 def _warn_of_few_rings(frame: HeldOutFrame) -> None:
     """Warn of a sensor with far fewer rings than the beams that it is counted as."""
     if frame.sensor_rings < _MIN_RING_SHARE * frame.sensor_beams:
-        warnings.warn(
+        warn_user(
             f"the sweep of {frame.sample.sample_id} has {frame.sensor_rings} rings with returns "
             f"and is counted as of {frame.sensor_beams} beams: numbers of beams are shares of "
             f"{frame.sensor_beams}, so a half keeps every second ring; if it has fewer beams, give "
             "sweeps in the LiDAR's own frame",
-            stacklevel=3,
         )
 
 

@@ -3,7 +3,6 @@
 PyTorch is not needed. Both sides are read from KITTI's object tree by the same code.
 """
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from sightline.evaluation.realism_measures import Measures, measure_tree
 from sightline.evaluation.realism_rows import STATISTICS
 from sightline.files.problem import refuse_without_effect
 from sightline.files.shard_path import data_path
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 
 TOLERANCE: Final = 0.25
@@ -107,9 +107,8 @@ def evaluate_realism(
         raise ValueError(f"max_frames must be at least 1, got {max_frames}")
     refuse_without_effect("without real data", real_labels=real is None and real_labels is not None)
     if real is not None and Path(real).resolve() == Path(simulated).resolve():
-        warnings.warn(
+        warn_user(
             f"{simulated} is compared with itself, so every ratio is 1: name a tree of real frames",
-            stacklevel=2,
         )
     simulated_measures = measure_tree(data_path(simulated), None, max_frames)
     real_measures = Measures()

@@ -32,8 +32,8 @@ def shared_core() -> Any:  # noqa: ANN401 - an extra's
     process, core = _first_core()
     if process != os.getpid():
         raise SetupError(
-            "openvino has run before this process was forked, and cannot run in it; use one "
-            "worker, or the engine onnxruntime"
+            "openvino has run before this process was forked, and cannot run in it; start "
+            "workers by spawn, use one worker, or the engine onnxruntime"
         )
     return core
 

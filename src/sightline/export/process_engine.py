@@ -1,7 +1,6 @@
 """Engines for jobs with several processes."""
 
 import os
-import warnings
 from collections.abc import Mapping
 
 import torch
@@ -16,6 +15,7 @@ from sightline.export.names import EngineChoice, EngineName
 from sightline.files.atomic import scratch_folder
 from sightline.files.plain_text import shortened
 from sightline.files.problem import SetupError
+from sightline.geometry.user_warning import warn_user
 
 _REASON_LENGTH = 160  # characters
 
@@ -63,9 +63,8 @@ class ProcessEngine:
                 if name != "auto":
                     raise
                 reason = shortened(" ".join(str(error).split()), _REASON_LENGTH)
-                warnings.warn(
+                warn_user(
                     f"PyTorch runs the network, as it cannot be exported for {chosen}: {reason}",
-                    stacklevel=2,
                 )
                 chosen = "torch"
         self.name: EngineName = chosen

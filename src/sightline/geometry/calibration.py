@@ -1,6 +1,5 @@
 """Calibration of a camera and a LiDAR: intrinsics and extrinsics."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat
@@ -15,6 +14,7 @@ from sightline.geometry.checked import checked
 from sightline.geometry.given_arrays import plain_numbers
 from sightline.geometry.mount import camera_fault, mount_doubt, pixel_doubt
 from sightline.geometry.rotations import ROTATION_TOLERANCE, rotation_fault
+from sightline.geometry.user_warning import warn_user
 
 Matrix = Tensor | np.ndarray | Sequence[Sequence[SupportsFloat]]
 """Rows of numbers of any type, as users have them."""
@@ -123,7 +123,7 @@ class Calibration:
             ("camera_from_lidar", mount_doubt(calibration.camera_from_lidar.numpy())),
         ):
             if doubt is not None:
-                warnings.warn(f"{name} {doubt}", stacklevel=2)
+                warn_user(f"{name} {doubt}")
         return calibration
 
     @property

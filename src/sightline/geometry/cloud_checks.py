@@ -4,7 +4,6 @@ Without PyTorch, for checks that start at once.
 """
 
 import math
-import warnings
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Float, Float64, Real
 
 from sightline.geometry.intensity_checks import intensity_fault
 from sightline.geometry.mount import MAX_RANGE_M
+from sightline.geometry.user_warning import warn_user
 
 _MAX_COLUMNS: Final = 64
 """Largest number of columns in a row; drivers write up to about twenty fields for each point."""
@@ -56,17 +56,15 @@ def warn_of_columns(num_columns: int, num_points: int) -> None:
     The message does not name a cloud: it appears once for all clouds with that number of columns.
     """
     if num_points and num_columns == 3:
-        warnings.warn(
+        warn_user(
             "clouds have three columns, x, y, z: the reflectance of their points is set to 0; add "
             "intensities as the fourth column, or zeros if there are none",
-            stacklevel=3,
         )
     elif num_points and num_columns > 4:
-        warnings.warn(
+        warn_user(
             f"clouds have {num_columns} columns: the first four are read as x, y, z, intensity, "
             "the others are dropped; remove them, or write a .pcd, .ply or structured .npy, whose "
             "field ring is used",
-            stacklevel=3,
         )
 
 
@@ -75,10 +73,9 @@ def warn_of_integers(dtype: np.dtype[Any], num_points: int) -> None:
     is_unsigned = dtype.kind == "u"
     if num_points and (is_unsigned or (dtype.kind == "i" and dtype.itemsize <= _SHORT_BYTES)):
         lost = ", and no place behind, right of or below the LiDAR is possible" * is_unsigned
-        warnings.warn(
+        warn_user(
             f"clouds have x, y, z of type {dtype.name}: they are in whole metres{lost}; write them "
             "as float32",
-            stacklevel=3,
         )
 
 

@@ -3,15 +3,17 @@
 Without PyTorch, for checks that start at once.
 """
 
-import warnings
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sightline.geometry.user_warning import warn_user
+
 USUAL_LOSS: Final = 0.5
 """Share of points without an echo in a cloud that may include rays into the sky."""
+
 _NO_RANGE_M: Final = 1e-3
 """Largest coordinate of points at the sensor itself. A sweep of nuScenes has 3,756 within 0.31 mm,
 and the next one at 0.34 m."""
@@ -84,7 +86,7 @@ def warn_of_losses(
 ) -> None:
     """Warn about the losses of `losses`, with the name of the cloud's file or topic."""
     for loss in losses(points, usual_share=usual_share):
-        warnings.warn(f"{source}: {loss}", stacklevel=3)
+        warn_user(f"{source}: {loss}")
 
 
 def is_echo(points: Float[np.ndarray, "num_points fields"]) -> Bool[np.ndarray, " num_points"]:

@@ -1,6 +1,5 @@
 """Conversion of users' arrays, tensors and nested lists."""
 
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, SupportsIndex
@@ -12,6 +11,7 @@ from torch import Tensor, bfloat16, strided
 
 from sightline.geometry.arguments import short_repr
 from sightline.geometry.plain_arrays import plain_array
+from sightline.geometry.user_warning import warn_user
 
 Given = np.ndarray | Tensor | Sequence[Any]
 """Array, tensor or nested lists of numbers."""
@@ -99,9 +99,8 @@ def _tensor_array(name: str, tensor: Tensor) -> Shaped[np.ndarray, "..."]:
         )
     dense = tensor if tensor.layout == strided else tensor.to_dense()
     if dense.dtype == bfloat16 and not name.endswith("image"):  # whose levels it holds exactly
-        warnings.warn(
+        warn_user(
             f"{name} are bfloat16, which rounds 60 m to steps of 0.25 m; give float32",
-            stacklevel=3,
         )
     wide = dense.float() if dense.dtype == bfloat16 else dense  # NumPy has no bfloat16
     try:

@@ -4,13 +4,13 @@ Without PyTorch, for checks that start at once.
 """
 
 import math
-import warnings
 from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from sightline.geometry.echoes import is_echo
+from sightline.geometry.user_warning import warn_user
 
 _MIN_POINTS_TO_WARN: Final = 100
 _LEAST_BYTE = -128  # of eight bits with a sign
@@ -91,7 +91,7 @@ def warn_of_intensities(points: Float[np.ndarray, "num_points 4"], max_intensity
     doubt = intensity_doubt(points, max_intensity)
     if doubt is not None and points[:, 3].any():
         problem, remedy = doubt
-        warnings.warn(f"{problem}; {remedy}", stacklevel=3)
+        warn_user(f"{problem}; {remedy}")
 
 
 def intensity_doubt(

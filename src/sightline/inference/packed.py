@@ -131,7 +131,7 @@ def pack_results(
     chosen = shard(list(zip(tars, targets, strict=True)), shard_index, num_shards)
     opened = (_quietly_opened(writer, source, place) for source, _ in chosen)
     found = (each for each in opened if each is not None)
-    warn_of_missing_files(found, data, writer.parts, stacklevel=3)
+    warn_of_missing_files(found, data, writer.parts)
     shared_sha256 = _checksum(shared_tar)
     pending = [
         (source, target, content)

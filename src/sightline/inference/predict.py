@@ -1,6 +1,5 @@
 """Prediction of a whole data set to files for each sample, resumable and in parallel."""
 
-import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -23,6 +22,7 @@ from sightline.data.datasets.sample_files import (
 from sightline.data.formats.pixels import is_in_view
 from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import (
@@ -111,9 +111,7 @@ def predict(
         needs=predictor.needs,
     )
     writes_maps = task.outputs[0].suffix == ".png"  # depth is completed from sparse maps
-    warn_of_missing_sensors(
-        dataset, data, predictor.parts, stacklevel=2, needs_sweeps=not writes_maps
-    )
+    warn_of_missing_sensors(dataset, data, predictor.parts, needs_sweeps=not writes_maps)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = dataset.sample_ids
     finished = predicted_samples(places)
@@ -241,10 +239,9 @@ def read_sample(dataset: SampleDataset, index: int, *, around: bool | None) -> C
     if sample.points is not None and len(sample.points):
         points, matrix = sample.points.numpy(), sample.calibration.image_from_lidar.numpy()
         if not is_in_view(points, matrix, sample.image_size).any():
-            warnings.warn(
+            warn_user(
                 f"sample {sample.sample_id}: none of its {len(points):,} points falls into the "
                 "image; check its calibration and point cloud by `sightline check`",
-                stacklevel=2,
             )
     return sample if around is None else replace(sample, all_around=around)
 

@@ -1,7 +1,6 @@
 """Interfaces of predictors and their outputs; imports neither PyTorch nor any task."""
 
 import json
-import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from types import FunctionType, MethodType
 from typing import TYPE_CHECKING, Any, Final, Protocol, runtime_checkable
 
 from sightline.geometry.arguments import check_collection, type_name
+from sightline.geometry.user_warning import warn_user
 
 if TYPE_CHECKING:
     from sightline.data.layouts.kitti_trees import Part
@@ -117,11 +117,10 @@ def warn_of_unversioned(predictors: Iterable[Predictor], kept: int, *, remedy: s
     own = [each for each in predictors if not type(each).__module__.startswith("sightline.")]
     unversioned = [each.name for each in own if not each.made_by]
     if kept and unversioned:
-        warnings.warn(
+        warn_user(
             f"{kept:,} results of earlier runs are kept, and made_by of {', '.join(unversioned)} "
             "is empty, so they may come from another state of it: enter a version or the weights' "
             f"checksum in made_by; {remedy}",
-            stacklevel=3,
         )
 
 

@@ -7,6 +7,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from typing import Final, Literal, NamedTuple, Protocol, runtime_checkable
 
+from sightline.geometry.user_warning import warn_user
+
 Driver = Literal["local", "ray"]
 """Workers of a job: processes of this machine, or actors of a Ray cluster."""
 
@@ -15,6 +17,7 @@ Piece = Callable[[int], str]
 
 MAX_TRIES: Final = 3
 """Number of workers that a piece may lose before it counts as failed."""
+
 _MAX_PIECE_S: Final = 3600.0
 """Time without a report after which a worker counts as hanging."""
 _POLL_S: Final = 5.0
@@ -131,7 +134,7 @@ class _Run:
                 continue
             self._idle.append(worker)
             for text in report.warned:
-                warnings.warn(text, stacklevel=2)
+                warn_user(text)
             if position is not None:
                 self._deaths_in_row = 0
                 done[position] = report.result

@@ -3,13 +3,13 @@
 import itertools
 import os
 import signal
-import warnings
 from pathlib import Path
 from typing import Any, Final
 
 from sightline.files.extras import import_library
 from sightline.files.plain_text import shortened
 from sightline.files.problem import plain_line
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.crew import Piece, Report, report_of
 from sightline.jobs.pool import HELD_SIGNALS, take_one_thread
 
@@ -65,10 +65,9 @@ class RayCrew:
         """Warn if no CPU is free, as actors then wait without a word."""
         if self._ray.available_resources().get("CPU", 0) < 1:
             number = self._ray.cluster_resources().get("CPU", 0)
-            warnings.warn(
+            warn_user(
                 f"no CPU of the Ray cluster is free, it has {number:g} in all: the job waits for "
                 "one; start further nodes by: ray start --address HEAD:6379",
-                stacklevel=2,
             )
 
     def hire(self) -> int:

@@ -1,6 +1,5 @@
 """Fit of the models that score joined objects, on labelled frames with sound and faulty sensors."""
 
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -10,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float64
 from scipy.optimize import minimize
 
+from sightline.geometry.user_warning import warn_user
 from sightline.joining.config import JoinConfig
 from sightline.joining.evidence import gather_evidence, image_iou
 from sightline.joining.join import image_kind, liftable, match
@@ -113,9 +113,8 @@ def fit_models(
         remedy = "give more frames, with 3D labels of these objects"
         if fallback is None or not fitted:
             raise ValueError(f"no box of {names} fits a label, so no scores are fitted; {remedy}")
-        warnings.warn(
+        warn_user(
             f"no box of {names} fits a label, so scores stay those of the shipped models; {remedy}",
-            stacklevel=3,
         )
     models = {
         kind: {name: fitted.get((kind, name)) or getattr(fallback, kind)[name] for name in CLASSES}

@@ -4,7 +4,6 @@ Damaged or foreign entries count as missing.
 """
 
 import json
-import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -12,6 +11,7 @@ from typing import Any, Final, get_args
 from sightline.data.layouts.kitti_trees import Part, describe_absent
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_file import read_bytes
+from sightline.geometry.user_warning import warn_user
 from sightline.structures.objects import Origin
 from sightline.structures.sample import SENSOR_FIELDS
 from sightline.tasks import further_keys, task_names
@@ -89,11 +89,10 @@ def _warn_of_missing(out: Path, files: Sequence[str], lines: Lines, timings: Lin
         ("time", [name for name in lines if name not in timings], TIMINGS_NAME),
     ):
         if names:
-            warnings.warn(
+            warn_user(
                 f"{out / joined} lacks the {entry} of {len(names)} of {len(files)} frames, "
                 f"{describe_absent(names)}: the file of each is missing, damaged or has other "
                 "content; run this again for these frames with --overwrite",
-                stacklevel=4,
             )
 
 

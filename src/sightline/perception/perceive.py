@@ -1,7 +1,6 @@
 """All tasks on a whole data set, resumable and in parallel, with one line per frame."""
 
 import json
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -19,6 +18,7 @@ from sightline.data.layouts.kitti_trees import Part, Velodyne, describe_absent
 from sightline.data.open import open_dataset
 from sightline.files.atomic import atomic_write_text, scratch_folder
 from sightline.files.problem import refuse_without_effect
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.packed import pack_results
 from sightline.inference.predictor import warn_of_unversioned
@@ -69,7 +69,7 @@ class PerceiveResult(JobResult):
     @property
     def answered(self) -> Mapping[str, int]:
         """Deprecated name of `predicted`."""
-        warnings.warn("answered is now predicted", DeprecationWarning, stacklevel=2)
+        warn_user("answered is now predicted", DeprecationWarning)
         return self.predicted
 
 
@@ -164,7 +164,7 @@ def perceive(
     dataset = open_dataset(
         data, sample_list=sample_list, velodyne=velodyne, parts=perceiver.parts, needs=()
     )
-    warn_of_missing_sensors(dataset, data, perceiver.parts, stacklevel=2)
+    warn_of_missing_sensors(dataset, data, perceiver.parts)
     _check_tasks(perceiver, around=around, all_outputs=all_outputs)
     indices = shard(range(len(dataset)), shard_index, num_shards)
     names = [dataset.sample_ids[index] for index in indices]
@@ -182,7 +182,7 @@ def perceive(
         )
     if perceiver.alignment:
         origin = "" if held is None else _AS_HELD
-        warnings.warn(f"{perceiver.alignment}{origin}{_ON_ALIGNMENT}", stacklevel=2)
+        warn_user(f"{perceiver.alignment}{origin}{_ON_ALIGNMENT}")
     places = result_places(perceiver, out, all_outputs=all_outputs)
     claims = result_claims(perceiver, places, data, dataset, out, around=around)
     if is_all_anew:
@@ -281,7 +281,7 @@ def _check_tasks(perceiver: MultiTaskPredictor, *, around: bool | None, all_outp
     is_searched = SWEEP_TASK in perceiver.predictors
     refuse_without_effect("without 3D detection", around=around is not None and not is_searched)
     if perceiver.lacks_models:
-        warnings.warn(_NOT_JOINED, stacklevel=3)
+        warn_user(_NOT_JOINED)
 
 
 def perceive_shards(

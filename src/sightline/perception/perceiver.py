@@ -1,7 +1,6 @@
 """Predictions of several tasks for one frame."""
 
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sightline.data.datasets.sample_dataset import SampleDataset
 from sightline.export.names import EngineChoice
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.inference.predictor import Predictor, check_predictor, lacking_parts
 from sightline.inference.sample_predictor import SamplePredictor
@@ -270,7 +270,7 @@ class MultiTaskPredictor(SamplePredictor[Perception]):
 
     def answer(self, sample: CameraLidarSample) -> FramePredictions:
         """Deprecated name of `predict_by_task`."""
-        warnings.warn("answer is now predict_by_task", DeprecationWarning, stacklevel=2)
+        warn_user("answer is now predict_by_task", DeprecationWarning)
         return self.predict_by_task(sample)
 
 

@@ -1,6 +1,5 @@
 """Reader of result files for pictures."""
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError, shown_place
 from sightline.files.safe_names import checked_name
 from sightline.files.shard_path import data_path
+from sightline.geometry.user_warning import warn_user
 from sightline.inference.predictor import Output
 from sightline.jobs.output_dirs import MANIFEST_NAME, read_claim
 from sightline.joining.models import JOINED
@@ -152,10 +152,9 @@ def _claimed_results(folder: Path, claim: dict[str, object]) -> list[ResultFolde
         found = [each for part, inner in parts if inner for each in _task_results(part, inner)]
         lost = [part.name for part, inner in parts if inner is None]
         if lost:
-            warnings.warn(
+            warn_user(
                 f"{source} lists {', '.join(lost)}, without a readable {MANIFEST_NAME} there: not "
                 "drawn; run perceive again, or give the folder of each task",
-                stacklevel=3,
             )
         if found and ((folder / JOINED).is_dir() or ALIGNMENT in claim):
             found.append(

@@ -1,6 +1,5 @@
 """Picture of frames with predictions, from a predictor or from result files."""
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from sightline.data.datasets.sample_files import dataset_title
 from sightline.data.formats.image_file import write_rgb
 from sightline.data.layouts.kitti_trees import Velodyne
 from sightline.data.open import open_dataset
+from sightline.geometry.user_warning import warn_user
 from sightline.inference.predictor import Predictor, lacking_parts
 from sightline.perception.results import ResultFolder, open_results, read_perception
 from sightline.perception.shown_results import count_drawn, doubts_about_shown
@@ -49,10 +49,9 @@ class ResultSource:
         """Warn of results from data of another title than this; see `dataset_title`."""
         foreign = [each for each in self._opened if each.data not in ("", title)]
         if foreign:
-            warnings.warn(
+            warn_user(
                 f"{foreign[0].folder} was made from {foreign[0].data}, not from {title}; check "
                 "that frames with the same name are the same",
-                stacklevel=3,
             )
 
     def examine(
@@ -67,7 +66,7 @@ class ResultSource:
         """
         self.counts = tuple(count_drawn(perceptions, min_score))
         for folder, doubt in doubts_about_shown(self._opened, dataset):
-            warnings.warn(f"{folder}: {doubt}", stacklevel=3)
+            warn_user(f"{folder}: {doubt}")
 
     @property
     def depth_name(self) -> str:
@@ -94,9 +93,8 @@ class ResultSource:
                 "name another frame or another folder"
             )
         for folder in dict.fromkeys(lacking):
-            warnings.warn(
+            warn_user(
                 f"{folder} has no result of frame {sample.sample_id}, so its picture lacks it",
-                stacklevel=2,
             )
         return read_perception(self._opened, sample)
 

@@ -2,7 +2,6 @@
 
 import hashlib
 import sys
-import warnings
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +14,7 @@ from sightline.data.layouts.kitti_trees import Part, Velodyne
 from sightline.data.open import open_dataset
 from sightline.files.plain_file import check_regular
 from sightline.files.plain_text import REMEDY
+from sightline.geometry.user_warning import warn_user
 from sightline.structures.sample import SENSOR_FIELDS
 
 _INPUT_PARTS: Final[tuple[Part, ...]] = ("image", "points", "objects")
@@ -81,9 +81,8 @@ def open_frames(
             delivered.append(each)
         except ValueError as error:
             if each == "objects" and any(hits_objects(case.corruption) for case in cases):
-                warnings.warn(
+                warn_user(
                     f"labels are not read, so that occlusions are placed anywhere: {error}",
-                    stacklevel=2,
                 )
     return dataset
 

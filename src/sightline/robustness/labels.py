@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +12,7 @@ from sightline.data.datasets.sample_files import LABEL_DIGEST_DIGITS, digest_lab
 from sightline.data.layouts.kitti_trees import describe_absent
 from sightline.files.atomic import atomic_write_text
 from sightline.files.plain_text import read_text
+from sightline.geometry.user_warning import warn_user
 
 PLACED_BY: Final = "labels.json"
 """File in a case's folder of predictions: digests of the labels that occlusions were placed by."""
@@ -46,11 +46,10 @@ def check_placing_labels(dataset: SampleDataset, kept: Mapping[Path, frozenset[s
             atomic_write_text(folder / PLACED_BY, json.dumps(now, indent=2, sort_keys=True) + "\n")
     if others:
         frames = sorted(set.union(*others.values()))
-        warnings.warn(
+        warn_user(
             f"{len(frames):,} of {len(dataset):,} frames ({describe_absent(frames)}) had other "
             "labels when predictions were made whose occlusions are placed by labels; to make "
             f"these anew, remove {', '.join(map(str, others))}",
-            stacklevel=3,
         )
 
 
@@ -61,9 +60,8 @@ def _recorded(path: Path) -> dict[str, str]:
     with suppress(ValueError, AttributeError, RecursionError):
         content = json.loads(read_text(path))
         return {str(name): str(digest) for name, digest in content.items()}
-    warnings.warn(
+    warn_user(
         f"{path} is damaged: labels that were changed since the predictions beside it were made "
         f"are not noticed; if there may be any, remove {path.parent}",
-        stacklevel=4,
     )
     return {}

@@ -2,7 +2,6 @@
 
 import difflib
 import json
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -18,6 +17,7 @@ from sightline.data.open import open_dataset
 from sightline.files.plain_text import read_text, shortened
 from sightline.files.problem import plain_line
 from sightline.files.shard_path import data_path
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.output_dirs import MANIFEST_NAME, acquire_output_dir, data_name
 from sightline.jobs.run import check_workers
 from sightline.robustness.bench import (
@@ -260,11 +260,10 @@ def _warn_of_other_labels(
     others = [case for case, unequal in by_case.items() if unequal]
     frames = sorted({name for unequal in by_case.values() for name in unequal})
     if others:
-        warnings.warn(
+        warn_user(
             f"{tree / place}: scores of all cases are by these labels, but those of "
             f"{', '.join(others)} differ in {len(frames):,} frames ({describe_absent(frames)}): "
             "labels were changed between the cases; write the cases again, into another folder",
-            stacklevel=3,
         )
 
 

@@ -1,6 +1,5 @@
 """Conversion of users' pictures and point clouds to the tensors of a sample."""
 
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final, SupportsFloat
@@ -34,6 +33,8 @@ from sightline.geometry.mount import (
 from sightline.geometry.picture_checks import GREY_DOUBT
 from sightline.geometry.plain_arrays import without_masked
 from sightline.geometry.projection import project_points
+from sightline.geometry.transforms import transform_points
+from sightline.geometry.user_warning import warn_user
 
 _INTENSITY_FIELDS: Final = ("intensity", "reflectivity", "reflectance", "i")
 _MAX_LISTED_FIELDS: Final = 12  # in an error message
@@ -73,18 +74,18 @@ def image_planes(image: np.ndarray | Tensor) -> UInt8[Tensor, "3 height width"]:
         planes = plain[None] if plain.ndim == 2 else plain.transpose(2, 0, 1)
         if len(planes) == 1 and plain.dtype == np.uint8:
             planes = np.broadcast_to(planes, (3, *planes.shape[1:]))
-            warnings.warn(GREY_DOUBT, stacklevel=3)
+            warn_user(GREY_DOUBT)
     if planes.dtype != np.uint8 or planes.ndim != 3 or len(planes) != 3 or not planes.size:
         raise ValueError(
             f"the image is {plain.dtype} of shape {plain.shape}, expected uint8, an array of "
             "height, width, 3 or a tensor of 3, height, width; "
             f"{image_remedy(plain, is_tensor=isinstance(image, Tensor))}"
         )
-    warn_of_levels(planes, stacklevel=4)
+    warn_of_levels(planes)
     return torch.from_numpy(np.array(planes, order="C"))
 
 
-def warn_of_levels(image: UInt8[np.ndarray, "..."], *, stacklevel: int) -> None:
+def warn_of_levels(image: UInt8[np.ndarray, "..."]) -> None:
     """Warn of a picture with no level above 3, but not of one of zeros alone."""
     brightest = image.max()
     if 0 < brightest <= _BLACK_LEVEL:
@@ -93,10 +94,9 @@ def warn_of_levels(image: UInt8[np.ndarray, "..."], *, stacklevel: int) -> None:
             if brightest == 1
             else "a normalised one; give (255 * (image * std + mean)).round() as uint8"
         )
-        warnings.warn(
+        warn_user(
             f"the image has no level above {brightest} of 255, which is all but black: before "
             f"rounding it was probably {cause}",
-            stacklevel=stacklevel,
         )
 
 
@@ -167,10 +167,9 @@ def sweep_points(
     if not 0 < max_intensity < np.inf:
         raise ValueError(f"max_intensity must be positive, got {max_intensity}; often it is 255")
     if not len(columns):
-        warnings.warn(
+        warn_user(
             "there are no points: the sample has an empty sweep, in which nothing is detected; "
             "give None if there is no LiDAR",
-            stacklevel=3,
         )
     # Rays of an organised cloud into the sky have no echo; masked points were chosen by the user.
     has_usual_losses = given.ndim > 2 or isinstance(points, np.ma.MaskedArray)
@@ -180,18 +179,16 @@ def sweep_points(
     if fault is not None:
         problem, remedy = fault
         raise ValueError(f"the cloud has {problem}; {remedy}")
-    warn_of_cloud(columns, max_intensity, stacklevel=4)
+    warn_of_cloud(columns, max_intensity)
     columns[:, 3] = reflectances(columns[:, 3], max_intensity)
     return torch.from_numpy(columns.astype(np.float32))
 
 
-def warn_of_cloud(
-    columns: Float64[np.ndarray, "num_points 4"], max_intensity: float, *, stacklevel: int
-) -> None:
+def warn_of_cloud(columns: Float64[np.ndarray, "num_points 4"], max_intensity: float) -> None:
     """Warn of a cloud of unlikely shape, or of intensities far below the scale."""
     shape = shape_doubt(columns[:, :3])
     if shape is not None:
-        warnings.warn(f"the cloud {shape[0]}; {shape[1]}", stacklevel=stacklevel)
+        warn_user(f"the cloud {shape[0]}; {shape[1]}")
     warn_of_intensities(columns, max_intensity)
 
 
@@ -245,7 +242,6 @@ def warn_of_view(
     image_size: tuple[int, int],
     *,
     camera: str = "camera_matrix",
-    stacklevel: int = 3,
 ) -> None:
     """Warn, with the likely cause, if a matrix does not fit the image, or no points fall into it.
 
@@ -254,7 +250,6 @@ def warn_of_view(
         calibration: Calibration given for the points.
         image_size: Height, width [px].
         camera: Name of the argument with the camera's matrix.
-        stacklevel: Stack level of the user's call.
     """
     matrix = calibration.image_from_camera.numpy()
     doubt = (
@@ -264,20 +259,28 @@ def warn_of_view(
         or kitti_size_doubt(matrix, image_size)
     )
     if doubt is not None:
-        warnings.warn(f"{camera} {doubt}", stacklevel=stacklevel)
+        warn_user(f"{camera} {doubt}")
     share = share_in_image(points, calibration, image_size)
     if len(points) and share < MIN_SHARE_IN_IMAGE:
         mount = mount_doubt(calibration.camera_from_lidar.numpy())
-        cause = (
-            f"camera_from_lidar {mount}"
-            if mount is not None
-            else f"check {camera} against the image's size, and that the sweep is of this LiDAR"
-        )
-        warnings.warn(
+        cause = f"check {camera} against the image's size, and that the sweep is of this LiDAR"
+        if mount is not None:
+            cause = f"camera_from_lidar {mount}"
+        elif _share_ahead(points, calibration) < MIN_SHARE_IN_IMAGE:
+            cause = (
+                "they lie beside or behind the camera: check the rotation of camera_from_lidar, "
+                "such as the order of a quaternion's numbers, and the axes of the points"
+            )
+        warn_user(
             f"{100 * share:.2g} % of the {len(points)} points fall into the image of "
             f"{image_size[0]}x{image_size[1]} (height x width): {cause}",
-            stacklevel=stacklevel,
         )
+
+
+def _share_ahead(points: Float32[Tensor, "num_points 4"], calibration: Calibration) -> float:
+    """Share of a sweep's points within 45 degrees of the camera's axis, 0 to 1."""
+    x, y, z = transform_points(calibration.camera_from_lidar, points[:, :3]).T
+    return float((z > torch.hypot(x, y)).float().mean())
 
 
 def share_in_image(

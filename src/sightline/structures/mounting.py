@@ -1,6 +1,5 @@
 """Mounting of a sweep's LiDAR, given by the user or estimated from the road in its points."""
 
-import warnings
 from collections.abc import Sequence
 from typing import SupportsFloat
 
@@ -23,6 +22,7 @@ from sightline.geometry.road_height import (
     mount_doubts,
 )
 from sightline.geometry.tilt import Tilt
+from sightline.geometry.user_warning import warn_user
 from sightline.structures.arrays import plain_number
 
 
@@ -69,42 +69,37 @@ def pose_of_sweep(
     height looks like one in another unit, and if the road contradicts the given values.
     """
     for difference in mount_doubts([sweep.numpy()], height_m, tilt):
-        warnings.warn(str(difference), stacklevel=3)
+        warn_user(str(difference))
     if height_m is not None and tilt is not None:
         return LidarPose(height_m=height_m, tilt=tilt)
     pose = lidar_pose([sweep.numpy()], tilt)
     if tilt is None and pose.tilt is not None:
-        warnings.warn(
+        warn_user(
             f"by the road in its points the LiDAR is tilted, {pose.tilt}: detectors get the "
             "levelled cloud, and predictions stay in the LiDAR's own frame; give "
             "lidar_tilt_deg=(roll, pitch), (0, 0) if it is level",
-            stacklevel=3,
         )
     if height_m is not None:
         if is_road_hidden([sweep.numpy()], pose):
-            warnings.warn(UNKNOWN_TILT, stacklevel=3)
+            warn_user(UNKNOWN_TILT)
         return LidarPose(height_m=height_m, tilt=pose.tilt)
     if pose.height_m is not None and (doubt := describe_odd_height(pose.height_m)):
-        warnings.warn(
+        warn_user(
             f"by the road in its points the LiDAR is {pose.height_m:.2f} m above it{doubt}",
-            stacklevel=3,
         )
     if pose.height_m is None and len(sweep):
-        warnings.warn(
+        warn_user(
             f"too little of the road is visible in the {len(sweep)} points to estimate the LiDAR's "
             f"height above it: KITTI's {KITTI_LIDAR_HEIGHT_M} m is assumed; give lidar_height_m",
-            stacklevel=3,
         )
     return pose
 
 
-def warn_of_axes(
-    sweep: Float32[Tensor, "num_points 4"], calibration: Calibration, *, stacklevel: int = 3
-) -> bool:
+def warn_of_axes(sweep: Float32[Tensor, "num_points 4"], calibration: Calibration) -> bool:
     """Warn, with the remedy, if a sweep's z axis does not point up; returns whether it warned."""
     doubt = axes_doubt(sweep.numpy(), calibration.camera_from_lidar.numpy())
     if doubt is None:
         return False
     problem, remedy = doubt
-    warnings.warn(f"the cloud {problem}; {remedy}", stacklevel=stacklevel)
+    warn_user(f"the cloud {problem}; {remedy}")
     return True

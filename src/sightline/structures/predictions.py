@@ -1,7 +1,6 @@
 """Predictions of the tasks."""
 
 import math
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ from sightline.geometry.boxes2d import Boxes2D
 from sightline.geometry.boxes3d import Boxes3D
 from sightline.geometry.checked import checked
 from sightline.geometry.given_arrays import Rows, selected_rows
+from sightline.geometry.user_warning import warn_user
 from sightline.geometry.wrong_types import named_arguments
 from sightline.structures.lidar_turn import LidarTurn
 from sightline.structures.objects import Objects
@@ -35,7 +35,7 @@ _SHARE: Final = 4
 
 def _surer_than(detections: Any, min_score: float) -> Any:  # noqa: ANN401 - any of the classes
     """Deprecated name of `filter_by_score`."""
-    warnings.warn("surer_than is now filter_by_score", DeprecationWarning, stacklevel=3)
+    warn_user("surer_than is now filter_by_score", DeprecationWarning)
     return detections.filter_by_score(min_score)
 
 
@@ -310,10 +310,9 @@ def _check_threshold(min_score: float, scores: Float[Tensor, " num_detections"])
     if math.isnan(min_score):
         raise ValueError("min_score must be a number, got nan; give a share such as 0.3")
     if min_score > 1 and len(scores) and bool(((scores >= 0) & (scores <= 1)).all()):
-        warnings.warn(
+        warn_user(
             f"min_score is {min_score:g}, but the scores are from 0 to 1: no detection is left; "
             "give a share such as 0.3",
-            stacklevel=4,
         )
 
 

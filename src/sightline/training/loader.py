@@ -6,7 +6,6 @@ import os
 import pickle
 import re
 import sys
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from multiprocessing.queues import Queue
@@ -16,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.pool import holding_signals, one_blas_thread
 from sightline.training.interruption import ignore_interruptions
 from sightline.training.sampling import EpochPosition, TrainingBatches
@@ -189,10 +189,9 @@ class _SharingPickler(pickle.Pickler):
 
 
 def _unpickled(pickled: _PickledBatch) -> object:
-    warnings.warn(
+    warn_user(
         f"workers send batches through pipes, because /dev/shm has no room ({pickled.reason}); for "
         f"speed make it larger (docker run --shm-size 2g) or {NO_WORKERS_REMEDY}",
-        stacklevel=2,
     )
     return pickle.loads(pickled.content)  # noqa: S301 - from our own worker
 

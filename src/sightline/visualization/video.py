@@ -1,6 +1,5 @@
 """Writer of videos for browsers."""
 
-import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -15,6 +14,7 @@ from jaxtyping import UInt8
 
 from sightline.files.atomic import atomic_path
 from sightline.files.problem import install_command
+from sightline.geometry.user_warning import warn_user
 
 _QUALITY = "23"  # x264's constant rate factor: 0 is lossless, 51 the worst
 _MIN_FPS, _MAX_FPS = 0.01, 240.0
@@ -99,10 +99,9 @@ def _open_sink(path: Path, size: tuple[int, int], fps: float) -> Iterator[_Sink]
         with _h264_sink(path, size, fps) as sink:
             yield sink
         return
-    warnings.warn(
+    warn_user(
         "the video is MPEG-4 Part 2, which browsers do not play; for H.264: "
         f"{install_command('viz')}",
-        stacklevel=5,
     )
     writer = cv2.VideoWriter(
         str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), fps, size[::-1]

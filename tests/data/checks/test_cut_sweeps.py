@@ -51,7 +51,7 @@ def test_a_cut_sweep_is_told_by_check_and_counted_before_predictions(tree):
     said = "clouds of 2 of 5 frames were probably cut short by a copy, the first is 000001;"
     dataset = open_dataset(tree)
     with pytest.warns(UserWarning, match=said):
-        warn_of_missing_sensors(dataset, tree, ("image", "points"), stacklevel=1)
+        warn_of_missing_sensors(dataset, tree, ("image", "points"))
 
 
 def test_a_faulty_sweep_does_not_hide_a_cut_one(tree):

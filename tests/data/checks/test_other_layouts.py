@@ -208,7 +208,7 @@ def test_other_tars_are_archives_to_unpack(tmp_path, name, mtime):
         member.mtime = mtime
         archive.addfile(member)
     assert "archives that are not unpacked, such as 000000.tar" in told(tmp_path)
-    assert "000000.tar: is no folder; give the folder" in told(tmp_path / "000000.tar")
+    assert "000000.tar: is an archive; unpack it, and give" in told(tmp_path / "000000.tar")
 
 
 @pytest.mark.parametrize("name", ["v1.0-mini/scene.json", "drive.mcap", "drive.bag"])
@@ -250,3 +250,15 @@ def test_a_part_of_a_depth_tree_is_called_so_and_its_split_named(tmp_path, monke
         assert line.endswith(f"give the split, {split}")
     other = split.rename(tmp_path / "mine")
     assert told(other).endswith(f"rename {other} to train or val, as in KITTI's tree")
+
+
+def test_empty_folders_of_a_known_layout_have_no_frames(tmp_path):
+    for name in ("images", "points", "calibration"):
+        (tmp_path / "recording" / name).mkdir(parents=True)
+    assert "there are no files in images/ and points/" in told(tmp_path / "recording")
+    for name in ("image_2", "velodyne", "calib"):
+        (tmp_path / "tree" / "training" / name).mkdir(parents=True)
+    expected = "has no frames: there are no files in training/image_2/ and training/velodyne/"
+    assert expected in told(tmp_path / "tree")
+    (tmp_path / "tree" / "training" / "image_2" / "notes").mkdir()
+    assert expected not in told(tmp_path / "tree")

@@ -4,7 +4,6 @@ import hashlib
 import math
 import os
 import stat
-import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import partial
@@ -44,6 +43,7 @@ from sightline.data.layouts.kitti_trees import (
 )
 from sightline.data.layouts.recording_files import CALIBRATION_SUFFIXES
 from sightline.files.problem import Problem, read_or_note
+from sightline.geometry.user_warning import warn_user
 
 _MAX_BYTES: Final = 2**28  # larger files are refused by their readers
 _COMPARED_BYTES: Final = 4096
@@ -284,10 +284,9 @@ def _check_clouds(frames: Sequence[ObjectFrame] | Sequence[DriveFrame]) -> list[
     clouds = [frame.points for frame in frames if frame.points is not None]
     empty = [path for path in clouds if holds_no_point(path)]
     if 0 < len(empty) < len(clouds):
-        warnings.warn(
+        warn_user(
             f"{empty[0]}: holds no point{_more(empty)}, of {len(clouds)} point clouds: check "
             "whether the LiDAR delivered points",
-            stacklevel=3,
         )
     return [
         *_check_all_empty(clouds, holds_no_point, "clouds, all without a point"),

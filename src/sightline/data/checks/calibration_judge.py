@@ -1,12 +1,12 @@
 """Judgement of every frame's calibration as it is read."""
 
-import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float64
 
 from sightline.files.problem import Problem
+from sightline.geometry.user_warning import warn_user
 
 Size = tuple[int, int] | None
 """Height, width [px] of an image; None: unknown."""
@@ -44,4 +44,4 @@ class CalibrationJudge:
             return
         self.skip(matrix, size)
         for problem in find():
-            warnings.warn(f"{problem}; see all by: sightline check", stacklevel=3)
+            warn_user(f"{problem}; see all by: sightline check")

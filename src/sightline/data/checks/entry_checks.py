@@ -1,6 +1,5 @@
 """Check of a few frames by the rules of `check` when a data set is opened."""
 
-import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
@@ -13,10 +12,10 @@ from sightline.data.checks.unread_files import PartFolder, find_name_clashes, fi
 from sightline.data.layouts.kitti_trees import CORRUPTED, DepthFrame, DriveFrame, ObjectFrame, Part
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.picture_checks import GREY_DOUBT
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.output_dirs import KITTI_SPLITS
 
 _NUM_CHECKED_FRAMES: Final = 3  # number of frames: the first, and others spread over the rest
-_STACK_LEVEL: Final = 4  # stack level of the caller that opens the data set
 
 Item = TypeVar("Item")
 Frame = TypeVar("Frame", ObjectFrame, DepthFrame, DriveFrame)
@@ -38,12 +37,12 @@ def warn_of_unread_files(folders: Sequence[PartFolder], parts: Collection[Part])
         if unread.all_unread:
             problem = unread.problem
             raise FileError(problem.path, problem.problem, problem.remedy)
-        warnings.warn(str(unread.problem), stacklevel=_STACK_LEVEL)
+        warn_user(str(unread.problem))
     clashes = find_name_clashes(place for place in folders if place.part in parts)
     for _, group in groupby(clashes, key=lambda clash: clash.path.parent):
         first, *others = group
         more = f" ({len(others) + 1} like it)" if others else ""
-        warnings.warn(f"{first}{more}", stacklevel=_STACK_LEVEL)
+        warn_user(f"{first}{more}")
 
 
 def check_sample_frames(
@@ -94,7 +93,7 @@ def is_corrupted(root: Path) -> bool:
 def _warn_of_doubts(doubts: Sequence[Problem], num_checked: int) -> None:
     for problem, count in _grouped(doubts):
         more = f" ({count} like it in {num_checked} checked frames)" if count > 1 else ""
-        warnings.warn(f"{problem}{more}; see all by: sightline check", stacklevel=_STACK_LEVEL + 1)
+        warn_user(f"{problem}{more}; see all by: sightline check")
 
 
 def describe_grey(images: Iterable[Path | None]) -> tuple[str, ...]:
@@ -162,7 +161,7 @@ def _warn_of_missing_data(
     ]
     greys = [found.has_grey_image for found in findings if not found.unreadable]
     if greys and all(greys):
-        warnings.warn(f"{root}: checked {GREY_DOUBT}", stacklevel=_STACK_LEVEL)
+        warn_user(f"{root}: checked {GREY_DOUBT}")
     for fault, empty in (("images have a single colour", images), ("sweeps are empty", sweeps)):
         if empty and all(empty):
             problem = Problem(
@@ -170,4 +169,4 @@ def _warn_of_missing_data(
                 problem=f"all {len(empty)} {fault} in the checked frames",
                 remedy="check whether the sensor delivered data; see all by: sightline check",
             )
-            warnings.warn(str(problem), stacklevel=_STACK_LEVEL)
+            warn_user(str(problem))

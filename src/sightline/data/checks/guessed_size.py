@@ -1,6 +1,5 @@
 """Size of a camera's images where no picture gives it: a guess by the principal point."""
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +8,7 @@ from sightline.data.formats.recording_calibration import read_recording_calibrat
 from sightline.data.layouts.kitti_trees import DriveFrame, ObjectFrame
 from sightline.files.problem import Problem, read_or_note
 from sightline.geometry.calibration import centred_image_size
+from sightline.geometry.user_warning import warn_user
 
 
 def recording_size_doubt(frames: Sequence[ObjectFrame]) -> Problem | None:
@@ -50,10 +50,9 @@ def warn_of_guessed_size(
 ) -> None:
     """Warn of the guessed image size of a tree; see `describe_guessed_size`."""
     for description in describe_guessed_size(frames, matrices):
-        warnings.warn(
+        warn_user(
             f"{folder}: {description}; add the images, or make the data a recording with "
             "image_size (docs/recordings.md)",
-            stacklevel=3,
         )
 
 

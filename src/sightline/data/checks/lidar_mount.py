@@ -2,7 +2,6 @@
 
 import json
 import math
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -41,6 +40,7 @@ from sightline.geometry.road_height import (
     upright_turn,
 )
 from sightline.geometry.tilt import Tilt
+from sightline.geometry.user_warning import warn_user
 
 Item = TypeVar("Item")
 
@@ -253,17 +253,15 @@ def warn_of_mount(
     """Warn of a found tilt, and of a height other than KITTI's or unknown, with consequences."""
     remedy = "make the data a recording with"
     if pose.tilt is not None:
-        warnings.warn(
+        warn_user(
             f"{folder}: the road in its clouds shows that the LiDAR is tilted, {pose.tilt}: "
             "detectors get levelled clouds, and predictions stay in the LiDAR's frame; to set the "
             f"tilt, {remedy} lidar_tilt_deg (docs/recordings.md)",
-            stacklevel=4,
         )
     for description in (*describe_height(pose), *describe_hidden_road(frames)):
-        warnings.warn(
+        warn_user(
             f"{folder}: {description}; to set the height, {remedy} lidar_height_m "
             "(docs/recordings.md)",
-            stacklevel=4,
         )
 
 

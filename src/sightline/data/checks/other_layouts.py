@@ -15,6 +15,8 @@ from sightline.data.layouts.depth_trees import split_by_drives
 from sightline.data.layouts.frame_lists import TIMES_NAME
 from sightline.data.layouts.kitti_trees import find_velodyne, list_drive, list_object_frames
 from sightline.data.layouts.recording_files import (
+    IMAGES,
+    POINTS,
     is_recording,
     lacks_calibration,
     misnamed_files,
@@ -146,6 +148,10 @@ def _no_folder(path: Path) -> Problem | None:
         name = shortened(index_path(path).name)
         problem = f"is a shard of `sightline shard` without its index, {name} beside it"
         return Problem(path=path, problem=problem, remedy=_SHARDS_REMEDY)
+    if path.suffix.lower() in _ARCHIVES and path.exists():
+        return Problem(
+            path=path, problem="is an archive", remedy="unpack it, and give the folder of its data"
+        )
     problem = "is no folder" if path.exists() else "does not exist"
     return Problem(path=path, problem=problem, remedy="give the folder of a data set")
 
@@ -251,6 +257,8 @@ def _uncalibrated(path: Path) -> Problem | None:
     if not lacks_calibration(path):
         return None
     folders = [each for each in recording_folders(path) if each.part == "calibration"]
+    if not any(_entries(path / name) for name in (IMAGES, POINTS)):
+        return no_frames(path)
     misnamed = [*misnamed_files(path), *(each.problem for each in find_unread(folders))]
     if misnamed:
         return misnamed[0]
@@ -293,8 +301,18 @@ def _unread(path: Path) -> Problem | None:
 
 
 def _empty(path: Path) -> Problem | None:
-    """Problem of a recording that holds nothing yet."""
-    return no_frames(path) if is_recording(path) else None
+    """Problem of a recording or of KITTI's object tree that holds nothing yet."""
+    if is_recording(path):
+        return no_frames(path)
+    parts = [path / split / part for split in KITTI_SPLITS for part in ("image_2", "velodyne")]
+    there = [f"{part.parent.name}/{part.name}/" for part in parts if part.is_dir()]
+    if not there or any(map(_entries, parts)):
+        return None
+    return Problem(
+        path=path,
+        problem=f"has no frames: there are no files in {' and '.join(there)}",
+        remedy="copy or link the files of KITTI's object tree there",
+    )
 
 
 def _apart(path: Path) -> Problem | None:

@@ -1,6 +1,5 @@
 """Data set of the object benchmark: single frames with image, sweep, calibration and labels."""
 
-import warnings
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
@@ -38,6 +37,7 @@ from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
 from sightline.geometry.road_height import LidarPose
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
@@ -129,7 +129,7 @@ class KittiObjectDataset(Dataset[CameraLidarSample]):
         self._pose = pose_of_tree(tuple(found.values()))
         warn_of_mount(self._pose, tuple(found.values()), folder)
         for doubt in stated_mount_doubts(self.frames):
-            warnings.warn(f"{part_folder('calibration')} of {folder}: {doubt}", stacklevel=3)
+            warn_user(f"{part_folder('calibration')} of {folder}: {doubt}")
 
     @property
     def pose(self) -> LidarPose:
@@ -231,12 +231,11 @@ def _warn_of_stray_labels(folder: Path, found: Mapping[str, ObjectFrame]) -> Non
     stray = [name for name, frame in found.items() if frame.objects and name not in frames]
     if not stray or not unlabelled:
         return
-    warnings.warn(
+    warn_user(
         f"{folder / part_folder('objects')}: has {len(stray):,} files that belong to no frame "
         f"({describe_absent(stray)}), and {len(unlabelled):,} of {len(frames):,} frames have no "
         f"labels ({describe_absent(unlabelled)}); give labels the names of their images and "
         "sweeps, or move them away",
-        stacklevel=4,
     )
 
 

@@ -1,6 +1,5 @@
 """Data set of a raw drive: consecutive frames of one recording."""
 
-import warnings
 from collections.abc import Sequence
 from copy import deepcopy
 from pathlib import Path
@@ -30,6 +29,7 @@ from sightline.files.shard_path import data_path
 from sightline.geometry.arguments import sample_index
 from sightline.geometry.calibration import centred_image_size
 from sightline.geometry.road_height import LidarPose
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_from_mount
 from sightline.structures.sample import CameraLidarSample
@@ -84,12 +84,12 @@ class KittiRawDrive(Dataset[CameraLidarSample]):
         if self._stated_pose is None:
             warn_of_mount(self._pose, files.frames, self.folder)
         for difference in drive_pose_doubts(files.frames, self._stated_pose):
-            warnings.warn(f"{files.calibration / RAW_CALIBRATION[1]}: {difference}", stacklevel=2)
+            warn_user(f"{files.calibration / RAW_CALIBRATION[1]}: {difference}")
         self._times = drive_times(files)
         doubts = unread_calibration(self.folder, files.calibration)
         doubts += [] if self._times is None else drive_times_doubts(files, self._times)
         for doubt in doubts:
-            warnings.warn(str(doubt), stacklevel=2)
+            warn_user(str(doubt))
         self._poses = None if poses is None else _poses(files, poses, self._times)
         self.first_image = files.first_image
         warn_of_guessed_size(files.frames, self.matrices, self.folder)

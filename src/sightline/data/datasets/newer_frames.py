@@ -1,6 +1,5 @@
 """Warnings of kept results that are older than their frames, or of frames that are gone."""
 
-import warnings
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +12,7 @@ from sightline.data.layouts.frame_lists import is_note
 from sightline.data.layouts.kitti_trees import Part, describe_absent
 from sightline.files.shard_index import index_path
 from sightline.files.shard_path import ShardPath, stored_file
+from sightline.geometry.user_warning import warn_user
 
 ADD_OVERWRITE: Final = "to make them anew, add --overwrite (overwrite=True)"
 """Remedy of a command that has this option."""
@@ -53,11 +53,10 @@ def warn_of_newer_frames(
             older += 1
             first = first or paths[0]
     if first is not None:
-        warnings.warn(
+        warn_user(
             f"{first.parent}: of {kept:,} frames whose results are kept, {older:,} changed after "
             f"the result, the first is {first.stem}: the data were changed, copied or packed "
             f"since; {remedy}",
-            stacklevel=3,
         )
 
 
@@ -72,11 +71,10 @@ def warn_of_gone_frames(dataset: SampleDataset, folder: Path, names: Collection[
     kept = {name for name in names if not (is_note(name) or name.startswith("."))}
     gone = sorted(kept - set(all_sample_ids(dataset)))
     if gone:
-        warnings.warn(
+        warn_user(
             f"{folder}: results of {len(gone):,} of {len(kept):,} frames, "
             f"{describe_absent(gone)}, are of no frame of these data and stay; if the frames "
             "were removed or renamed, remove their results, too, or name another folder",
-            stacklevel=3,
         )
 
 

@@ -1,6 +1,5 @@
 """Data set of a recording: images and clouds in folders, with their calibration."""
 
-import warnings
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from copy import deepcopy
@@ -73,6 +72,7 @@ from sightline.geometry.calibration import Calibration, centred_image_size
 from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.road_height import LidarPose, describe_odd_height
 from sightline.geometry.tilt import Tilt
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.worker import keep_opencv_to_one_thread_in_workers
 from sightline.structures.level import level_calibration, level_from_mount, mounted_labels
 from sightline.structures.sample import CameraLidarSample
@@ -137,13 +137,13 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         if self._any_picture is None:
             guessed = recording_size_doubt(select_spread(self.frames))
         if guessed is not None:
-            warnings.warn(str(guessed), stacklevel=3)
+            warn_user(str(guessed))
         self._reference_images = reference_images(files.frames)
         self._times: dict[str, Decimal] = {}
         if files.times is not None:
             self._times = read_times(files.times)
             for doubt in times_doubts(files.times, self._times, tuple(known)):
-                warnings.warn(str(doubt), stacklevel=3)
+                warn_user(str(doubt))
         is_part = files.times is not None and is_single_shard(files.times)  # with all times
         starts = (time for name, time in self._times.items() if is_part or name in known)
         self._start_s = min(starts, default=Decimal(0))
@@ -152,7 +152,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         self._warn_of_rig()
         misnamed = unpaired(self.folder, files.frames)
         if misnamed is not None and {"image", "points"} <= self.parts:
-            warnings.warn(str(misnamed), stacklevel=3)
+            warn_user(str(misnamed))
 
     @property
     def sample_ids(self) -> tuple[str, ...]:
@@ -293,10 +293,10 @@ class RecordingDataset(Dataset[CameraLidarSample]):
     def _warn_of_unused(self, frames: Sequence[ObjectFrame]) -> None:
         order = order_doubt(self.folder, frames)
         if order is not None:
-            warnings.warn(str(order), stacklevel=4)
+            warn_user(str(order))
         for part, unused in unused_files(self.folder, frames):
             if part in self.parts or part == "calibration":
-                warnings.warn(str(unused), stacklevel=4)
+                warn_user(str(unused))
 
     def _warn_of_rig(self) -> None:
         first = first_complete_frame(self.frames)
@@ -306,7 +306,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
         if first is not None and contents is not None:
             self._judge.skip(contents.matrices.stacked, _seen_size(first, contents))
         if view is not None and view.doubt is not None:
-            warnings.warn(str(view.doubt), stacklevel=4)
+            warn_user(str(view.doubt))
             return
         if first is not None and contents is not None and path is not None:
             size = _seen_size(first, contents)
@@ -314,7 +314,7 @@ class RecordingDataset(Dataset[CameraLidarSample]):
                 contents.matrices, size, path, tilt=contents.lidar_tilt, remedy=CALIBRATION_REMEDY
             )
             for doubt in doubts:
-                warnings.warn(str(doubt), stacklevel=4)
+                warn_user(str(doubt))
         if "points" in self.parts:
             self._warn_of_pose()
 
@@ -326,31 +326,28 @@ class RecordingDataset(Dataset[CameraLidarSample]):
             return
         tilt = self._pose.tilt
         if contents.lidar_tilt is None and tilt is not None:
-            warnings.warn(
+            warn_user(
                 f"{path}: the road in its clouds shows that the LiDAR is tilted, {tilt}: "
                 "detectors get levelled clouds; give lidar_tilt_deg (docs/recordings.md)",
-                stacklevel=5,
             )
         doubts = mount_doubts_of_recording(self._all_frames, contents)
         unknown = describe_unknown_tilt(self._all_frames, contents, self._pose)
         for doubt in (*doubts, *unknown):
-            warnings.warn(f"{path}: {doubt}", stacklevel=5)
+            warn_user(f"{path}: {doubt}")
         height_m = self._lidar_height_m(contents)
         if (
             height_m is not None
             and contents.lidar_height_m is None
             and describe_odd_height(height_m)
         ):
-            warnings.warn(
+            warn_user(
                 f"{path}: the road in its clouds shows that the LiDAR is {height_m:.2f} m above it"
                 f"{describe_odd_height(height_m)}",
-                stacklevel=5,
             )
         if height_m is None and has_points(self._all_frames):
-            warnings.warn(
+            warn_user(
                 f"{path}: the clouds show too little of the road to find the LiDAR's height above "
                 f"it: KITTI's {KITTI_LIDAR_HEIGHT_M} m is assumed; give lidar_height_m",
-                stacklevel=5,
             )
 
     def _image_size(

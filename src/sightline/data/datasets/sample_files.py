@@ -1,7 +1,6 @@
 """Files of an open data set's samples, in any layout."""
 
 import hashlib
-import warnings
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
@@ -37,6 +36,7 @@ from sightline.files.plain_file import read_bytes
 from sightline.files.plain_text import REMEDY
 from sightline.files.shard_index import read_manifest
 from sightline.files.shard_path import data_path, stored_file
+from sightline.geometry.user_warning import warn_user
 from sightline.jobs.output_dirs import data_name
 
 SENSOR_NOUNS: Final[Mapping[Part, str]] = {"image": "images", "points": "point clouds"}
@@ -88,7 +88,6 @@ def warn_of_missing_sensors(
     path: Path,
     parts: Collection[Part],
     *,
-    stacklevel: int,
     needs_sweeps: bool = True,
 ) -> None:
     """Warn of frames without data of a sensor that predictions use: the other one decides there.
@@ -102,17 +101,16 @@ def warn_of_missing_sensors(
         dataset: Data set of `open_dataset`.
         path: Its folder.
         parts: Used parts.
-        stacklevel: See `warnings.warn`.
         needs_sweeps: Whether whole sweeps are better than sparse depth maps.
     """
     sparse_maps = describe_sparse_maps(dataset, path) if "points" in parts else None
     if needs_sweeps and sparse_maps is not None and describe_raw_drives(data_path(path)):
-        warnings.warn(sparse_maps, stacklevel=stacklevel)
-    warn_of_missing_files([dataset], path, parts, stacklevel=stacklevel + 1)
+        warn_user(sparse_maps)
+    warn_of_missing_files([dataset], path, parts)
 
 
 def warn_of_missing_files(
-    datasets: Iterable[SampleDataset], path: Path, parts: Collection[Part], *, stacklevel: int
+    datasets: Iterable[SampleDataset], path: Path, parts: Collection[Part]
 ) -> None:
     """Warn of frames without data of a sensor, as counted over all parts of a data set.
 
@@ -120,7 +118,6 @@ def warn_of_missing_files(
         datasets: Parts of the data set, such as its shards; each is looked at once.
         path: Folder of the whole.
         parts: Used parts of frames.
-        stacklevel: See `warnings.warn`.
     """
     used = [part for part in SENSOR_NOUNS if part in parts]
     may_be_empty = is_corrupted(path)
@@ -143,7 +140,7 @@ def warn_of_missing_files(
         share = f"{counts[part, fault]:,} of {num_frames:,} frames"
         problem, effect, remedy = (text.format(share) for text in _described(part, fault))
         first = f"the first is {firsts[part, fault]}"
-        warnings.warn(f"{path}: {problem}, {first}; {effect}; {remedy}", stacklevel=stacklevel)
+        warn_user(f"{path}: {problem}, {first}; {effect}; {remedy}")
 
 
 def _listed_files(dataset: SampleDataset, part: Part) -> list[Path | None]:

@@ -32,6 +32,7 @@ from sightline.geometry.cloud_checks import (
 )
 from sightline.geometry.echoes import echoes, warn_of_losses
 from sightline.geometry.intensity_checks import reflectances
+from sightline.geometry.user_warning import warn_user
 
 CLOUD_SUFFIXES: Final = (".bin", ".npy", ".pcd", ".ply")
 """Suffixes of the files for `read_cloud`, in any case."""
@@ -168,10 +169,9 @@ def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
     """Select the first field with usable intensities, in a list; empty: there is none."""
     if not names and fields.size:
         listed = ", ".join(fields.dtype.names or ())[:200]
-        warnings.warn(  # without the file's name: one warning for all clouds with these fields
+        warn_user(  # without the file's name: one warning for all clouds with these fields
             f"clouds have no intensity field among {listed}: the reflectance of their points is 0; "
             "name the field intensity, or add a field of zeros if there is none",
-            stacklevel=3,
         )
     if len(names) < 2:
         return names
@@ -179,10 +179,9 @@ def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
     non_zero = [name for name in numeric if np.any(np.isfinite(fields[name]) & (fields[name] != 0))]
     chosen = (non_zero or numeric or names)[0]
     others = ", ".join(name for name in names if name != chosen)
-    warnings.warn(  # without the file's name: one warning for all clouds with these fields
+    warn_user(  # without the file's name: one warning for all clouds with these fields
         f"clouds have several intensity fields: {chosen} is used, not {others}; remove {chosen} "
         "from the clouds to use another",
-        stacklevel=3,
     )
     return [chosen]
 
@@ -247,10 +246,9 @@ def _npy_array(content: bytes, path: Path | str) -> np.ndarray:
             REMEDY,
         )
     if num_more := num_bytes_left - count * dtype.itemsize:
-        warnings.warn(
+        warn_user(
             f"{path}: {num_more} bytes follow the array of shape {shape}: they are left out; write "
             "one array per file, with all points",
-            stacklevel=4,
         )
     if not count:
         return np.zeros(shape, dtype)

@@ -5,7 +5,6 @@ Memory is limited by the file's size.
 
 import io
 import re
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sightline.files.problem import FileError
+from sightline.geometry.user_warning import warn_user
 
 MAX_BYTES: Final = 2**28
 """Largest file, and largest decompressed cloud: 4 million points of 64 bytes."""
@@ -68,10 +68,9 @@ def warn_of_repeated(names: Iterable[str]) -> None:
     counts = Counter(plain_name(name) for name in names)
     repeated = [name for name, count in counts.items() if count > 1 and name in USED_NAMES]
     if repeated:
-        warnings.warn(  # without the file's name: one warning for all clouds with these fields
+        warn_user(  # without the file's name: one warning for all clouds with these fields
             f"clouds have several fields named {', '.join(repeated)}, ignoring case: the one in "
             "lower case is used, else the first; remove the others",
-            stacklevel=3,
         )
 
 
@@ -216,8 +215,7 @@ def check_length(num_found: int, num_points: int, path: Path | str) -> None:
 def warn_of_rest(num_more: int, num_points: int, path: Path | str) -> None:
     """Warn of points beyond the header's number, which are left out."""
     if num_more > 0:
-        warnings.warn(
+        warn_user(
             f"{path}: holds {num_more} points more than the {num_points} declared ones: they are "
             "left out; correct the number in its header",
-            stacklevel=4,
         )

@@ -18,6 +18,7 @@ from sightline.geometry.cloud_layouts import is_big_endian, other_layout
 from sightline.geometry.echoes import echoes, is_echo, warn_of_losses
 from sightline.geometry.intensity_checks import intensity_doubt
 from sightline.geometry.plain_arrays import shaped_array
+from sightline.geometry.user_warning import warn_user
 
 _POINT_BYTES = 16
 _MAX_BYTES = 2**26  # 4 million points: sixteen turns of the densest automotive LiDAR
@@ -117,7 +118,7 @@ def _drop_non_finite(
         losses.append(
             f"{num_replaced} of {len(kept)} points have a non-finite reflectance, which becomes 0"
         )
-    warnings.warn(f"{path}: {'; '.join(losses)}", stacklevel=3)
+    warn_user(f"{path}: {'; '.join(losses)}")
     return kept
 
 

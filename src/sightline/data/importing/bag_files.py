@@ -2,7 +2,6 @@
 
 import os
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from sightline.files.plain_text import shortened
 from sightline.files.plain_yaml import read_yaml
 from sightline.files.problem import FileError
 from sightline.files.safe_names import path_below
+from sightline.geometry.user_warning import warn_user
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Ros1Reader
@@ -81,10 +81,9 @@ def warn_of_other_parts(file: Path) -> None:
         return
     others = [name for name in parts if name != file.name]
     if others and len(others) < len(parts):
-        warnings.warn(
+        warn_user(
             f"{file} is one of {len(parts)} files of a drive, by {METADATA_NAME} beside it; the "
             f"others, e.g. {shortened(others[0])}, are not read; give the folder {file.parent}",
-            stacklevel=3,
         )
 
 

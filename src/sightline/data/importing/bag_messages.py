@@ -1,6 +1,5 @@
 """Conversion of ROS messages to the contents of a recording."""
 
-import warnings
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ from sightline.data.formats.point_files import columns_of
 from sightline.data.formats.point_rows import USED_NAMES, plain_name, warn_of_repeated
 from sightline.files.plain_text import shortened
 from sightline.files.problem import FileError
+from sightline.geometry.user_warning import warn_user
 
 _ENCODINGS: Final[dict[str, tuple[int, int | None]]] = {
     "rgb8": (3, None),
@@ -132,10 +132,9 @@ def image_file_from_message(message: Any, topic: str) -> PictureFile:  # noqa: A
             suffix=".png", content=png.tobytes(), size=header.size, is_blank=is_blank(pixels)
         )
     if header.channels > 1 and "compressed rgb" in compression.lower():
-        warnings.warn(
+        warn_user(
             f"{source}: some publishers exchange red and blue in pictures of this format, which "
             "are kept as they are; look at one, and republish them as Image if sky is brown",
-            stacklevel=2,
         )
     return PictureFile(
         suffix=".jpg" if header.file_format == "jpeg" else ".png",
@@ -241,7 +240,7 @@ def _point_layout(message: Any, topic: str) -> np.dtype[Any]:  # noqa: ANN401
             )
             if name in ("x", "y", "z"):
                 raise ValueError(f"{problem}; choose another by --lidar-topic")
-            warnings.warn(f"{problem}: it is left out; publish it as float32", stacklevel=3)
+            warn_user(f"{problem}: it is left out; publish it as float32")
     formats = [f"{order}{_POINT_TYPES[field.datatype]}" for field in fields.values()]
     counts = [max(int(field.count), 1) for field in fields.values()]
     try:

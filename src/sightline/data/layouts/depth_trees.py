@@ -1,6 +1,5 @@
 """Splits of a KITTI depth completion tree: the opened one, the others, and their raw drives."""
 
-import warnings
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ from sightline.data.layouts.kitti_trees import (
     selection_folder,
 )
 from sightline.files.problem import Problem
+from sightline.geometry.user_warning import warn_user
 
 DRIVE_SPLITS: Final[tuple[DriveSplit, ...]] = ("train", "val")
 SELECTIONS: Final[tuple[SelectedSplit, ...]] = (
@@ -82,9 +82,8 @@ def warn_of_other_splits(root: Path, used: DriveSplit | SelectedSplit) -> None:
         return
     others = ", ".join(f"{number:,} in {split}" for split, number in counts.items())
     remedy = f"give the folder of another split, such as {folders[0]}" if folders else _IN_PYTHON
-    warnings.warn(
+    warn_user(
         f"{root}: only the frames in {used} are used, not the {others}; {remedy}",
-        stacklevel=5,
     )
 
 
@@ -93,11 +92,10 @@ def warn_of_other_camera(root: Path, split: DriveSplit | SelectedSplit) -> None:
     if split == "train" or split == "val":  # mypy narrows by `==` only
         number = len(list_drive_frames(root, split, root, (OTHER_CAMERA,)))
         if number:
-            warnings.warn(
+            warn_user(
                 f"{root}: only the frames of image_02 in {split} are used, not the {number:,} of "
                 f'{OTHER_CAMERA}; KittiDepthDataset(.., "{split}", cameras=("{OTHER_CAMERA}",)) '
                 "reads those in Python",
-                stacklevel=5,
             )
 
 

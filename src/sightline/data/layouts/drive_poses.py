@@ -1,7 +1,6 @@
 """Poses of the LiDAR during a drive."""
 
 import math
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -20,6 +19,7 @@ from sightline.data.layouts.kitti_trees import (
 from sightline.files.plain_text import REMEDY, parse_numbers, read_text
 from sightline.files.problem import FileError, Problem
 from sightline.geometry.rotations import rotation_fault
+from sightline.geometry.user_warning import warn_user
 
 _EARTH_RADIUS_M = 6378137.0
 _OXTS_FIELDS = 30
@@ -123,7 +123,7 @@ def read_oxts_poses(
         return np.zeros((0, 4, 4))
     doubt = _zeros_doubt(files, readings)
     if doubt is not None:
-        warnings.warn(str(doubt), stacklevel=2)
+        warn_user(str(doubt))
     poses = _poses_of(readings)
     world_from_mercator = lidar_from_imu @ np.linalg.inv(poses[0])
     world_from_lidar: Float64[np.ndarray, "num_frames 4 4"] = (
