@@ -213,6 +213,32 @@ def test_of_an_older_sweep_all_that_stands_is_further_away():
     assert found.record.parameters["speed_mps"] == 10
 
 
+@pytest.mark.parametrize("yaw_deg", [0, 55, 180])
+@pytest.mark.parametrize("height_m", [None, 1.0, 3.0])
+def test_of_an_older_sweep_the_returns_of_the_own_car_stay(yaw_deg, height_m):
+    low = 0.1 - (1.73 if height_m is None else height_m)  # on the road beside the car
+    level = torch.tensor(
+        [
+            [-0.7, 0.4, -0.4, 0.5],  # roof
+            [2.2, 0.3, -0.6, 0.5],  # bonnet
+            [-1.8, -0.5, -0.5, 0.5],  # boot
+            [2.2, 0.3, low, 0.5],
+            [0.5, 1.5, -0.4, 0.5],  # beside the car
+            [3.0, 0.3, -0.4, 0.5],
+        ]
+    )
+    mount = torch.eye(4, dtype=torch.float64)
+    turn = Rotation.from_euler("zy", (yaw_deg, 15), degrees=True).as_matrix()
+    mount[:3, :3] = torch.from_numpy(turn)
+    points = torch.cat((level[:, :3] @ mount[:3, :3].float(), level[:, 3:]), dim=1)
+    sample = sample_of(points=points, level_from_lidar=mount, lidar_height_m=height_m)
+    found = corrupt(KINDS["misalignment_temporal"].at(5), sample)
+    moved_m = (found.sample.points - points)[:, :3].norm(dim=1)
+    assert (moved_m[:3] == 0).all()
+    assert (moved_m[3:] > 4.5).all()
+    assert found.broken_points.tolist() == [False, False, False, True, True, True]
+
+
 @few
 @given(seed=seeds, yaw=st.floats(-180, 180), pitch=st.floats(-20, 20))
 def test_the_car_drives_ahead_however_the_lidar_is_mounted(seed, yaw, pitch):

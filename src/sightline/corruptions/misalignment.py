@@ -6,11 +6,11 @@ LiDAR. KITTI's labels are in the camera's frame, so all of them are now offset f
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 import torch
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
@@ -21,9 +21,15 @@ from sightline.corruptions.corruption import (
     Sweep,
     everywhere,
 )
+from sightline.geometry.kitti_mount import KITTI_LIDAR_HEIGHT_M
 from sightline.geometry.ranges import Within
 from sightline.geometry.transforms import rigid_inverse, transform_points
 from sightline.structures.sample import CameraLidarSample
+
+_OWN_CAR_M: Final = (2.5, 1.2)
+"""Reach of the own car's returns from the LiDAR along the camera's view and across it: all of
+its roof, whatever the view, and its bonnet or boot if the camera looks ahead or back."""
+_CLEARANCE_M: Final = 0.3  # least height above the road; the road itself lies lower
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,10 +66,12 @@ class TemporalMisalignment(LidarCorruption):
     """Sweep older than the image, by a latency during which the car moved.
 
     The scene is static: the current sweep is transformed to the LiDAR's earlier pose. The car
-    drives ahead, however the LiDAR is mounted, at a constant speed and yaw rate.
+    drives ahead, however the LiDAR is mounted, at a constant speed and yaw rate. Returns of the
+    car itself stay where they are (`own_returns`).
     """
 
     kind = "misalignment_temporal"
+    revision = 2
 
     latency_s: Annotated[float, Within(0)]
     speed_mps: Annotated[float, Within(0)] = 10.0
@@ -73,7 +81,7 @@ class TemporalMisalignment(LidarCorruption):
     def change_points(
         self, points: Sweep, sample: CameraLidarSample, rng: np.random.Generator
     ) -> PointsChange:
-        """Move the sweep by `ego_motion`."""
+        """Move the sweep by `ego_motion`, without the own car's returns."""
         yaw_rate_dps = rng.uniform(*self.yaw_rate_dps)
         then_from_now = ego_motion(self.speed_mps, yaw_rate_dps, self.latency_s)
         level = sample.level_from_lidar
@@ -84,7 +92,20 @@ class TemporalMisalignment(LidarCorruption):
             "speed_mps": self.speed_mps,
             "yaw_rate_dps": yaw_rate_dps,
         }
-        return _transformed(then_from_now, points, sample, drawn)
+        change = _transformed(then_from_now, points, sample, drawn)
+        is_own = own_returns(points, sample)
+        change.points[is_own] = points[is_own]
+        return change
+
+
+def own_returns(points: Sweep, sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
+    """Mark points on the car that carries the LiDAR: a box around it, down to above the road."""
+    places = points[:, :3]
+    if sample.level_from_lidar is not None:
+        places = transform_points(sample.level_from_lidar, places)
+    height_m = KITTI_LIDAR_HEIGHT_M + sample.higher_than_kitti_m
+    is_beside = (places[:, :2].abs() < places.new_tensor(_OWN_CAR_M)).all(dim=1)
+    return is_beside & (places[:, 2] > _CLEARANCE_M - height_m)
 
 
 def ego_motion(speed_mps: float, yaw_rate_dps: float, time_s: float) -> Float64[Tensor, "4 4"]:
