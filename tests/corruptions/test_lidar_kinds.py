@@ -221,7 +221,7 @@ def test_of_an_older_sweep_the_returns_of_the_own_car_stay(yaw_deg, height_m):
         [
             [-0.7, 0.4, -0.4, 0.5],  # roof
             [2.2, 0.3, -0.6, 0.5],  # bonnet
-            [-1.8, -0.5, -0.5, 0.5],  # boot
+            [0.1, 1.6, -0.6, 0.5],  # bonnet or boot, seen by a side camera
             [2.2, 0.3, low, 0.5],
             [0.5, 1.5, -0.4, 0.5],  # beside the car
             [3.0, 0.3, -0.4, 0.5],

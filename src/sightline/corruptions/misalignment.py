@@ -27,8 +27,9 @@ from sightline.geometry.transforms import rigid_inverse, transform_points
 from sightline.structures.sample import CameraLidarSample
 
 _OWN_CAR_M: Final = (2.5, 1.2)
-"""Reach of the own car's returns from the LiDAR along the camera's view and across it: all of
-its roof, whatever the view, and its bonnet or boot if the camera looks ahead or back."""
+"""Reach of the own car from the LiDAR, along the camera's view and across it."""
+_OWN_SLOPE: Final = 1 / 3
+"""Least drop by distance of its bonnet and boot, which lie aside in the view of a side camera."""
 _CLEARANCE_M: Final = 0.3  # least height above the road; the road itself lies lower
 
 
@@ -99,13 +100,21 @@ class TemporalMisalignment(LidarCorruption):
 
 
 def own_returns(points: Sweep, sample: CameraLidarSample) -> Bool[Tensor, " num_points"]:
-    """Mark points on the car that carries the LiDAR: a box around it, down to above the road."""
+    """Mark points on the car that carries the LiDAR.
+
+    They are more than 0.3 m above the road, and in a box along the camera's view or, in any
+    direction, as near as its length and steeply below the LiDAR.
+    """
     places = points[:, :3]
     if sample.level_from_lidar is not None:
         places = transform_points(sample.level_from_lidar, places)
     height_m = KITTI_LIDAR_HEIGHT_M + sample.higher_than_kitti_m
-    is_beside = (places[:, :2].abs() < places.new_tensor(_OWN_CAR_M)).all(dim=1)
-    return is_beside & (places[:, 2] > _CLEARANCE_M - height_m)
+    flat_m, up_m = places[:, :2], places[:, 2]
+    in_box = (flat_m.abs() < flat_m.new_tensor(_OWN_CAR_M)).all(dim=1)
+    away_m = flat_m.norm(dim=1)
+    is_below = (away_m < _OWN_CAR_M[0]) & (up_m < -_OWN_SLOPE * away_m)
+    is_own: Bool[Tensor, " num_points"] = (in_box | is_below) & (up_m > _CLEARANCE_M - height_m)
+    return is_own
 
 
 def ego_motion(speed_mps: float, yaw_rate_dps: float, time_s: float) -> Float64[Tensor, "4 4"]:
