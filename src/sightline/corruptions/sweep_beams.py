@@ -53,10 +53,11 @@ def beams_of(sample: CameraLidarSample, lidar: SpinningLidar) -> SweepBeams:
         if not _is_in_view(_edges_deg(points), lidar, _VIEW_SLACK_DEG):
             highest, lowest = lidar.beam_elevations_deg[0], lidar.beam_elevations_deg[-1]
             warn_user(
-                "a sweep shows no rings, by order or by elevation, as of a solid-state LiDAR: the "
-                f"{lidar.num_beams} beams of the assumed LiDAR, {lowest:g} to {highest:g} degrees, "
-                "stand for its own, so shares of lost points differ from the documented ones; give "
-                "sweeps of a spinning LiDAR in its own frame, or another kind",
+                "a sweep shows no rings, by order or by elevation, as of a solid-state LiDAR, or "
+                f"after a correction for motion: the {lidar.num_beams} beams of the assumed LiDAR, "
+                f"{lowest:g} to {highest:g} degrees, stand for its own, so shares of lost points "
+                "differ from the documented ones; give sweeps of a spinning LiDAR in its "
+                "own frame as it took them, or another kind",
             )
         return assumed
     rings_deg = _ring_elevations_deg(points, rings)
