@@ -9,6 +9,7 @@ import pytest
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
+from scipy.spatial.transform import Rotation
 
 from sightline.data.check import check_tree
 from sightline.data.importing import bag_files, bag_limits
@@ -360,3 +361,61 @@ def test_a_mount_of_which_a_part_is_another_robots_is_told(tmp_path):
         reports[name] = str(import_recording(tmp_path / name, tmp_path / f"{name}_out"))
     assert "the transform of lidar in base is only in /a/tf_static, which contra" in reports["b"]
     assert "contradicts" not in reports["a"]
+
+
+def notes_of(folder, transforms, *, robot="/robot"):
+    """Import messages of a bag of one robot; transforms are by topic, for each moment."""
+    with BagMaker(folder) as bag:
+        for at in range(4):
+            time_ns = 10**9 + at * 10**8
+            for topic, entries in transforms.items():
+                values = {name: value(at) if callable(value) else value for name, value in entries}
+                bag.transforms(topic, time_ns, **values)
+            bag.info(f"{robot}/cam/camera_info", time_ns)
+            bag.image(f"{robot}/cam/image_raw", time_ns)
+            bag.cloud(f"{robot}/points", time_ns)
+    return str(import_recording(folder, folder.with_name("out")))
+
+
+MOUNTS = [("base__lidar", BASE_FROM_LIDAR), ("camera_optical__base", CAMERA_FROM_BASE)]
+
+
+def driven(at):
+    pose = np.eye(4)
+    pose[0, 3] = at
+    return pose
+
+
+@pytest.mark.parametrize(("ahead_m", "yaw_deg"), [(0.15, 0), (0, 3)])
+def test_a_mount_that_two_topics_of_a_robot_contradict_is_told(tmp_path, ahead_m, yaw_deg):
+    other = BASE_FROM_LIDAR.copy()
+    other[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix() @ other[:3, :3]
+    other[0, 3] += ahead_m
+    far = [("base__lidar", other), MOUNTS[1]]
+    notes = notes_of(tmp_path / "drive", {"/tf_static": far, "/robot/tf_static": MOUNTS})
+    assert (
+        f"warning: /tf_static differs from /robot/tf_static in the transform of lidar in base by "
+        f"{ahead_m:.3g} m and {yaw_deg:.3g} degrees: the topic beside the sensors is taken; if it "
+        "is wrong, give the LiDAR's mount by --calibration" in notes
+    )
+
+
+def test_the_part_of_a_mount_that_contradicts_is_named(tmp_path):
+    nominal = CAMERA_FROM_BASE.copy()
+    nominal[1, 3] += 0.2
+    notes = notes_of(
+        tmp_path / "drive",
+        {"/tf_static": MOUNTS, "/robot/cam/tf_static": [("camera_optical__base", nominal)]},
+    )
+    assert "/tf_static differs from /robot/cam/tf_static in the transform of base in " in notes
+    assert "camera_optical by 0.2 m and 0 degrees" in notes
+    assert "another robot" not in notes
+
+
+@pytest.mark.parametrize("offset_m", [0, 0.3])
+def test_odometry_in_two_topics_is_no_contradiction(tmp_path, offset_m):
+    odometry = [("odom__base", driven)]
+    estimate = [("odom__base", lambda at: driven(at + offset_m)), *MOUNTS]
+    notes = notes_of(tmp_path / "drive", {"/robot/tf": odometry, "/tf": estimate})
+    assert "differs" not in notes
+    assert "contradicts" not in notes

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Final
@@ -84,6 +84,11 @@ class _Values:
         key = self.counts.most_common(1)[0][0] if self.is_settled else next(iter(self.kept))
         return self.kept[key]
 
+    @property
+    def different(self) -> tuple[Rigid, ...]:
+        """First different values, and the one farthest from the first."""
+        return (*self.kept.values(), self.farthest)
+
 
 @dataclass(frozen=True, slots=True)
 class BagTransforms:
@@ -99,19 +104,21 @@ class BagTransforms:
     """Pairs without a value that most messages have."""
     topics: dict[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
     """Topics of each pair's values."""
-    foreign: frozenset[str] = frozenset()
-    """Topics that contradict those nearer to the sensors, as of another robot."""
+    dropped: dict[str, dict[tuple[str, str], tuple[Rigid, ...]]] = field(default_factory=dict)
+    """Different values by topic and pair, for pairs that topics nearer to the sensors have, too."""
+    enclosing: frozenset[str] = frozenset()
+    """Topics in a namespace around a sensor's topic, as those of its own robot are."""
+
+    def is_fixed(self, pair: tuple[str, str]) -> bool:
+        """True if a pair's transform never changes."""
+        return all(_difference(self.usual[pair], other) is None for other in self.others[pair])
 
     def between(self, target: str, source: str) -> dict[tuple[str, str], Rigid]:
         """Select the transforms that never change if they connect two frames, else all.
 
         Odometry of a sensor is a short chain to others, but its messages are of different times.
         """
-        fixed = {
-            pair: rigid
-            for pair, rigid in self.usual.items()
-            if all(_difference(rigid, other) is None for other in self.others[pair])
-        }
+        fixed = {pair: rigid for pair, rigid in self.usual.items() if self.is_fixed(pair)}
         return self.usual if find_chain(fixed, target, source) is None else fixed
 
 
@@ -128,7 +135,7 @@ def transforms_of_bag(bag: Bag, sensors: Collection[str] = ()) -> BagTransforms:
     values: dict[tuple[str, str], _Values] = {}
     nearness: dict[tuple[str, str], int] = {}
     faults: list[str] = []
-    foreign: set[str] = set()
+    dropped: dict[str, dict[tuple[str, str], _Values]] = {}
     names = [topic.name for topic in bag.topics_of_kind(TRANSFORMS)]
     shared = {name: sum(num_shared_names(name, each) for each in sensors) for name in names}
     for name in sorted(names, key=lambda name: (-shared[name], not _is_static(name))):
@@ -141,30 +148,31 @@ def transforms_of_bag(bag: Bag, sensors: Collection[str] = ()) -> BagTransforms:
                     label = f"{shortened(pair[1])} in {shortened(pair[0])}"
                     faults.append(f"{name}: the transform of {label} {error}")
                     continue
-                if nearness.setdefault(min(pair, pair[::-1]), shared[name]) > shared[name]:
-                    if _differs(values, pair, rigid):
-                        foreign.add(name)
-                    continue
+                is_near = nearness.setdefault(min(pair, pair[::-1]), shared[name]) <= shared[name]
                 reverse = values.get(pair[::-1])
-                if not _is_static(name) and reverse is not None and reverse.is_static:
+                if reverse is not None and (
+                    not is_near or (reverse.is_static and not _is_static(name))
+                ):
                     pair, rigid = pair[::-1], np.linalg.inv(rigid)
-                known = values.setdefault(pair, _Values(is_static=_is_static(name), farthest=rigid))
+                kept = values if is_near else dropped.setdefault(name, {})
+                known = kept.setdefault(pair, _Values(is_static=_is_static(name), farthest=rigid))
                 known.add(rigid, name)
     return BagTransforms(
         usual={pair: each.usual for pair, each in values.items()},
-        others={pair: (*each.kept.values(), each.farthest) for pair, each in values.items()},
+        others={pair: each.different for pair, each in values.items()},
         faults=tuple(faults),
         unsettled=frozenset(pair for pair, each in values.items() if not each.is_settled),
         topics={pair: (*each.topics,) for pair, each in values.items()},
-        foreign=frozenset(foreign),
+        dropped={
+            name: {pair: each.different for pair, each in pairs.items()}
+            for name, pairs in dropped.items()
+        },
+        enclosing=frozenset(
+            name
+            for name in names
+            if any(num_shared_names(name, each) == name.strip("/").count("/") for each in sensors)
+        ),
     )
-
-
-def _differs(values: dict[tuple[str, str], _Values], pair: tuple[str, str], rigid: Rigid) -> bool:
-    """Check if a transform differs from the usual one of its frames."""
-    if pair not in values:
-        pair, rigid = pair[::-1], np.linalg.inv(rigid)
-    return _difference(values[pair].usual, rigid) is not None
 
 
 def _is_static(topic: str) -> bool:
@@ -194,7 +202,7 @@ def world_fault(transforms: BagTransforms, used: Rigid, lidar: str, camera: str)
     Returns:
         The rest of a sentence that begins with the clouds; None if there is no fault.
     """
-    is_world = not _WORLDS.isdisjoint(re.split("[^a-z]+", lidar.lower()))
+    is_world = _is_world(lidar)
     steps = _steps(transforms.between(camera, lidar), lidar, camera)
     # other frames may have single wrong transforms
     moving = [step for step in steps if is_world or step in transforms.unsettled]
@@ -207,6 +215,11 @@ def world_fault(transforms: BagTransforms, used: Rigid, lidar: str, camera: str)
         "would be right in one image only; choose the topic in the LiDAR's own frame by "
         "--lidar-topic, or transform the clouds back by the poses"
     )
+
+
+def _is_world(frame: str) -> bool:
+    """Check if a frame's name is that of one that stays in place, as a map's."""
+    return not _WORLDS.isdisjoint(re.split("[^a-z]+", frame.lower()))
 
 
 def _steps(selected: Collection[tuple[str, str]], lidar: str, camera: str) -> list[tuple[str, str]]:
@@ -261,15 +274,7 @@ def describe_transforms(
             f"drive, by {_text(moves)} at times: the pose of most messages is used, or else "
             f"the first{several}"
         )
-    for step in steps:
-        foreign = transforms.foreign.intersection(transforms.topics.get(step, ()))
-        if foreign:
-            notes.append(
-                f"warning: the transform of {shortened(step[1])} in {shortened(step[0])} is only "
-                f"in {shortened(min(foreign))}, which contradicts the topics beside the sensors, "
-                "as that of another robot does: the LiDAR's mount may be wrong; then give it by "
-                "--calibration"
-            )
+    notes += _contradictions(transforms, used, lidar, camera)
     for step in steps[: 2 * _MAX_COMPARED_TRANSFORMS]:
         rest = {each: rigid for each, rigid in selected.items() if each != step}
         difference = _difference(used, find_transform(rest, camera, lidar))
@@ -282,6 +287,75 @@ def describe_transforms(
             )
             break
     return tuple(notes)
+
+
+def _contradictions(transforms: BagTransforms, used: Rigid, lidar: str, camera: str) -> list[str]:
+    """Notes on topics whose values differ from those of the topics beside the sensors.
+
+    They are warnings if the calibration depends on the choice between topics of one robot, or if a
+    part of the mount is in another robot's topics only.
+    """
+    notes = []
+    selected = transforms.between(camera, lidar)
+    steps = _steps(selected, lidar, camera)
+    for topic in transforms.dropped:
+        differences = _differences(transforms, topic, steps)
+        on_chain = {pair: each for pair, each in differences.items() if pair in steps}
+        alone = [step for step in steps if topic in transforms.topics.get(step, ())]
+        is_own = topic in transforms.enclosing
+        if on_chain and (is_own or not alone):
+            other = selected | {pair: value for pair, (_, value) in on_chain.items()}
+            effect = _difference(used, find_transform(other, camera, lidar))
+            origin = "" if is_own else ", as another robot's does"
+            notes.append(
+                f"{'warning: ' * (is_own and effect is not None)}{shortened(topic)} differs from "
+                f"{_differences_text(transforms, on_chain)}{origin}: the topic beside the sensors "
+                "is taken; if it is wrong, give the LiDAR's mount by --calibration"
+            )
+        elif differences and alone:
+            notes.append(
+                f"{'warning: ' * (not is_own)}the transform of {_pair_text(alone[0])} is only in "
+                f"{shortened(topic)}, which contradicts "
+                f"{_differences_text(transforms, on_chain or differences)}, as another robot's "
+                "does: the LiDAR's mount may be wrong; then give it by --calibration"
+            )
+    return notes
+
+
+def _differences(
+    transforms: BagTransforms, topic: str, steps: Collection[tuple[str, str]]
+) -> dict[tuple[str, str], tuple[tuple[float, float], Rigid]]:
+    """Largest differences [m, degrees] of a topic from topics nearer to the sensors, and its value.
+
+    Pairs that move in the nearer topics are left out, as values of other times differ. So are
+    moving pairs and the vehicle's place in the world beside the chain of the sensors.
+    """
+    largest = {}
+    for pair, values in transforms.dropped[topic].items():
+        moves = any(_difference(values[0], value) is not None for value in values)
+        if not transforms.is_fixed(pair) or (
+            pair not in steps and (moves or any(map(_is_world, pair)))
+        ):
+            continue
+        sizes = [(_difference(transforms.usual[pair], value), value) for value in values]
+        found = [(size, value) for size, value in sizes if size is not None]
+        if found:
+            largest[pair] = max(found, key=lambda each: each[0])
+    return largest
+
+
+def _differences_text(
+    transforms: BagTransforms,
+    differences: Mapping[tuple[str, str], tuple[tuple[float, float], Rigid]],
+) -> str:
+    """Topics beside the sensors, and by how much another topic's transforms differ from theirs."""
+    near = dict.fromkeys(name for pair in differences for name in transforms.topics[pair])
+    sizes = [f"of {_pair_text(pair)} by {_text(each[0])}" for pair, each in differences.items()]
+    return f"{', '.join(map(shortened, near))} in the transform {', '.join(sizes)}"
+
+
+def _pair_text(pair: tuple[str, str]) -> str:
+    return f"{shortened(pair[1])} in {shortened(pair[0])}"
 
 
 def _distance_m(first: Rigid, other: Rigid) -> float:
