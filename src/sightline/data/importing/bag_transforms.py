@@ -373,4 +373,5 @@ def _difference(used: Rigid, other: Rigid | None) -> tuple[float, float] | None:
 
 
 def _text(difference: tuple[float, float]) -> str:
-    return f"{difference[0]:.3g} m and {difference[1]:.3g} degrees"
+    metres, degrees = (round(value, 6) for value in difference)  # without floats' rounding errors
+    return f"{metres:.3g} m and {degrees:.3g} degrees"
