@@ -1,9 +1,11 @@
 """Warnings are attributed to the user's line, so that a mistake made again is told again."""
 
 import warnings
+from functools import cached_property
 
 import numpy as np
 import pytest
+from torch.utils.data import DataLoader, Dataset
 
 from sightline import Calibration, CameraLidarSample
 from tests import shape_checks
@@ -46,3 +48,25 @@ def test_a_mistake_made_again_on_another_line_is_told_again():
     first, second = caught
     assert str(first.message) == str(second.message)
     assert second.lineno == first.lineno + 2
+
+
+class _Doubtful(Dataset):
+    """Data whose items warn, as Sightline's data sets do."""
+
+    def __len__(self):
+        return 1
+
+    @cached_property
+    def doubt(self):
+        from_arrays(IMAGE[:, :, 0])
+        return 0
+
+    def __getitem__(self, index):
+        return self.doubt
+
+
+def test_a_warning_within_a_data_loader_points_to_the_loop(monkeypatch):
+    monkeypatch.setitem(globals(), "__name__", "sightline.doubtful")  # frames above are no user's
+    with pytest.warns(UserWarning, match="grey") as caught:
+        exec("for _ in DataLoader(data): pass", {"DataLoader": DataLoader, "data": _Doubtful()})
+    assert {each.filename for each in caught} <= {"<string>", shape_checks.__file__}

@@ -5,7 +5,10 @@ import warnings
 from types import FrameType
 from typing import Final
 
-_NOT_USERS: Final = {"sightline", "jaxtyping", "beartype", "contextlib"}
+_NOT_USERS: Final = {
+    *("sightline", "jaxtyping", "beartype", "contextlib", "functools"),
+    "torch",  # data loaders
+}
 """Packages between a user's call and the warning."""
 
 

@@ -269,7 +269,8 @@ def warn_of_view(
         elif _share_ahead(points, calibration) < MIN_SHARE_IN_IMAGE:
             cause = (
                 "they lie beside or behind the camera: check the rotation of camera_from_lidar, "
-                "such as the order of a quaternion's numbers, and the axes of the points"
+                "such as the order of a quaternion's numbers, the axes of the points, and that "
+                "the sweep covers this camera's view"
             )
         warn_user(
             f"{100 * share:.2g} % of the {len(points)} points fall into the image of "

@@ -363,59 +363,135 @@ def test_a_mount_of_which_a_part_is_another_robots_is_told(tmp_path):
     assert "contradicts" not in reports["a"]
 
 
-def notes_of(folder, transforms, *, robot="/robot"):
-    """Import messages of a bag of one robot; transforms are by topic, for each moment."""
-    with BagMaker(folder) as bag:
-        for at in range(4):
-            time_ns = 10**9 + at * 10**8
-            for topic, entries in transforms.items():
-                values = {name: value(at) if callable(value) else value for name, value in entries}
-                bag.transforms(topic, time_ns, **values)
-            bag.info(f"{robot}/cam/camera_info", time_ns)
-            bag.image(f"{robot}/cam/image_raw", time_ns)
-            bag.cloud(f"{robot}/points", time_ns)
-    return str(import_recording(folder, folder.with_name("out")))
+BASE_FROM_CAMERA = np.linalg.inv(CAMERA_FROM_BASE)
+CHAIN = {"base__lidar": BASE_FROM_LIDAR, "base__camera_optical": BASE_FROM_CAMERA}
 
 
-MOUNTS = [("base__lidar", BASE_FROM_LIDAR), ("camera_optical__base", CAMERA_FROM_BASE)]
+def turned_and_moved(mount, offset_m=0.0, yaw_deg=0.0):
+    changed = mount.copy()
+    changed[0, 3] += offset_m
+    changed[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix() @ mount[:3, :3]
+    return changed
 
 
-def driven(at):
-    pose = np.eye(4)
-    pose[0, 3] = at
-    return pose
+def import_transforms(folder, transforms):
+    """Report of the import of a robot's bag with transforms of (topic, time), and their mount."""
+    with BagMaker(folder / "drive") as bag:
+        for (topic, time_ns), each in transforms.items():
+            bag.transforms(topic, time_ns, **each)
+        bag.info("/robot/camera/camera_info", 10**9)
+        bag.image("/robot/camera/image_raw", 10**9)
+        bag.cloud("/robot/points", 10**9)
+    report = str(import_recording(folder / "drive", folder / "out"))
+    return report, open_dataset(folder / "out")[0].calibration.camera_from_lidar
 
 
-@pytest.mark.parametrize(("ahead_m", "yaw_deg"), [(0.15, 0), (0, 3)])
-def test_a_mount_that_two_topics_of_a_robot_contradict_is_told(tmp_path, ahead_m, yaw_deg):
-    other = BASE_FROM_LIDAR.copy()
-    other[:3, :3] = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix() @ other[:3, :3]
-    other[0, 3] += ahead_m
-    far = [("base__lidar", other), MOUNTS[1]]
-    notes = notes_of(tmp_path / "drive", {"/tf_static": far, "/robot/tf_static": MOUNTS})
+@pytest.mark.parametrize(
+    ("near", "own", "told"),
+    [
+        (
+            "/robot/tf_static",
+            CHAIN | {"base__lidar": turned_and_moved(BASE_FROM_LIDAR, 0.15)},
+            "of lidar in base by 0.15 m and 0 degrees",
+        ),
+        (
+            "/robot/tf_static",
+            {"base__lidar": turned_and_moved(BASE_FROM_LIDAR, 0.0, 3.0)},
+            "of lidar in base by 0 m and 3 degrees",
+        ),
+        (
+            "/robot/tf_static",
+            {"lidar__base": np.linalg.inv(turned_and_moved(BASE_FROM_LIDAR, 0.15))},
+            "of base in lidar by 0.15 m and 0 degrees",
+        ),
+        (
+            "/robot/camera/tf_static",
+            {"base__camera_optical": turned_and_moved(BASE_FROM_CAMERA, 0.0, 3.0)},
+            "of camera_optical in base by 0 m and 3 degrees",
+        ),
+        (
+            "/robot/lidar/tf",
+            {"base__lidar": turned_and_moved(BASE_FROM_LIDAR, 0.5)},
+            "of lidar in base by 0.5 m and 0 degrees",
+        ),
+    ],
+)
+def test_a_mount_that_differs_in_a_further_topic_is_told_with_both_topics(
+    tmp_path, near, own, told
+):
+    report, used = import_transforms(tmp_path, {("/tf_static", 1): CHAIN, (near, 1): own})
     assert (
-        f"warning: /tf_static differs from /robot/tf_static in the transform of lidar in base by "
-        f"{ahead_m:.3g} m and {yaw_deg:.3g} degrees: the topic beside the sensors is taken; if it "
-        "is wrong, give the LiDAR's mount by --calibration" in notes
-    )
+        f"warning: /tf_static differs from {near} in the transform {told}: the latter is taken, as "
+        "it is beside the sensors; if it is wrong, give the LiDAR's mount by --calibration"
+    ) in report
+    assert report.count("/tf_static differs") == 1
+    assert "another robot" not in report
+    assert np.abs(used.numpy() - CAMERA_FROM_LIDAR).max() > 0.01
 
 
-def test_the_part_of_a_mount_that_contradicts_is_named(tmp_path):
-    nominal = CAMERA_FROM_BASE.copy()
-    nominal[1, 3] += 0.2
-    notes = notes_of(
-        tmp_path / "drive",
-        {"/tf_static": MOUNTS, "/robot/cam/tf_static": [("camera_optical__base", nominal)]},
-    )
-    assert "/tf_static differs from /robot/cam/tf_static in the transform of base in " in notes
-    assert "camera_optical by 0.2 m and 0 degrees" in notes
-    assert "another robot" not in notes
+@pytest.mark.parametrize(
+    "relayed",
+    [
+        {("/tf_static", 1): CHAIN, ("/robot/tf_static", 1): CHAIN},
+        {("/tf", 9): CHAIN}
+        | {
+            (topic, at): {"odom__base": turned_and_moved(np.eye(4), at / 10)}
+            for topic in ("/robot/tf", "/tf")
+            for at in range(1, 4)
+        },
+        {("/tf", 9): CHAIN}  # two estimators of a vehicle at rest
+        | {
+            (topic, 1): {"odom__base": turned_and_moved(np.eye(4), x)}
+            for x, topic in enumerate(("/robot/tf", "/tf"))
+        },
+    ],
+)
+def test_equal_transforms_and_odometry_in_two_topics_are_no_contradiction(tmp_path, relayed):
+    report, used = import_transforms(tmp_path, relayed)
+    assert "/tf" not in report
+    np.testing.assert_allclose(used, CAMERA_FROM_LIDAR, atol=1e-6)
 
 
-@pytest.mark.parametrize("offset_m", [0, 0.3])
-def test_odometry_in_two_topics_is_no_contradiction(tmp_path, offset_m):
-    odometry = [("odom__base", driven)]
-    estimate = [("odom__base", lambda at: driven(at + offset_m)), *MOUNTS]
-    notes = notes_of(tmp_path / "drive", {"/robot/tf": odometry, "/tf": estimate})
-    assert "differs" not in notes
-    assert "contradicts" not in notes
+@pytest.mark.parametrize(
+    ("far", "changed", "told"),
+    [
+        ("/other/tf_static", {"base__lidar": turned_and_moved(BASE_FROM_LIDAR, 0.5)}, ", as anoth"),
+        (
+            "/tf_static",
+            {name: turned_and_moved(mount, 0.5) for name, mount in CHAIN.items()},
+            ", of camera_optical in base by 0.5 m and 0 degrees: the",
+        ),
+    ],
+)
+def test_transforms_of_another_robot_or_another_base_are_told_without_a_warning(
+    tmp_path, far, changed, told
+):
+    transforms = {("/robot/tf_static", 1): CHAIN, (far, 1): CHAIN | changed}
+    report, used = import_transforms(tmp_path, transforms)
+    assert (
+        f"{far} differs from /robot/tf_static in the transform of lidar in base by 0.5 m and 0 "
+        f"degrees{told}"
+    ) in report
+    assert f"warning: {far}" not in report
+    np.testing.assert_allclose(used, CAMERA_FROM_LIDAR, atol=1e-6)
+
+
+def test_a_contradiction_beside_the_chain_is_a_warning_for_another_robots_topic_only(tmp_path):
+    for far, warning in (("/other/tf_static", "warning: "), ("/tf_static", "")):
+        transforms = {
+            ("/robot/tf_static", 1): {
+                "base__camera_optical": BASE_FROM_CAMERA,
+                "base__wheel": np.eye(4),
+            },
+            (far, 1): {
+                "base__lidar": BASE_FROM_LIDAR,
+                "base__wheel": turned_and_moved(np.eye(4), 0.5),
+            },
+        }
+        report, _ = import_transforms(tmp_path / f"{bool(warning)}", transforms)
+        told = (
+            f"the transform of lidar in base is only in {far}, which contradicts /robot/tf_static "
+            "in the transform of wheel in base by 0.5 m and 0 degrees, as another robot's does"
+        )
+        assert f"{warning}{told}" in report
+        assert warning or f"warning: {told}" not in report

@@ -1,5 +1,6 @@
 """Doubts about result files without labels: boxes, angles and scores in another convention."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -75,6 +76,8 @@ _MIN_FRAMES_FOR_HEIGHT: Final = 30
 _MIN_MEDIAN_Y_M: Final = 1.2
 """Minimum median of y; a few frames may be of a rising road. Of 3,000 draws of KITTI's labels in
 30 frames, bottoms are at 1.48 m or more below the camera, and centres at 1.09 m or less."""
+_MIN_HALF_VIEW: Final = math.radians(20)
+"""Least half of a camera's view, for results with few 2D boxes."""
 _MAX_AWAY_M: Final = 600.0
 """Distance along an axis at which no camera shows a road user."""
 _MAX_SIZE_M: Final = 60.0
@@ -207,8 +210,8 @@ def _is_beside_image(boxes: ScoredBoxes) -> Bool[np.ndarray, " num_boxes"]:
     is_drawn = boxes.has_3d & ~is_empty_box2d(boxes.boxes2d)
     if not is_drawn.any():
         return np.zeros(len(is_drawn), dtype=np.bool_)
-    leftmost, rightmost = direction[is_drawn].min(), direction[is_drawn].max()
-    is_beside = (direction < leftmost) | (direction > rightmost)
+    half_view = max(float(np.abs(direction[is_drawn]).max()), _MIN_HALF_VIEW)
+    is_beside = np.abs(direction) > half_view
     return np.asarray(boxes.has_3d & ~is_drawn & is_beside)
 
 

@@ -309,8 +309,8 @@ def _contradictions(transforms: BagTransforms, used: Rigid, lidar: str, camera: 
             origin = "" if is_own else ", as another robot's does"
             notes.append(
                 f"{'warning: ' * (is_own and effect is not None)}{shortened(topic)} differs from "
-                f"{_differences_text(transforms, on_chain)}{origin}: the topic beside the sensors "
-                "is taken; if it is wrong, give the LiDAR's mount by --calibration"
+                f"{_differences_text(transforms, on_chain)}{origin}: the latter is taken, as it "
+                "is beside the sensors; if it is wrong, give the LiDAR's mount by --calibration"
             )
         elif differences and alone:
             notes.append(
@@ -325,7 +325,7 @@ def _contradictions(transforms: BagTransforms, used: Rigid, lidar: str, camera: 
 def _differences(
     transforms: BagTransforms, topic: str, steps: Collection[tuple[str, str]]
 ) -> dict[tuple[str, str], tuple[tuple[float, float], Rigid]]:
-    """Largest differences [m, degrees] of a topic from topics nearer to the sensors, and its value.
+    """Largest difference [m, degrees] of each pair from nearer topics, and its value.
 
     Pairs that move in the nearer topics are left out, as values of other times differ. So are
     moving pairs and the vehicle's place in the world beside the chain of the sensors.
