@@ -169,9 +169,10 @@ def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
     """Select the first field with usable intensities, in a list; empty: there is none."""
     if not names and fields.size:
         listed = ", ".join(fields.dtype.names or ())[:200]
-        warn_user(  # without the file's name: one warning for all clouds with these fields
+        warnings.warn(  # without the file's name: one warning for all clouds with these fields
             f"clouds have no intensity field among {listed}: the reflectance of their points is 0; "
             "name the field intensity, or add a field of zeros if there is none",
+            stacklevel=1,
         )
     if len(names) < 2:
         return names
@@ -179,9 +180,10 @@ def _chosen_intensity(fields: np.ndarray, names: list[str]) -> list[str]:
     non_zero = [name for name in numeric if np.any(np.isfinite(fields[name]) & (fields[name] != 0))]
     chosen = (non_zero or numeric or names)[0]
     others = ", ".join(name for name in names if name != chosen)
-    warn_user(  # without the file's name: one warning for all clouds with these fields
+    warnings.warn(  # without the file's name: one warning for all clouds with these fields
         f"clouds have several intensity fields: {chosen} is used, not {others}; remove {chosen} "
         "from the clouds to use another",
+        stacklevel=1,
     )
     return [chosen]
 

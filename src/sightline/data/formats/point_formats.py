@@ -3,6 +3,7 @@
 import io
 import re
 import struct
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,7 +25,6 @@ from sightline.data.formats.point_rows import (
 )
 from sightline.files.plain_file import read_bytes
 from sightline.files.problem import FileError
-from sightline.geometry.user_warning import warn_user
 
 _NO_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # position, then rotation as w, x, y, z
 _LZF_GAIN = 100  # above the format's largest ratio: 264 bytes in three
@@ -116,10 +116,11 @@ def _check_viewpoint(header: dict[str, list[str]], path: Path | str) -> None:
         problem = f"has VIEWPOINT {text!r} in its header, expected tx ty tz qw qx qy qz"
         raise FileError(path, problem, "write VIEWPOINT 0 0 0 1 0 0 0, or leave the line out")
     if tuple(map(abs, pose)) != _NO_VIEWPOINT:
-        warn_user(  # without the file's name: one warning for all files
+        warnings.warn(  # without the file's name: one warning for all files
             "PCD files have a VIEWPOINT other than 0 0 0 1 0 0 0, which is not applied: their "
             "points are assumed to be in the LiDAR's frame, as in PCL; transform them if they are "
             "in another frame",
+            stacklevel=1,
         )
 
 

@@ -5,6 +5,7 @@ Memory is limited by the file's size.
 
 import io
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -68,9 +69,10 @@ def warn_of_repeated(names: Iterable[str]) -> None:
     counts = Counter(plain_name(name) for name in names)
     repeated = [name for name, count in counts.items() if count > 1 and name in USED_NAMES]
     if repeated:
-        warn_user(  # without the file's name: one warning for all clouds with these fields
+        warnings.warn(  # without the file's name: one warning for all clouds with these fields
             f"clouds have several fields named {', '.join(repeated)}, ignoring case: the one in "
             "lower case is used, else the first; remove the others",
+            stacklevel=1,
         )
 
 
