@@ -82,12 +82,16 @@ def test_the_summary_counts_frames_and_parts_of_each_tree(tmp_path):
 
 @pytest.mark.parametrize("content", ["nothing", "empty folders"])
 def test_a_folder_without_frames_is_one_problem(tmp_path, content):
+    expected = "is no data set, expected a recording"
+    remedy = "give the folder of such a data set, or make yours a recording"
     if content == "empty folders":
         for folder in ("image_2", "velodyne", "calib", "label_2"):
             (tmp_path / "training" / folder).mkdir(parents=True)
+        expected = "has no frames: there are no files in training/image_2/ and training/velodyne/"
+        remedy = "copy or link the files of KITTI's object tree there"
     (line,) = lines(tmp_path)
-    assert line.startswith(f"{tmp_path}: is no data set, expected a recording")
-    assert "give the folder of such a data set, or make yours a recording" in line
+    assert line.startswith(f"{tmp_path}: {expected}")
+    assert remedy in line
     assert summarize_tree(tmp_path) == ()
 
 
