@@ -260,5 +260,9 @@ def test_empty_folders_of_a_known_layout_have_no_frames(tmp_path):
         (tmp_path / "tree" / "training" / name).mkdir(parents=True)
     expected = "has no frames: there are no files in training/image_2/ and training/velodyne/"
     assert expected in told(tmp_path / "tree")
+    archive = tmp_path / "tree" / "data_object_image_2.zip"
+    archive.touch()
+    assert "archives that are not unpacked, such as data_object_image_2" in told(tmp_path / "tree")
+    archive.unlink()
     (tmp_path / "tree" / "training" / "image_2" / "notes").mkdir()
     assert expected not in told(tmp_path / "tree")

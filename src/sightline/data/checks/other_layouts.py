@@ -132,7 +132,7 @@ def no_data_set(path: Path) -> Problem:
             f"holds archives that are not unpacked, such as {shortened(archives[0].name)}"
         )
         return Problem(path=path, problem=problem_text, remedy="unpack them into this folder")
-    return Problem(
+    return _empty_tree(path) or Problem(
         path=path,
         problem=f"is no data set, expected {_EXPECTED}",
         remedy="give the folder of such a data set, or make yours a recording (docs/recordings.md)",
@@ -301,9 +301,12 @@ def _unread(path: Path) -> Problem | None:
 
 
 def _empty(path: Path) -> Problem | None:
-    """Problem of a recording or of KITTI's object tree that holds nothing yet."""
-    if is_recording(path):
-        return no_frames(path)
+    """Problem of a recording that holds nothing yet."""
+    return no_frames(path) if is_recording(path) else None
+
+
+def _empty_tree(path: Path) -> Problem | None:
+    """Problem of KITTI's object tree that holds nothing yet."""
     parts = [path / split / part for split in KITTI_SPLITS for part in ("image_2", "velodyne")]
     there = [f"{part.parent.name}/{part.name}/" for part in parts if part.is_dir()]
     if not there or any(map(_entries, parts)):
